@@ -1,7 +1,8 @@
 """Benchmark of the package against baselines: `./dev bench`.
 
 Every figure is measured by turns with its yardstick, so that what else the machine does falls on both; the
-ratios are what to look at.
+ratios are what to look at. With --against the yardstick is another checkout, and the exit code is 1 if a
+figure is worse by more than its spread or could not be compared.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import time
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Dict, List
+from typing import Any, Dict, List, Sequence, Tuple
 
+from against import PAIRS, cells, compare_checkouts, document
+from checkouts import CheckoutError, checkout
 from figures import FIGURES
 from rows import SHORT, Effort, Row
 
@@ -42,8 +45,8 @@ def machine() -> Dict[str, object]:
 
 def table(rows: List[Row]) -> str:
     """The rows as Markdown, which reads well on a terminal too."""
-    cells = [("figure", "ours", "baseline", "ratio", "goal", "reached")]
-    cells += [
+    lines = [("figure", "ours", "baseline", "ratio", "goal", "reached")]
+    lines += [
         (
             row.what,
             f"{row.ours:.3g} {row.unit}",
@@ -54,6 +57,11 @@ def table(rows: List[Row]) -> str:
         )
         for row in rows
     ]
+    return markdown(lines)
+
+
+def markdown(cells: Sequence[Tuple[str, ...]]) -> str:
+    """A table, its head first."""
     widths = [max(map(len, column)) for column in zip(*cells)]
     lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
@@ -67,40 +75,79 @@ def reached(row: Row) -> str:
     return f"{row.near:.0%}" + (f": {row.limit}" if row.limit else "")
 
 
-def main() -> None:
-    """Measure, print, write."""
+def main() -> int:
+    """Measure, print, write; the exit code."""
     parser = argparse.ArgumentParser(prog="./dev bench", description=__doc__)
     parser.add_argument("--json", type=Path, metavar="FILE", default=RESULTS,
                         help="file for the metrics of every run (default: .dev/bench.json)")  # fmt: skip
-    parser.add_argument("--only", action="append", choices=list(FIGURES), metavar="NAME",
-                        help=f"metric to measure, one of {', '.join(FIGURES)}; may be repeated")  # fmt: skip
+    parser.add_argument("--only", action="append", choices=[*FIGURES, "marking"], metavar="NAME",
+                        help=f"metric to measure, one of {', '.join(FIGURES)}, or marking with --against; "
+                        "may be repeated")  # fmt: skip
     parser.add_argument(
         "--short", action="store_true", help="check that the benchmark works; the times mean nothing"
     )
-    parser.add_argument("--repeats", type=int, help=f"runs of each figure (default: {Effort().repeats})")
-    parser.add_argument("--against", type=Path, metavar="CHECKOUT",
-                        help="checkout of another commit, against which grading is measured")  # fmt: skip
+    parser.add_argument("--repeats", type=int,
+                        help=f"runs of each figure (default: {Effort().repeats}; "
+                        f"with --against: {PAIRS})")  # fmt: skip
+    parser.add_argument("--against", type=checkout, metavar="CHECKOUT",
+                        help="checkout of another commit; the runs of both alternate")  # fmt: skip
     wanted = parser.parse_args()
+    if wanted.repeats is not None and wanted.repeats < 1:
+        parser.error(f"argument --repeats: {wanted.repeats} is too few. Use at least 1.")
+    if wanted.against:
+        return compare_with(wanted)
+    if "marking" in (wanted.only or []):
+        parser.error("marking has no baseline of its own. Add --against CHECKOUT.")
+    measure(wanted)
+    return 0
+
+
+def compare_with(wanted: argparse.Namespace) -> int:
+    """Measure this checkout and another by turns, print, write; 1 if one is worse or not compared."""
+    names = wanted.only or [*FIGURES, *([] if wanted.short else ["marking"])]
+    host, pairs = machine(), wanted.repeats or (1 if wanted.short else PAIRS)
+    try:
+        found, problems = compare_checkouts(wanted.against, names, pairs, wanted.short)
+    except CheckoutError as error:
+        print(f"[dev] error: {error}", file=sys.stderr)
+        return 1
+    print(describe(host) + "\n")
+    print(markdown(cells(found)))
+    for problem in problems:
+        print(f"[dev] error: {problem}", file=sys.stderr)
+    write(wanted.json, {"machine": host, **document(found, problems, wanted.against)})
+    return 1 if problems or any(row.worse for row in found) else 0
+
+
+def measure(wanted: argparse.Namespace) -> None:
+    """Measure beside the baselines, print, write."""
     effort = SHORT if wanted.short else Effort()
     if wanted.repeats:
-        effort = replace(effort, repeats=wanted.repeats, markings=wanted.repeats)
-    effort = replace(effort, against=wanted.against and wanted.against.resolve())
-    all_figures = [name for name in FIGURES if name != "marking" or (wanted.against and not wanted.short)]
+        effort = replace(effort, repeats=wanted.repeats)
     found, host, rows = {}, machine(), []
-    for name in wanted.only or all_figures:
+    for name in wanted.only or FIGURES:
         begin = time.monotonic()
         found[name] = FIGURES[name](effort)
         rows += found[name]
         print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
-    print(", ".join(f"{key} {value}" for key, value in host.items()) + "\n")
+    print(describe(host) + "\n")
     print(table([replace(row, near=None) for row in rows] if wanted.short else rows))
     if wanted.short:
         print("\nA short run shows that the benchmark works; its times mean nothing.")
     figures = {name: [asdict(row) for row in each] for name, each in found.items()}
-    document = {"machine": host, "effort": asdict(effort), "figures": figures}
-    wanted.json.write_text(json.dumps(document, indent=2, default=str) + "\n")
-    print(f"\nevery run: {wanted.json}")
+    write(wanted.json, {"machine": host, "effort": asdict(effort), "figures": figures})
+
+
+def describe(host: Dict[str, object]) -> str:
+    """The machine in one line."""
+    return ", ".join(f"{key} {value}" for key, value in host.items())
+
+
+def write(file: Path, found: Dict[str, Any]) -> None:
+    """Write every run's figures."""
+    file.write_text(json.dumps(found, indent=2) + "\n")
+    print(f"\nevery run: {file}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

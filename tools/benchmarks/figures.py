@@ -17,7 +17,6 @@ from typing import Any, Callable, Dict, Iterator, List, Tuple
 import numpy as np
 from baselines import bare_loop
 from growth import growth, milliseconds
-from marking import marking
 from network import HERE, Network, cpu_seconds, peak_megabytes
 from rows import Effort, Row, compare, reaching
 
@@ -75,9 +74,11 @@ def _against_bare(what: str, effort: Effort, lockstep: bool, minimum: float, lim
         found = _stack(effort, lockstep)
         complete = complete and found["every"]
         runs.append((found["factor"], bare))
-    row = compare(what, "x real time", runs, "bare loop")
+    row = compare(what, "x real time", runs, "bare loop", more_is_better=True)
     every = "every scan delivered" if complete else "SCANS LOST"
-    beside = compare(what, "x real time", [(ours, GAZEBO_FACTOR) for ours, _ in runs], GAZEBO)
+    beside = compare(
+        what, "x real time", [(ours, GAZEBO_FACTOR) for ours, _ in runs], GAZEBO, more_is_better=True
+    )
     return [
         reaching(row, f">= {minimum} bare, {every}", row.ratio if complete else 0.0, minimum, limit=limit),
         beside,
@@ -106,8 +107,10 @@ def without_ros(effort: Effort) -> List[Row]:
         factor = float(trace.times[-1]) / (time.process_time() - begin)
         runs.append((factor, 1.0 / bare_loop(effort.simulated)["cpu"]))
         tuned.append((factor, 1.0 / bare_loop(effort.simulated, tuned=True)["cpu"]))
-    row = compare("rollout, one core", "x real time", runs, "bare loop")
-    other = compare("rollout, one core", "x real time", tuned, "bare loop, tuned by hand")
+    row = compare("rollout, one core", "x real time", runs, "bare loop", more_is_better=True)
+    other = compare(
+        "rollout, one core", "x real time", tuned, "bare loop, tuned by hand", more_is_better=True
+    )
     return [
         reaching(row, f">= {ROLLOUT} bare", row.ratio, ROLLOUT, limit="calls of PyBullet and NumPy"),
         other,
@@ -242,5 +245,4 @@ FIGURES: Dict[str, Callable[[Effort], List[Row]]] = {
     "latency": latency,
     "clutter": clutter,
     "growth": growth,
-    "marking": marking,
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from statistics import median
 from typing import List, Optional, Sequence, Tuple
 
@@ -20,8 +19,6 @@ class Effort:
     scans: int = 500  # that the controller is to answer, each time; of fewer, one hundredth is a few outliers
     most_objects: int = 1000
     most_beams: int = 10000
-    markings: int = 1  # of each submission
-    against: Optional[Path] = None  # a checkout whose marking is the yardstick
 
 
 SHORT = Effort(repeats=1, simulated=2.0, real=2.0, scans=50, most_objects=10, most_beams=720)
@@ -41,13 +38,25 @@ class Row:
     near: Optional[float] = None  # share of the goal; 1.0 and more: reached
     limit: str = ""  # what keeps it from the goal
     runs: List[Tuple[float, float]] = field(default_factory=list)  # (ours, yardstick), in the order measured
+    more_is_better: bool = False  # True for a speed
 
 
-def compare(what: str, unit: str, runs: Sequence[Tuple[float, float]], against: str) -> Row:
+def compare(
+    what: str, unit: str, runs: Sequence[Tuple[float, float]], against: str, more_is_better: bool = False
+) -> Row:
     """A row of what was measured by turns: (ours, yardstick) of each run."""
     ours, baselines = zip(*runs)
     ratio = median(a / b for a, b in runs)
-    return Row(what, unit, median(ours), median(baselines), against, ratio, runs=list(runs))
+    return Row(
+        what,
+        unit,
+        median(ours),
+        median(baselines),
+        against,
+        ratio,
+        runs=list(runs),
+        more_is_better=more_is_better,
+    )
 
 
 def reaching(

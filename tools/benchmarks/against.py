@@ -1,0 +1,210 @@
+"""Comparison with another checkout: each figure of both by turns, and whether one became worse."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from checkouts import OURS, CheckoutError, run_in
+from marking import marking
+
+PAIRS = 7  # the fewest that can be judged
+CHANCE = 0.01  # that a figure which has not changed is called worse, or better, at most
+Key = Tuple[str, str]  # what a figure is, and its unit
+
+
+class Reading(NamedTuple):
+    """One measured value."""
+
+    value: float
+    more_is_better: bool
+
+
+Readings = Mapping[Key, Reading]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One figure of two checkouts."""
+
+    what: str
+    unit: str
+    new: float  # median
+    old: float  # median
+    ratio: float  # median of the pairs' ratios; above 1 the new checkout is worse
+    spread: Tuple[float, float]  # of the ratios
+    judged: bool  # False if the pairs are too few
+    runs: List[Tuple[float, float]]  # (new, old), in the order measured
+
+    @property
+    def worse(self) -> bool:
+        """Whether the new checkout is worse by more than the spread."""
+        return self.judged and self.spread[0] > 1.0
+
+    @property
+    def better(self) -> bool:
+        """Whether the new checkout is better by more than the spread."""
+        return self.judged and self.spread[1] < 1.0
+
+
+# ---------------------------------------------------------------------------- arithmetic
+
+
+def dropped(pairs: int) -> Optional[int]:
+    """Return how many ratios the spread leaves out at each end; None if the pairs are too few.
+
+    If nothing has changed, each ratio is above 1 or below 1 like a tossed coin. So the chance that at most k
+    of n ratios are below 1 is known, whatever the noise is. It is the sum of (n over i) for i = 0 ... k,
+    divided by 2^n. The result is the largest k with a chance of at most CHANCE: 0 for 7 pairs, 1 for 11, 2
+    for 14.
+    """
+    chance, found = 0.0, None
+    for k in range(pairs):
+        chance += math.comb(pairs, k) / 2.0**pairs
+        if chance > CHANCE:
+            break
+        found = k
+    return found
+
+
+def compare_runs(
+    what: str, unit: str, runs: Sequence[Tuple[float, float]], more_is_better: bool
+) -> Comparison:
+    """Compare the paired runs (new, old) of one figure.
+
+    The two runs of a pair follow one another, so the machine's other work falls on both, and their ratio
+    says more than either run. The spread goes from the smallest ratio to the largest; with more pairs it
+    leaves out outliers, as `dropped` says.
+    """
+    new, old = zip(*runs)
+    ratios = sorted(b / a if more_is_better else a / b for a, b in runs)
+    out = dropped(len(ratios))
+    spread = (ratios[out or 0], ratios[-1 - (out or 0)])
+    return Comparison(
+        what, unit, median(new), median(old), median(ratios), spread, out is not None, list(runs)
+    )
+
+
+def compare_readings(pairs: Sequence[Tuple[Readings, Readings]]) -> Tuple[List[Comparison], List[Key]]:
+    """Compare what was read in each pair (new, old).
+
+    Returns:
+        Comparisons of the figures that every reading has, and the figures that some reading does not have.
+    """
+    keys = list(dict.fromkeys(key for pair in pairs for readings in pair for key in readings))
+    common = [key for key in keys if all(key in readings for pair in pairs for readings in pair)]
+    found = []
+    for key in common:
+        runs = [(new[key].value, old[key].value) for new, old in pairs]
+        found.append(compare_runs(*key, runs, pairs[0][0][key].more_is_better))
+    return found, [key for key in keys if key not in common]
+
+
+# ---------------------------------------------------------------------------- runs
+
+
+def compare_checkouts(
+    old: Path, names: Sequence[str], pairs: int, short: bool
+) -> Tuple[List[Comparison], List[str]]:
+    """Measure figures of this checkout and of another by turns.
+
+    Args:
+        old: Folder of the other checkout.
+        names: Figures.
+        pairs: Runs of each checkout.
+        short: Measure for as short a time as `./dev bench --short`.
+
+    Returns:
+        Comparisons, and a sentence for each figure that could not be compared.
+
+    Raises:
+        CheckoutError: A checkout cannot be set up.
+    """
+    for folder in (OURS, old):
+        print(f"setting up {folder}", file=sys.stderr)
+        run_in(folder, "setup", "grade")  # before the clock runs
+    found: List[Comparison] = []
+    problems: List[str] = []
+    for name in names:
+        begin = time.monotonic()
+        try:
+            compared, missing = compare_readings([_measure_pair(old, name, n, short) for n in range(pairs)])
+        except CheckoutError as error:
+            problems.append(f"{name} was not compared. {error}")
+            continue
+        found += compared
+        problems += [
+            f"{what} [{unit}] was not compared: one checkout has no such row." for what, unit in missing
+        ]
+        print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
+    return found, problems
+
+
+def _measure_pair(old: Path, name: str, number: int, short: bool) -> Tuple[Readings, Readings]:
+    """Measure both checkouts; every second pair begins with the old one, so a drift favours neither."""
+    if number % 2:
+        before = _measure(old, name, short)
+        return _measure(OURS, name, short), before
+    return _measure(OURS, name, short), _measure(old, name, short)
+
+
+def _measure(folder: Path, name: str, short: bool) -> Readings:
+    """Measure a figure once, by the checkout's own benchmark, because no other fits its modules."""
+    if name == "marking":
+        return {key: Reading(value, False) for key, value in marking(folder).items()}
+    with tempfile.TemporaryDirectory() as temporary:
+        file = Path(temporary) / "bench.json"
+        effort = ["--short"] if short else ["--repeats", "1"]
+        run_in(folder, "bench", "--only", name, *effort, "--json", str(file))
+        return readings_of(file, name, folder)
+
+
+def readings_of(file: Path, name: str, folder: Path) -> Readings:
+    """Return the first run of each row that a checkout has written for a figure.
+
+    A figure with two yardsticks has two rows with the same values, so they become one.
+
+    Raises:
+        CheckoutError: The file has other contents.
+    """
+    try:
+        rows = json.loads(file.read_text())["figures"][name]
+        found = {
+            (row["what"], row["unit"]): Reading(float(row["runs"][0][0]), row.get("more_is_better", False))
+            for row in rows
+        }
+    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+        raise CheckoutError(f"Cannot read the figures of {folder}: {error!r}. Take a newer commit.") from None
+    for (what, unit), reading in found.items():
+        if not 0.0 < reading.value < math.inf:
+            raise CheckoutError(
+                f"{folder} measured {what} = {reading.value} {unit}, which is not a positive number."
+            )
+    return found
+
+
+# ---------------------------------------------------------------------------- report
+
+
+def cells(comparisons: Sequence[Comparison]) -> List[Tuple[str, ...]]:
+    """Return the lines of the table, its head first."""
+    lines: List[Tuple[str, ...]] = [("figure", "new", "old", "cost new : old", "spread", "")]
+    for row in comparisons:
+        verdict = "WORSE" if row.worse else "better" if row.better else "" if row.judged else "too few pairs"
+        spread = f"{row.spread[0]:.2f} to {row.spread[1]:.2f}"
+        new = f"{row.new:.3g} {row.unit}"
+        lines.append((row.what, new, f"{row.old:.3g}", f"{row.ratio:.2f}", spread, verdict))
+    return lines
+
+
+def document(comparisons: Sequence[Comparison], problems: Sequence[str], old: Path) -> Dict[str, Any]:
+    """Return what is written to the JSON file."""
+    rows = [{**asdict(row), "worse": row.worse, "better": row.better} for row in comparisons]
+    return {"against": str(old), "comparisons": rows, "problems": list(problems)}
