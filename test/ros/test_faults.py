@@ -140,7 +140,7 @@ def test_the_first_touch_of_an_object_is_told_once(ros, tmp_path):
 def test_a_marker_in_a_frame_that_tf_does_not_know_is_told_with_the_one_that_is_meant(ros):
     launched = ros.roslaunch("simulator.launch", "real_time_factor:=0")
     ros.start(sys.executable, "-c", MARKS_IN_BASE_LASER)
-    launched.says("in the frame 'base_laser', which TF does not know")
+    launched.says("in the frame 'base_laser', which TF does not have")
 
 
 def test_a_filter_in_the_launch_file_of_the_simulator_is_the_only_source_of_odom(ros, tmp_path):

@@ -28,11 +28,11 @@ def test_the_same_arguments_give_the_same_bytes_and_nothing_is_overwritten(bags)
         first, second = ((folder / name).read_bytes() for folder in folders)
         assert first == second
         assert 10_000 < len(first) < 1_000_000
-    with pytest.raises(HuskyError, match="already: move it away"):
+    with pytest.raises(HuskyError, match="already exists; move it"):
         record_bag.record(robot, "hard", 0, folders[1])
     sensors = folders[1] / f"{robot}_navigation.bag"
     sensors.unlink()
-    with pytest.raises(HuskyError, match=r"_truth\.bag already: move it away"):
+    with pytest.raises(HuskyError, match=r"_truth\.bag already exists; move it"):
         record_bag.record(robot, "hard", 0, folders[1])
     assert not sensors.exists(), "nothing half written is left"
 

@@ -28,4 +28,4 @@ def test_an_image_that_cannot_be_made_does_not_end_the_simulation(monkeypatch):
     camera = object.__new__(DepthCamera)
     camera._update = Mock(side_effect=ValueError("cannot reshape"))
     camera.update(None, None)
-    assert errors == ["camera/depth: no image: ValueError: cannot reshape"]
+    assert errors == ["camera/depth: cannot render an image: ValueError: cannot reshape"]
