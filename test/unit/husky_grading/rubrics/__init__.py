@@ -1,1 +1,0 @@
-"""Package, because another folder has a test_markers, too."""
