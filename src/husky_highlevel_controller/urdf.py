@@ -27,6 +27,7 @@ class DescriptionError(HuskyError):
 
     def __init__(self, problem: str) -> None:
         super().__init__(f"robot description: {problem}")
+        self.problem = problem
 
 
 def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:

@@ -203,6 +203,45 @@ def test_the_husky_s_urdf_in_spawn_model_is_the_robot(theirs, launch, ros):
     assert ros.master("getParam", "/husky_simulator/x") == 1.5
 
 
+BOOM = """<robot name="husky" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="$(find husky_description)/urdf/husky.urdf.xacro"/>
+  <link name="boom"><collision><geometry><box size="0.2 3 0.1"/></geometry></collision></link>
+  <joint name="boom_joint" type="{}">
+    <parent link="base_link"/><child link="boom"/><origin xyz="0 0 1"/>
+  </joint>
+</robot>"""
+CRATE = """<robot name="crate"><link name="crate">
+  <collision><geometry><box size="0.3 0.3 0.3"/></geometry></collision>
+  <inertial><mass value="2"/><inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.03"/></inertial>
+</link></robot>"""
+WITH_BOOM = """<launch>
+  <include file="$(find gazebo_ros)/launch/empty_world.launch"/>
+  <param name="robot_description" command="$(find xacro)/xacro $(dirname)/boom.urdf.xacro"/>
+  <node name="spawn" pkg="gazebo_ros" type="spawn_model" args="-urdf -param robot_description -model husky"/>
+  <node name="crate" pkg="gazebo_ros" type="spawn_model"
+        args="-urdf -file $(dirname)/crate.urdf -model crate -y 1.3 -z 2"/>
+</launch>"""
+
+
+@pytest.mark.parametrize("joint", ["fixed", "revolute"])
+def test_what_a_husky_of_ones_own_has_besides_is_there_or_a_warning_says_why_not(joint, theirs, launch, ros):
+    folder = theirs / "launch"
+    for name, text in (("boom.launch", WITH_BOOM), ("crate.urdf", CRATE)):
+        (folder / name).write_text(text)
+    (folder / "boom.urdf.xacro").write_text(BOOM.format(joint))
+    launched = launch(folder / "boom.launch")
+    if joint == "fixed":
+        launched.says("the robot touches 'crate'")  # which falls onto the boom, beside the Husky
+        assert 'child_frame_id: "boom"' in ros.echo("/tf_static")
+        assert "warning: " not in launched.output
+    else:
+        launched.says(
+            "warning: your robot description has a fault, so the Husky's is simulated and shown: link 'boom'"
+        )
+        launched.says("'crate' is there")
+    assert ('name="boom"' in ros.master("getParam", "/robot_description")) is (joint == "fixed")
+
+
 def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy, launch, ros):
     launched = launch(copy / "launch" / "spawn_husky.launch", "--nodes")
     assert launched.wait() == 0

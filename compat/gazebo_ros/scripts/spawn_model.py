@@ -1,6 +1,7 @@
 """Node that puts a model into this package's simulator, with the arguments of gazebo_ros's spawn_model.
 
 The URDF of a Husky or an SMB is the robot: it starts the simulator, as husky_gazebo's spawn_husky does.
+What the URDF adds to the robot is simulated with it.
 
 Stands in for spawn_model of gazebo_ros 2.9 (Noetic). No test runs the original, which Debian does not have:
 test/ros/test_run.py and test/ros/test_sheets_launch_file.py launch this one with the original's arguments.
@@ -11,17 +12,18 @@ import os
 import sys
 import time
 from pathlib import Path
-from xml.etree import ElementTree
 
 import rospy
 import rosservice
 from geometry_msgs.msg import Point, Pose, Quaternion
 from husky_highlevel_controller.srv import SpawnObject
 
+from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.robot import ROBOTS
+from husky_highlevel_controller.simulator.models.own_description import VARIABLE, robot_of
 
 SPAWN_HUSKY = Path(__file__).resolve().parents[2] / "husky_gazebo" / "scripts" / "spawn_husky"
+OWN = "/own_robot_description"  # parameter that takes the robot's URDF to the simulator's launch file
 QUIET = 10.0  # [s] of wall time without a simulator, until the node says what it waits for
 
 
@@ -79,10 +81,12 @@ def main() -> None:
     given = parse()
     try:
         xml = read_xml(given)
-        robot = ElementTree.fromstring(xml).get("name") if given.urdf else None
-    except (OSError, KeyError, ValueError, ElementTree.ParseError) as error:
+        robot = robot_of(xml) if given.urdf else None
+    except (OSError, KeyError, ValueError, HuskyError) as error:
         raise SystemExit(f"spawn_model: '{given.model}': {error}") from None
-    if robot in ROBOTS:
+    if robot is not None:
+        rospy.set_param(OWN, xml)
+        os.environ[VARIABLE] = OWN
         pose = [f"x:={given.x}", f"y:={given.y}", f"z:={given.z}", f"yaw:={given.Y}"]
         # the SMB's /scan is made of its cloud, by a node of its launch files
         scans = ["laser_topic:=husky_simulator/plane_scan"] * (robot == "smb")

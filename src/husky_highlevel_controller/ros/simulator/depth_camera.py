@@ -14,6 +14,7 @@ from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.simulator.models.description import CAMERA_FRAME
 from husky_highlevel_controller.simulator.sensors.depth_camera import (
     CameraConfig,
     image_of,
@@ -22,7 +23,6 @@ from husky_highlevel_controller.simulator.sensors.depth_camera import (
 from husky_highlevel_controller.simulator.sensors.renderer import Renderer
 from husky_highlevel_controller.simulator.simulation import Simulation
 
-FRAME = "camera_frame_optical"
 QUEUE = 2  # images are large
 
 
@@ -74,12 +74,14 @@ class DepthCamera:
         buffer = self._renderer.take(timeout)
         if buffer is None:
             return
-        depth, header = image_of(buffer, self._config), conversions.header(self._stamp, FRAME)
+        depth, header = image_of(buffer, self._config), conversions.header(self._stamp, CAMERA_FRAME)
         publish(self._info, camera_info_to_msg(self._config, header))
         if self._image.get_num_connections():
             publish(self._image, depth_to_msg(depth, header))
         if self._points.get_num_connections():
-            publish(self._points, points_to_msg(points_in_image(depth, self._config), self._stamp, FRAME))
+            publish(
+                self._points, points_to_msg(points_in_image(depth, self._config), self._stamp, CAMERA_FRAME)
+            )
 
 
 def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:

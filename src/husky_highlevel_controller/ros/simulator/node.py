@@ -21,7 +21,7 @@ from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
-from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
+from husky_highlevel_controller.ros.simulator.depth_camera import DepthCamera
 from husky_highlevel_controller.ros.simulator.graph import (
     GraphWatch,
     Partners,
@@ -40,7 +40,7 @@ from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices
 from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.ground import FALL_DEPTH, with_ground
-from husky_highlevel_controller.simulator.models.description import variables_without_effect
+from husky_highlevel_controller.simulator.models.description import CAMERA_FRAME, variables_without_effect
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
 from husky_highlevel_controller.simulator.pacing import Pacer
@@ -96,12 +96,12 @@ class SimulatorNode:
         )  # fmt: skip
 
     def _make_camera(self, setup: CameraSetup, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
-        if FRAME not in robot.fixed_poses:
+        if CAMERA_FRAME not in robot.fixed_poses:
             raise ConfigError(
-                f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{FRAME}'"
+                f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{CAMERA_FRAME}'"
             )
         steps = steps_per(setup.camera_rate, config.physics_rate, "camera_rate")
-        return DepthCamera(setup.camera, robot.fixed_poses[FRAME], steps, self._start.lockstep)
+        return DepthCamera(setup.camera, robot.fixed_poses[CAMERA_FRAME], steps, self._start.lockstep)
 
     def run(self) -> None:
         """Simulate until the node is shut down."""

@@ -1,6 +1,6 @@
 """Robot description: expands a robot's xacro into the URDF of RViz, robot_state_publisher and physics.
 
-In: arguments. Out: URDF text.
+In: arguments, a user's own description on the parameter server. Out: URDF text.
 """
 
 from __future__ import annotations
@@ -12,10 +12,13 @@ from typing import Any, List, Mapping, Optional
 
 from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, VERSIONS, load_robot
+from husky_highlevel_controller.simulator.models.own_description import VARIABLE, choose_description
 from husky_highlevel_controller.urdf import DescriptionError
+from husky_highlevel_controller.xml_rpc import ask
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")
+CAMERA_FRAME = "camera_frame_optical"
 _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
 # variables of the Husky's own launch files; variables of drivers and one of marking have no effect here
@@ -76,14 +79,42 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
     return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))
 
 
+def _or_own(given: str, arguments: Mapping[str, str]) -> str:
+    """The user's own description in place of the one that was asked for, if there is one that can be used."""
+    master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
+    own = ask(master_uri, "getParam", "/robot_description", parameter)
+    if not isinstance(own, str):
+        raise DescriptionError(f"the parameter {parameter} of {VARIABLE} has none")
+    name = arguments.get("robot", "husky")
+    robot = load_robot(name)
+    laser_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
+    needs = [
+        (frame, arguments.get(argument, default))
+        for frame, argument, default in (
+            (robot.lidar_mount.frame if name == "smb" else laser_frame, "laser_enabled", "true"),
+            (CAMERA_FRAME, "kinect_enabled", "false"),
+        )
+    ]
+    frames = [frame for frame, value in needs if value.lower() in ("true", "1")]
+    known = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
+    text, warning = choose_description(own, given, known, robot, frames)
+    if warning:
+        print(f"warning: {warning}", file=sys.stderr)
+    return text
+
+
 def main() -> None:
-    """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong."""
+    """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong.
+
+    A user's own description comes first; spawn_model names it by the variable HUSKY_SIMULATOR_DESCRIPTION.
+    """
     arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
     mount = {
         name: os.environ[variable] for name, variable in LIDAR_VARIABLES.items() if variable in os.environ
     }
     try:
-        print(robot_description(**{**mount, **arguments}))
+        given = robot_description(**{**mount, **arguments})
+        print(_or_own(given, arguments) if VARIABLE in os.environ else given)
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

@@ -1,0 +1,84 @@
+"""Robot description of a user's own: whether the simulator can use it in place of the robot's.
+
+In: URDF texts. Out: the text that counts, and what to tell the user.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Iterable, NamedTuple, Optional, Set
+
+from husky_highlevel_controller import urdf
+from husky_highlevel_controller.robot import ROBOTS, Robot, load_robot
+from husky_highlevel_controller.simulator.models.robot_model import robot_model
+from husky_highlevel_controller.urdf import DescriptionError
+
+VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"  # names the parameter that holds a user's own robot description
+
+
+def robot_of(text: str) -> Optional[str]:
+    """Return the one of ROBOTS that a URDF text describes, by its name or its wheels; None if there is none.
+
+    Raises:
+        DescriptionError: the text is not a URDF.
+    """
+    root, _, joints = urdf.read_urdf(text)
+    name = root.get("name")
+    with_wheels = (robot for robot in ROBOTS if set(load_robot(robot).wheels.joints) <= set(joints))
+    return name if name in ROBOTS else next(with_wheels, None)
+
+
+class Choice(NamedTuple):
+    """URDF text that counts, and a sentence on what of the user's own does not; empty if all of it does."""
+
+    text: str
+    warning: str
+
+
+def choose_description(
+    own: str, given: str, known: Iterable[str], robot: Robot, frames: Iterable[str]
+) -> Choice:
+    """Choose between a user's own description and the one that the arguments of a launch file give.
+
+    The user's own counts if it has a link or joint that the robot's descriptions do not have, and if the
+    physics can use it. Otherwise the arguments count, such as laser_enabled.
+
+    Args:
+        own: the user's URDF text.
+        given: the robot's URDF text by the arguments.
+        known: URDF texts of the robot with all its equipment.
+        robot: the robot.
+        frames: names of links that the simulator's sensors need.
+    """
+    try:
+        added = _parts([own]) - _parts([given, *known])
+        fixed = robot_model(own, robot).fixed_poses
+    except DescriptionError as error:
+        return _refused(given, error.problem, robot)
+    if not added:
+        return Choice(given, "")
+    missing = [frame for frame in frames if frame not in fixed]
+    if missing:
+        return _refused(given, f"no link '{missing[0]}' for a sensor is fixed to base_link", robot)
+    meshes = sorted(
+        name
+        for name, link in urdf.read_urdf(own)[1].items()
+        if _canonical(link) in added and link.find("collision/geometry/mesh") is not None
+    )
+    warning = f"nothing touches the collision meshes in your robot description: {', '.join(meshes)}"
+    return Choice(own, warning if meshes else "")
+
+
+def _refused(given: str, problem: str, robot: Robot) -> Choice:
+    fault = f"your robot description has a fault, so the {robot.title}'s is simulated and shown"
+    return Choice(given, f"{fault}: {problem}")
+
+
+def _parts(texts: Iterable[str]) -> Set[str]:
+    """Return the links and joints of URDF texts, each in a form that is equal for equal content."""
+    elements = [elements for text in texts for elements in urdf.read_urdf(text)[1:]]
+    return {_canonical(part) for parts in elements for part in parts.values()}
+
+
+def _canonical(element: ET.Element) -> str:
+    return ET.canonicalize(ET.tostring(element, encoding="unicode"), strip_text=True)
