@@ -161,8 +161,8 @@ def test_a_complete_one_gets_100_from_several_starts(handed_in, tmp_path):
 
 def test_a_file_that_is_not_there_is_told(tmp_path):
     done = grade("--launch", "no_such_package", "a.launch", "--out", tmp_path)
-    assert done.returncode == 1, done.stderr
-    assert "no_such_package" in done.stdout
+    assert done.returncode == 2, done.stdout
+    assert "there is no package 'no_such_package'" in done.stdout
 
 
 def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
