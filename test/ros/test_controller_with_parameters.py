@@ -184,8 +184,12 @@ class DiagnosticsTell(Player):
         # and the scans end
         self.wait_until(lambda: "no scans" in self.last().message, "scans are missed")
         self.assertEqual(self.last().level, DiagnosticStatus.ERROR)
-        stamps = [stamp(array) for array in self.told][1:]  # the first is for whoever has just come
-        self.assertGreater(min(b - a for a, b in zip(stamps, stamps[1:])), 0.5, "once a second")
+        count = len(self.told)
+        self.wait_until(lambda: len(self.told) > count + 1, "it is told again")
+        # the first is for whoever has just come, and a change of the state is told at once
+        told = [(stamp(array), array.status[0].message) for array in self.told][1:]
+        gaps = [after[0] - before[0] for before, after in zip(told, told[1:]) if before[1] == after[1]]
+        self.assertGreater(min(gaps), 0.5, "once a second")
 
 
 class StopsAtItsEnd(Player):

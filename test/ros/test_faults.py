@@ -115,7 +115,7 @@ def test_another_publisher_of_the_clock_is_named(ros):
     other = ros.start("rostopic", "pub", "-r", "1", "/clock", "rosgraph_msgs/Clock", "{}")
     wait_until(lambda: "/clock" in str(ros.master("getPublishedTopics", "")), "it publishes")
     launched = ros.roslaunch("simulator.launch")
-    launched.says("publishes /clock too")
+    launched.says("also publishes /clock")
     assert "/rostopic_" in launched.output
     assert other.popen.poll() is None
 
@@ -125,7 +125,7 @@ def test_a_gamepad_that_never_pauses_is_named_by_the_simulator_and_by_the_contro
     launched.says("drives the robot by /cmd_vel")
     ros.start("rostopic", "pub", "-r", "20", "/joy_teleop/cmd_vel", "geometry_msgs/Twist", "{}")
     launched.says("holds the robot with zero commands on joy_teleop/cmd_vel")
-    launched.says("but the robot stands: /joy_teleop/cmd_vel of /rostopic_")
+    launched.says("but the robot stands; /joy_teleop/cmd_vel of /rostopic_")
 
 
 def test_the_first_touch_of_an_object_is_told_once(ros, tmp_path):

@@ -245,7 +245,7 @@ def test_what_a_husky_of_ones_own_has_besides_is_there_or_a_warning_says_why_not
 def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy, launch, ros):
     launched = launch(copy / "launch" / "spawn_husky.launch", "--nodes")
     assert launched.wait() == 0
-    assert "spawn_husky.launch needs Gazebo; " in launched.output
+    assert "spawn_husky.launch needs Gazebo, so " in launched.output
     assert launched.output.splitlines()[-1] == "/spawn_husky"
 
 

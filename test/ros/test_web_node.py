@@ -79,7 +79,7 @@ def page(monkeypatch):
     monkeypatch.setattr(rospy, "logwarn_throttle", Mock())
     page = object.__new__(WebNode)
     page.__dict__.update(
-        {f"_{name}": Mock() for name in ("scene", "tuning", "depth_box", "recorder", "mouse")}
+        {f"_{name}": Mock() for name in ("server", "scene", "tuning", "depth_box", "recorder", "mouse")}
     )
     page._scene.layers = {"depth": False}
     page._topics = Mock(names=dict.fromkeys(("truth", "command", "error", "pillar", "cloud"), "/topic"))
