@@ -16,6 +16,7 @@ import rospy
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot
+from husky_highlevel_controller.ros.rosout import remember_parameter
 from husky_highlevel_controller.ros.transport import replace_transport
 
 LAUNCH_FILES = {  # launch files that load the parameters of nodes
@@ -125,6 +126,7 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     rospy.init_node(
         name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
     )
+    remember_parameter()
     _end_on_signals()
     try:
         make().run()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from functools import partial
 from typing import Deque, Dict, List, Set, Tuple
@@ -76,9 +75,7 @@ class Commands:
         sender, stronger = msg._connection_header["callerid"], self._mux.stronger(topic, stamp)
         for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
             log = rospy.loginfo if finding.habit is Habit.DRIVES else rospy.logwarn
-            text = habit_sentence(finding._replace(topic=rospy.resolve_name(topic)))
-            # rospy's log may ask the master, and one that hangs must not hold the simulation
-            threading.Thread(target=log, args=(text,), daemon=True).start()
+            log(habit_sentence(finding._replace(topic=rospy.resolve_name(topic))))
 
     def has_sender(self) -> bool:
         """Return whether a controller is connected; one of the direct input's senders is our own."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
 import time
 from functools import partial
 from typing import Any, Callable, Optional, Set
@@ -249,9 +248,7 @@ class SimulatorNode:
         for name in sorted(set(snapshot.contacts) - self._touched):
             self._touched.add(name)
             if not self._publishers.truth_log.is_open:
-                text = f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time"
-                # rospy's log may ask the master, and one that hangs must not hold the simulation
-                threading.Thread(target=rospy.loginfo, args=(text,), daemon=True).start()
+                rospy.loginfo(f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time")
 
     def _serve_during_step(self) -> None:
         """Serve calls and new subscribers while lockstep waits."""
