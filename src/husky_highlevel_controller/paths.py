@@ -6,8 +6,9 @@ In: where the modules lie. Out: folders.
 from __future__ import annotations
 
 import importlib.util
+import os
 from pathlib import Path
-from typing import Optional
+from typing import List, Optional
 
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -27,6 +28,11 @@ def share_folder() -> Path:
         if (candidate / "urdf").is_dir():
             return candidate
     raise HuskyError("no folder urdf/ in " + " or ".join(map(str, candidates)))
+
+
+def search_path(variable: str) -> List[Path]:
+    """Folders of an environment variable such as GAZEBO_MODEL_PATH; none if it is not set."""
+    return [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
 
 
 def mesh_folder() -> Optional[Path]:

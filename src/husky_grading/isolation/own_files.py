@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import FrozenSet, List, Set
 
 from husky_highlevel_controller import paths
-from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.paths import search_path, share_folder
 
 
 class Own(Enum):
@@ -72,7 +72,7 @@ def own_files(own: Own) -> OwnFiles:
 
 def holders() -> List[Path]:
     """Return folders in which Python may find this package, and no other one of its name."""
-    folders = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    folders = search_path("PYTHONPATH")
     own = ("paths.py", "msg/_HuskyStatus.py")
     found = [path for path in folders if any((path / NAME / file).is_file() for file in own)]
     return [MODULES.parent, *found]
@@ -80,6 +80,6 @@ def holders() -> List[Path]:
 
 def programs() -> List[Path]:
     """Return folders of this package's programs in the workspaces that hold it."""
-    prefixes = [Path(entry) for entry in os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep) if entry]
+    prefixes = search_path("CMAKE_PREFIX_PATH")
     ours = [prefix for prefix in prefixes if any(prefix in holder.parents for holder in holders())]
     return [(prefix / "lib" / NAME).resolve() for prefix in ours if (prefix / "lib" / NAME).is_dir()]

@@ -18,6 +18,7 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import HuskyError, TriangleMesh
 from husky_highlevel_controller.meshes import make_mesh, simplified
+from husky_highlevel_controller.paths import search_path
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
 ENDINGS = (".dae", ".stl", ".obj")
@@ -142,15 +143,11 @@ def _places(uri: str, source: str) -> Iterator[Path]:
     above = list(Path(os.path.abspath(source)).parents)
     if parts.scheme in ("model", "package"):
         inside = unquote(parts.path).lstrip("/")
-        folders = [*_folders("GAZEBO_MODEL_PATH"), *_folders("ROS_PACKAGE_PATH")]
+        folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]
         yield from (folder / parts.netloc / inside for folder in folders)
         yield from (folder / inside for folder in (*above, *folders) if folder.name == parts.netloc)
         yield from (folder / parts.netloc / inside for folder in above)
         yield from (folder / "models" / parts.netloc / inside for folder in above[:3])
     elif parts.scheme in ("", "file"):
         name = unquote(uri.partition("://")[2] if parts.scheme else uri)
-        yield from (folder / name for folder in (above[0], *_folders("GAZEBO_RESOURCE_PATH")))
-
-
-def _folders(variable: str) -> List[Path]:
-    return [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
+        yield from (folder / name for folder in (above[0], *search_path("GAZEBO_RESOURCE_PATH")))

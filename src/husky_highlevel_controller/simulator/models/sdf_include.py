@@ -13,6 +13,7 @@ from typing import Iterator, NamedTuple, Optional
 from urllib.parse import unquote
 
 from husky_highlevel_controller.datatypes import IDENTITY
+from husky_highlevel_controller.paths import search_path
 from husky_highlevel_controller.simulator.models.sdf_parser import (
     NEWEST,
     VERSIONS,
@@ -106,8 +107,7 @@ def _included(include: Node) -> Optional[Node]:
 def _find_model(uri: str) -> Optional[Path]:
     """The newest SDF file of a model that can be read here; None if there is none on this machine."""
     name = uri[len("model://") :].strip("/")
-    model_path = os.environ.get("GAZEBO_MODEL_PATH", "")
-    for folder in filter(None, model_path.split(os.pathsep)):
+    for folder in search_path("GAZEBO_MODEL_PATH"):
         files = (os.path.join(folder, name, file) for file in ("model.config", "model.sdf"))
         config, plain = (Path(os.path.realpath(file)) for file in files)
         newest = _newest_file(config, plain) if name and os.path.isfile(config) else plain

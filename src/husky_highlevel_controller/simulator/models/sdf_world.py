@@ -28,7 +28,7 @@ from husky_highlevel_controller.datatypes import (
     World,
 )
 from husky_highlevel_controller.geometry import compose, inverse
-from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.paths import search_path, share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.mesh_file import MAX_FACES
 from husky_highlevel_controller.simulator.models.sdf_frames import FrameScope, frame_of
@@ -80,8 +80,7 @@ def find_world(name: str) -> Path:
     Raises:
         WorldError: there is no such file.
     """
-    gazebo = filter(None, os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep))
-    folders = [share_folder() / "worlds", share_folder(), *map(Path, gazebo)]
+    folders = [share_folder() / "worlds", share_folder(), *search_path("GAZEBO_RESOURCE_PATH")]
     for folder in folders:
         path = folder / name  # an absolute name stays as it is
         if os.path.isfile(path):  # false for a name that is too long, too
