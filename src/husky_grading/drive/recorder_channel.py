@@ -69,9 +69,9 @@ class RecorderChannel:
 
     def __init__(self, network: Network, assignment: Assignment) -> None:
         """Start the recorder of a drive in its network."""
-        self._connection, theirs = Pipe()
-        with theirs:
-            self.process = network.start("recorder", [RECORDER], handed=(theirs,))
+        self._connection, recorder_end = Pipe()
+        with recorder_end:
+            self.process = network.start("recorder", [RECORDER], handed=(recorder_end,))
         self.is_open = True  # the recorder may tell more
         self.ready = self.joined = self.subscribed = self.over = False
         self.now = 0.0  # [s], simulated

@@ -38,10 +38,10 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
     """Lookups of a service by each node that is not ours, as each call makes one; the most first."""
     answer = _ask(uri, "countLookups", service)  # a submission may end the master and answer in its place
     counts = answer if isinstance(answer, dict) else {}
-    theirs = {
+    of_others = {
         node: count for node, count in counts.items() if isinstance(count, int) and node not in our_nodes
     }
-    return dict(sorted(theirs.items(), key=lambda each: -each[1])[:MAX_CALLERS])
+    return dict(sorted(of_others.items(), key=lambda each: -each[1])[:MAX_CALLERS])
 
 
 def is_published(uri: str, topic: str) -> bool:

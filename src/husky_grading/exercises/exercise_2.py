@@ -38,7 +38,7 @@ STANDS_BY = BEGIN + SECONDS + 1.0  # [s], simulated
 # hints
 PRINT = "print the smallest range in the scans' callback, by ROS_INFO or rospy.loginfo, with output=screen"
 MINIMUM = (
-    "take the smallest of the ranges that are valid (range_min <= r <= range_max), anew in each callback"
+    "take the smallest of the ranges that are valid (range_min <= r <= range_max), again in each callback"
 )
 PARAMETERS = "read both as private parameters of the node, from the launch file or its YAML file"
 

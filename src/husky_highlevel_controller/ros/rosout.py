@@ -1,8 +1,8 @@
 """Log of rospy without questions to the master.
 
 rospy reads the parameter PARAMETER before each line of the log. If nobody has set it, rospy's cache forgets
-the answer, so each line asks the master again (rospy 1.16: rosout.py, paramserver.py). A thread that logs then
-waits for a master that hangs. This held the simulation's thread, and the world with it.
+the answer, so each line asks the master again (rospy 1.15.15: rosout.py, paramserver.py). A thread that logs
+then waits for a master that hangs. This held the simulation's thread, and the world with it.
 
 test_rosout.py pins what is used of rospy.
 """

@@ -34,6 +34,6 @@ class CommandMux:
 
     def stronger(self, topic: str, now: float) -> Optional[str]:
         """Return the strongest input that is obeyed in place of another one at `now` [s], or None."""
-        rank = self._ranks.get(topic, -1)
+        rank = self._ranks[topic]
         heard = (other for other, stamp in self._last_stamps.items() if now - stamp <= TIMEOUT)
         return min((o for o in heard if self._ranks[o] < rank), key=lambda o: self._ranks[o], default=None)

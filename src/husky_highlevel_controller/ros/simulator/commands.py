@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
-from typing import Deque, Dict, List, Set, Tuple
+from typing import Deque, Dict, List, Optional, Set, Tuple
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -59,7 +59,7 @@ class Commands:
             return obeyed
         while self._arrived:
             topic, msg = self._arrived.popleft()
-            twist = conversions.twist_from_msg(msg)
+            twist, stronger = conversions.twist_from_msg(msg), None
             if topic == self._direct_topic:
                 if not self._mux.locked:
                     obeyed.append((topic, twist))
@@ -67,12 +67,16 @@ class Commands:
                 obeyed.append((topic, twist))
                 if self._passed.get_num_connections() > 1:  # one of them is our own
                     publish(self._passed, msg)
-            self._notice_habits(stamp, topic, msg, twist)
+            else:
+                stronger = self._mux.stronger(topic, stamp)
+            self._notice_habits(stamp, topic, msg, twist, stronger)
         return obeyed
 
-    def _notice_habits(self, stamp: float, topic: str, msg: Twist, twist: Twist2D) -> None:
+    def _notice_habits(
+        self, stamp: float, topic: str, msg: Twist, twist: Twist2D, stronger: Optional[str]
+    ) -> None:
         """Log what is found of the sender of a command for the first time."""
-        sender, stronger = msg._connection_header["callerid"], self._mux.stronger(topic, stamp)
+        sender = msg._connection_header["callerid"]
         for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
             log = rospy.loginfo if finding.habit is Habit.DRIVES else rospy.logwarn
             log(habit_sentence(finding._replace(topic=rospy.resolve_name(topic))))

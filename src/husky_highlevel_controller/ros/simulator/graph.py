@@ -65,14 +65,17 @@ class Partners:
         )
 
 
-def launched() -> Set[str]:
-    """Names of the nodes that a roslaunch on this master has started, and that have not ended."""
-    names: Set[str] = set()
+def _launches() -> Iterator[Set[str]]:
+    """Names of the nodes that each roslaunch on this master has started, and that have not ended."""
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         processes = ask(uri, "list_processes")  # None if it has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
-        names.update(name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0])
-    return names
+        yield {name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0]}
+
+
+def launched() -> Set[str]:
+    """Names of the nodes that any roslaunch on this master has started, and that have not ended."""
+    return set().union(*_launches())
 
 
 def launched_beside() -> Set[str]:
@@ -82,12 +85,7 @@ def launched_beside() -> Set[str]:
 
 def launched_together(name: str) -> Set[str]:
     """Names of the nodes that the same roslaunch has started as the node of a name, without leading slash."""
-    for uri in rospy.get_param("/roslaunch/uris", {}).values():
-        processes = ask(uri, "list_processes")
-        names = {process.rsplit("-", 1)[0] for process, _ in (processes or [[]])[0]}
-        if name in names:
-            return names
-    return set()
+    return next((names for names in _launches() if name in names), set())
 
 
 class SecondFilter:
@@ -139,8 +137,6 @@ class GraphWatch:
                 graph = read_graph(self._master_uri)
                 if graph is not None:
                     self.look(graph)
-                    if self._markers is not None:
-                        self._markers.look(graph)
             time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:
@@ -150,6 +146,8 @@ class GraphWatch:
             self._clock = rospy.Subscriber("/clock", Clock, self._on_clock)
         if self._filter_watch is not None:
             self._filter_watch.look(graph)
+        if self._markers is not None:
+            self._markers.look(graph)
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
         self._first_times = {mistake: self._first_times.get(mistake, now) for mistake in mistakes}

@@ -26,7 +26,7 @@ class WrongTopic(NamedTuple):
     node: str
     topic: str
     kind: str  # type of its messages
-    publishes: bool  # else the node subscribes
+    publishes: bool  # otherwise the node subscribes
     suggestion: str
 
 
