@@ -31,7 +31,13 @@ from husky_evaluation.setup import (
     unit_of,
 )
 from husky_evaluation.statistics import paired_row
-from husky_evaluation.tasks.command import ONE_COMMAND, add_old_name, exit_codes, name_as_typed, positive
+from husky_evaluation.tasks.command import (
+    add_old_name,
+    exit_codes,
+    is_typed_by_one_command,
+    name_as_typed,
+    positive,
+)
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError, from_plain, number
@@ -216,7 +222,7 @@ def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     every_row("Every setup", tuned.trials).write(out / "trials")
     page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
     print(f"{result}\n\nparameters: {file}\npage: {page}")
-    if not name_as_typed("tune").startswith(ONE_COMMAND):  # a pip install has no roslaunch
+    if not is_typed_by_one_command():  # a pip install has no roslaunch
         print(f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
 
 

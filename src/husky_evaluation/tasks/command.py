@@ -20,7 +20,12 @@ ONE_COMMAND = "husky"  # command that `pip install .` brings, with the others as
 
 def name_as_typed(command: str) -> str:
     """Return the name by which the user started a command: 'husky sweep' after pip, 'sweep' with rosrun."""
-    return f"{ONE_COMMAND} {command}" if Path(sys.argv[0]).stem == ONE_COMMAND else command
+    return f"{ONE_COMMAND} {command}" if is_typed_by_one_command() else command
+
+
+def is_typed_by_one_command() -> bool:
+    """Return whether the user started ONE_COMMAND, so that there may be no ROS."""
+    return Path(sys.argv[0]).stem == ONE_COMMAND
 
 
 def add_old_name(parser: argparse.ArgumentParser, old: str, option: argparse.Action) -> None:
