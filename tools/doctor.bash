@@ -66,6 +66,16 @@ check_topics() {
   )
 }
 
+# Dependencies of the packages around the caller that are no packages.
+check_packages() {
+  [ -f "$workspace/devel/setup.bash" ] || return 0
+  local sentence
+  while read -r sentence; do [ -z "$sentence" ] || bad "$sentence"; done < <(
+    source "$workspace/devel/setup.bash" 2>/dev/null
+    PYTHONPATH=$here/src timeout 30 "$venv/bin/python" "$here/tools/find_packages.py" "$caller"
+  )
+}
+
 check_network() {
   echo "The network of nodes"
   local uri=${ROS_MASTER_URI:-http://localhost:11311} name master port
@@ -98,6 +108,7 @@ check_display() {
 
 check_system
 check_installation
+check_packages
 check_network
 check_display
 if [ "$problems" -eq 0 ]; then echo "No problem found."; else echo "$problems problem(s) found."; exit 1; fi

@@ -11,27 +11,63 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Dict, Iterable, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 from xml.etree.ElementTree import ParseError
 
 import gazebo_packages
 import rospkg
 from defusedxml import DefusedXmlException, ElementTree
 
+from husky_highlevel_controller.dependencies import (
+    dependencies_of,
+    dependency_sentence,
+    unknown_dependencies,
+)
+
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 DEPTH = 4  # folders from a place down to a package: catkin_ws/src/repository/package from a home folder
 MOST_FOLDERS = 20_000  # that are looked into below a place: a home folder may have millions
+SYSTEM = {Path("/usr"), Path("/opt")}  # folders of packages that are installed
 # folders of a workspace and of other tools that hold no sources of packages
 SKIPPED = {"build", "devel", "install", "logs", "log", "node_modules", "site-packages", "__pycache__"}
 
 
+def _manifest_of(package: Path) -> Optional[Any]:
+    """ElementTree of the package.xml of a folder, or None if it has none that can be read."""
+    try:
+        return ElementTree.parse(package / "package.xml")
+    except (OSError, ParseError, DefusedXmlException, ValueError, LookupError):
+        return None
+
+
 def name_of(package: Path) -> str:
     """Name in the package.xml of a folder; empty if it has none that can be read."""
-    try:
-        return (ElementTree.parse(package / "package.xml").findtext("name") or "").strip()
-    except (OSError, ParseError, DefusedXmlException, ValueError, LookupError):
-        return ""
+    manifest = _manifest_of(package)
+    return "" if manifest is None else (manifest.findtext("name") or "").strip()
+
+
+def is_students(package: Path) -> bool:
+    """Return whether a folder is a package of a person here: not ours, of the system, or handed out."""
+    folder = (package / "package.xml").resolve().parent  # a workspace may hold links to its files
+    inside = SYSTEM.intersection(folder.parents) or gazebo_packages.COMPAT in folder.parents
+    return not (inside or folder == PACKAGE_FOLDER or name_of(package) in gazebo_packages.COURSE_PACKAGES)
+
+
+def dependency_sentences(folders: Iterable[Path]) -> List[str]:
+    """Return sentences on dependencies of people's packages that are no packages here."""
+    own = [folder for folder in dict.fromkeys(folders) if is_students(folder)]
+    if not own:
+        return []
+    manifests = [(name_of(folder), _manifest_of(folder)) for folder in own]
+    known = {*rospkg.RosPack().list(), *(path.name for path in gazebo_packages.COMPAT.iterdir())}
+    known.update(name for name, _ in manifests)
+    return [
+        dependency_sentence(finding)
+        for name, manifest in manifests
+        if manifest is not None
+        for finding in unknown_dependencies(name, dependencies_of(manifest), known)
+    ]
 
 
 def package_around(path: Path) -> Optional[Path]:
@@ -133,3 +169,15 @@ def source_workspace(path: Path) -> None:
 
 def _paths() -> List[str]:
     return [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
+
+
+def main() -> None:
+    """Print a sentence on each wrong dependency of the packages around the folder of the command line."""
+    caller = Path(sys.argv[1])
+    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(add_packages(_paths(), caller))
+    folders = [folder for place in places(caller) for _, folder in packages_below(place)]
+    print("\n".join(dependency_sentences(folders)))
+
+
+if __name__ == "__main__":
+    main()

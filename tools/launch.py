@@ -30,6 +30,7 @@ import rosgraph.names
 import rosgraph.network
 import roslaunch
 import roslaunch.core
+import roslaunch.launch
 import roslaunch.nodeprocess
 import roslaunch.parent
 import roslaunch.pmon
@@ -242,6 +243,16 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
         config.nodes = [node for node in config.nodes if node.name != OWN_RVIZ]  # the file has its own view
 
 
+def warn_of_dependencies(config: Any, file: Path) -> None:
+    """Warn of dependencies that are no packages, of the packages that people have of their own."""
+    folder = find_packages.package_around(file.resolve().parent)
+    packages = rospkg.RosPack()
+    names = {node.package for node in config.nodes} & set(packages.list())
+    folders = [*([folder] if folder else ()), *(Path(packages.get_path(name)) for name in sorted(names))]
+    for sentence in find_packages.dependency_sentences(folders):
+        say(f"warning: {sentence}")
+
+
 def is_true(value: str) -> bool:
     """Whether a value of an argument is true for roslaunch."""
     return value.lower() in ("true", "1")
@@ -296,6 +307,18 @@ def tell_end(text: str) -> None:
         roslaunch.core.printerrlog(text)
 
 
+def start_own_master() -> None:
+    """Let roslaunch start the master of this package, which knows the parameters that no node reads."""
+    create = roslaunch.launch.create_master_process
+
+    def create_own(*arguments: Any, **named: Any) -> Any:
+        process = create(*arguments, **named)
+        process.args = [sys.executable, str(PACKAGE_FOLDER / "tools" / "master.py"), *process.args[1:]]
+        return process
+
+    roslaunch.launch.create_master_process = create_own
+
+
 def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     """Run roslaunch; 0, or 1 if a required node failed."""
     roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
@@ -315,6 +338,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
                 # roslaunch names the file of an include, but not the first file
                 raise roslaunch.core.RLException(f"while processing {file}:\n{error}") from error
             adapt(self.config, file, arguments)
+            warn_of_dependencies(self.config, file)
             if "--screen" not in arguments.options:
                 shorten_summary(self.config)
             run["robots"] = {n.name for n in self.config.nodes if starts_robot(n)}
@@ -374,6 +398,7 @@ def main() -> int:
     check_master()
     check_display()
     checked = check_arguments(file, arguments)
+    start_own_master()
     output = FoldedOutput()
     try:
         return launch(file, checked, output)

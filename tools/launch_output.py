@@ -1,4 +1,4 @@
-"""Output of launched nodes: a traceback that comes again and again is shown once, and counted."""
+"""Output of launched nodes: a repeated traceback is shown once and counted, rospy's longest line is cut."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import threading
 import time
 from typing import Callable, Dict, List, Tuple
 
+from husky_highlevel_controller.ros.refused_connection import shorten
+
 REPORT_PERIOD = 5.0  # [s] of wall time between two lines that count
 MAX_LINES = 200  # of a traceback that is held back until its end
 CLOSE_TIMEOUT = 2.0  # [s], for what still holds the output open
@@ -21,7 +23,7 @@ _COLOUR = re.compile(rb"\x1b(\[([0-9;]*m|[0-9;]*$)|$)")
 
 
 class Folder:
-    """Filter of a stream of bytes: each traceback passes once, but for the numbers in its last line."""
+    """Filter of a stream of bytes: each traceback passes once, except for the numbers in its last line."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -61,7 +63,7 @@ class Folder:
         if self._folded and (not text or text.startswith(BETWEEN)):
             return b""
         self._folded = False
-        return line
+        return os.fsencode(shorten(os.fsdecode(line)))
 
     def _hold(self, line: bytes, text: str) -> bytes:
         """Another line of a traceback: it ends with the first one that is not indented."""
@@ -90,9 +92,9 @@ class Folder:
         return "".join(sentences).encode()
 
     def _may_be_dropped(self, line: bytes) -> bool:
-        """Whether the begin of a line may be that of one that does not pass."""
+        """Whether a line that begins like this may not pass, or not as it is."""
         text = _plain(line)
-        begins = (TRACEBACK, "[ERROR", *(BETWEEN if self._folded else ()))
+        begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._folded else ()))
         return not self._passing and any(begin.startswith(text) or text.startswith(begin) for begin in begins)
 
 

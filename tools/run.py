@@ -12,6 +12,7 @@ from typing import List
 
 import find_packages
 import gazebo_packages
+import rospkg
 
 # they make the workspace that would be sourced
 BUILDS = ("catkin_make", "catkin_make_isolated", "catkin", "cmake")
@@ -40,7 +41,9 @@ def with_path(words: List[str], caller: Path) -> List[str]:
 
 def launch_here(words: List[str], caller: Path) -> None:
     """Run roslaunch or rostest of files with the packages that these need."""
-    from launch import find_packages_for
+    from launch import find_packages_for, start_own_master
+
+    start_own_master()
 
     arguments = with_path(words[1:], caller)
     files = [word for word in arguments if Path(word).is_file()]
@@ -54,6 +57,14 @@ def launch_here(words: List[str], caller: Path) -> None:
         import roslaunch
 
         roslaunch.main(sys.argv)
+
+
+def warn_of_dependencies(words: List[str]) -> None:
+    """Warn of dependencies of a package that are no packages; `words` are those of rosrun."""
+    packages = rospkg.RosPack()
+    named = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]
+    for sentence in find_packages.dependency_sentences(named[:1]):
+        print(f"[dev] warning: {sentence}", file=sys.stderr, flush=True)
 
 
 def main() -> None:
@@ -70,6 +81,8 @@ def main() -> None:
         joined = gazebo_packages.join_copies(paths)
         paths = gazebo_packages.package_path(paths, joined.values())
         os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
+        if words[0] == "rosrun":
+            warn_of_dependencies(words)
     os.execvp(words[0], words)
 
 

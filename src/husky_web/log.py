@@ -12,6 +12,8 @@ from html import escape
 from itertools import accumulate
 from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional
 
+from husky_highlevel_controller.ros.refused_connection import shorten
+
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # lines kept
 EARLIER = 1000  # lines kept of those that were logged before this buffer was there
@@ -113,6 +115,7 @@ def lines_of_rosout(text: str) -> List[Line]:
 
 
 def _cut(text: str) -> str:
+    text = shorten(text)
     return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ..."
 
 

@@ -261,6 +261,44 @@ def test_an_own_launch_file_s_simulator_takes_arguments_and_repeated_tracebacks_
     assert ros.master("getParam", "/husky_simulator/x") == 3.5
 
 
+SLIPS = """#!/usr/bin/env python3
+import rospy
+from geometry_msgs.msg import TwistStamped
+rospy.init_node("drive")
+speed = rospy.get_param("~speed", 0.0)
+publisher = rospy.Publisher("/cmd_vel", TwistStamped, queue_size=1)
+while not rospy.is_shutdown():
+    publisher.publish(TwistStamped())
+    rospy.sleep(0.1)
+"""
+
+
+def test_slips_of_a_parameter_a_type_and_a_dependency_are_a_sentence_each(launch, ros, tmp_path):
+    node = '<node name="drive" pkg="mine" type="drive" output="screen"><param name="sped" value="1"/></node>'
+    text = f'<launch><include file="{SIMULATOR}" pass_all_args="true"/>{node}</launch>'
+    package = make_package(tmp_path / "src" / "mine", "mine", {"scripts/drive": SLIPS, "mine.launch": text})
+    manifest = package / "package.xml"
+    manifest.write_text(manifest.read_text().replace("</package>", "<depend>rosspy</depend></package>"))
+    launched = launch(package / "mine.launch", "gui:=false")
+    launched.says("depends on 'rosspy', which is not a package here: did you mean 'rospy'?")
+    launched.says("/husky_simulator cannot connect to /cmd_vel: topic types do not match")
+    launched.says("asked for the parameter /drive/speed, which is not set, but /drive/sped is set")
+    launched.says("/drive publishes geometry_msgs/TwistStamped on /cmd_vel, but /husky_simulator reads")
+    assert "message_definition" not in launched.output
+
+
+def test_nodes_of_this_package_and_tools_have_no_slips(launch, ros, tmp_path):
+    launched = launch("controller.launch", "gui:=false", "web:=true", "real_time_factor:=2")
+    launched.says("simulating")
+    ros.roslaunch("proximity_stop.launch")
+    ros.start("rosbag", "record", "-a", "-O", str(tmp_path / "all.bag"))
+    ros.start("rosparam", "get", "/")
+    launched.says("arrived after")
+    for words in ("asked for the parameter", "which no node", "no message arrives", "zero commands"):
+        assert words not in launched.output
+    assert ros.master("getUnreadParams") == []
+
+
 def master_answers(ros):
     try:
         return ros.master("getPid") > 0

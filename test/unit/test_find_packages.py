@@ -114,3 +114,16 @@ def test_each_launch_file_of_this_package_is_the_only_one_of_its_name():
     own = {file.name for file in (ROOT / "launch").iterdir()}
     others = [file for place in ("compat", "test", "examples") for file in (ROOT / place).rglob("*.launch")]
     assert [file for file in others if file.name in own] == []
+
+
+def test_a_misspelt_dependency_of_a_person_s_package_is_told_and_none_of_ours(tmp_path):
+    mine, course = package(tmp_path / "mine"), package(tmp_path / "husky_gazebo")
+    for folder in (mine, course):
+        depends = "<depend>rospy</depend><depend>sensor_msg</depend><depend>husky_gazebo</depend>"
+        text = MANIFEST.format(folder.name).replace("</name>", f"</name>{depends}")
+        (folder / "package.xml").write_text(text)
+    (told,) = find_packages.dependency_sentences([mine, mine, course, ROOT, ROOT / "compat" / "husky_gazebo"])
+    assert "'mine' depends on 'sensor_msg'" in told
+    assert "'sensor_msgs'?" in told
+    (mine / "package.xml").write_text("<package>")
+    assert find_packages.dependency_sentences([mine]) == []

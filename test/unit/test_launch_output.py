@@ -63,9 +63,18 @@ def test_other_tracebacks_pass_and_a_second_one_in_the_first():
     assert twice.count("1 times more") == 2
 
 
+@pytest.mark.parametrize("size", [1, 7, 10_000_000])
+def test_the_header_of_a_refused_connection_is_left_out(size):
+    header = {"callerid": "/sim", "topic": "/cmd_vel", "message_definition": "float64 x\n" * 50}
+    line = "\x1b[33m[WARN] [1, 2]: {}types differ{}\x1b[0m\n"
+    text = "before\n" + line.format("Could not process inbound connection: ", header) + "after\n"
+    assert folded(text, size) == f"before\n{line.format('/sim cannot connect to /cmd_vel: ', '')}after\n"
+
+
 @pytest.mark.parametrize(
     "text",
     [
+        "[WARN] [1, 2]: something\n[WARN] [1, 2]: Could not process inbound connection: but otherwise\n",
         "50 %\r100 %\r\nask: ",
         "[ERROR] [1, 2]: something else\n[ERROR] [1, 2]: something else\n",
         "[ERROR] [1, 2]: bad callback: <f>\nanother node's line\n",

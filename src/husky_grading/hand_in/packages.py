@@ -18,6 +18,7 @@ from husky_grading.isolation.files import (
     walk,
 )
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.dependencies import dependencies_of
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # inside of one hand-in
 MAX_MANIFEST = 1_000_000  # [bytes]
@@ -142,8 +143,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
             f"{path}: <name> is {shown}, which is not a valid name of a package: a letter, and at most 99 "
             "more letters, digits, _ and -"
         )
-    tags = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
-    return name, frozenset(str(node.text or "").strip() for tag in tags for node in root.iter(tag))
+    return name, frozenset(dependencies_of(root))
 
 
 def exercise_numbers(name: str) -> Set[int]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
+from husky_grading.hand_in.packages import NotMarkableError, read_manifest
 from husky_grading.isolation.files import create
 from husky_grading.isolation.own_files import Own
 from husky_grading.isolation.process import Process, ends
@@ -23,15 +24,43 @@ from husky_grading.submission import (
     read_events,
     starter,
 )
+from husky_highlevel_controller.dependencies import dependency_sentence, unknown_dependencies
 
+DEBIAN = Path("/usr/share")  # folder of Debian's packages, which need not be in ROS_PACKAGE_PATH
 LOAD_DEADLINE = 120.0  # [s] of wall time for launch files to be read
+
+
+def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
+    """Sentences on dependencies of a package that are misspelt names of packages of the workspace.
+
+    A name that is like no package is left to the build, because marking needs few packages of a course.
+    """
+    try:
+        name, needs = read_manifest(package / "package.xml")
+    except NotMarkableError:
+        return []
+    roots = {*_roots(workspace), COMPAT, DEBIAN, package.parent}
+    files = (
+        file for root in roots for pattern in ("package.xml", "*/package.xml") for file in root.glob(pattern)
+    )
+    known = {file.parent.name for file in files}
+    return [
+        dependency_sentence(finding)
+        for finding in unknown_dependencies(name, sorted(needs), known)
+        if finding.suggestion
+    ]
+
+
+def _roots(workspace: Workspace) -> List[Path]:
+    """Folders with packages."""
+    roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if root]
+    roots += [root for s in workspace.setups for root in (s.parent / "share", s.parents[1] / "src")]
+    return [*roots, *workspace.packages]
 
 
 def with_stand_ins(workspace: Workspace, own: Own) -> Workspace:
     """A workspace with the stand-ins of packages that are not installed; `own` is what these use."""
-    roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
-    roots += [root for s in workspace.setups for root in (s.parent / "share", s.parents[1] / "src")]
-    roots += workspace.packages
+    roots = _roots(workspace)
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
     return replace(workspace, packages=(*workspace.packages, *stand_ins), own=own)
 

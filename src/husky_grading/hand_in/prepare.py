@@ -31,7 +31,7 @@ from husky_grading.hand_in.packages import (
     open_hand_in,
     with_dependencies,
 )
-from husky_grading.hand_in.plan import plan, with_stand_ins
+from husky_grading.hand_in.plan import misspelt_dependencies, plan, with_stand_ins
 from husky_grading.isolation import private_network
 from husky_grading.isolation.files import copy, file_suffix, remove_tree, walk, write_whole
 from husky_grading.isolation.own_files import NAME, Own
@@ -83,6 +83,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
     rviz = find_setup(planned, submission.root, launch_file)
     others = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
+    if planned.package_path:
+        others += misspelt_dependencies(planned.package_path, submission.workspace)
     submission = replace(
         submission,
         nodes=planned.nodes,

@@ -6,7 +6,7 @@ In: the address of a ROS master. Out: topics with their nodes and types. Only th
 
 from __future__ import annotations
 
-from typing import Mapping, NamedTuple, Optional, Sequence
+from typing import List, Mapping, NamedTuple, Optional, Sequence
 
 from husky_highlevel_controller.xml_rpc import ask
 
@@ -36,3 +36,11 @@ def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
     uri = ask(master_uri, "lookupNode", CALLER, node)
     answer = ask(uri, "getPublications" if publishes else "getSubscriptions", CALLER) if uri else None
     return dict(answer or ())
+
+
+def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
+    """Return parameters that no node has read, as `./dev launch`'s master tells; none by another master.
+
+    Each has the node below whose name it is set, its name, and the one that the node asked for in vain.
+    """
+    return list(ask(master_uri, "getUnreadParams", CALLER) or ())

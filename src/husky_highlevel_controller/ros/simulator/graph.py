@@ -20,6 +20,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Mistake,
     mistake_sentence,
     second_publishers,
+    unread_parameters,
     wrong_topics,
     wrong_types,
 )
@@ -174,6 +175,7 @@ class GraphWatch:
             return self._kinds[key]
 
         yield from wrong_topics(graph)
+        yield from unread_parameters(self._master_uri)
         filter_node = self._filter_watch.filter_node if self._filter_watch else ""
         yield from (each for each in second_publishers(graph, simulator) if each.node != filter_node)
         yield from wrong_types(graph, simulator, kinds_of)

@@ -1,4 +1,4 @@
-"""Mistakes in the ROS graph: misspelt topics, wrong message types, and second publishers of a topic.
+"""Mistakes in the ROS graph: misspelt topics and parameters, wrong types, second publishers of a topic.
 
 In: the ROS graph. Out: findings, and a sentence for each. Only the standard library, for `./dev doctor`.
 """
@@ -7,11 +7,19 @@ from __future__ import annotations
 
 import os
 import re
-from difflib import SequenceMatcher
 from functools import partial
 from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
-from husky_highlevel_controller.ros.master_graph import SIMULATOR, Graph, Kinds, Nodes, read_graph, read_kinds
+from husky_highlevel_controller.ros.master_graph import (
+    SIMULATOR,
+    Graph,
+    Kinds,
+    Nodes,
+    read_graph,
+    read_kinds,
+    read_unread_parameters,
+)
+from husky_highlevel_controller.spelling import likeness
 
 # nodes that publish and subscribe to any topic by request, and the simulator with its many topics
 TOOLS = re.compile(
@@ -49,7 +57,15 @@ class SecondPublisher(NamedTuple):
     simulator: str
 
 
-Mistake = Union[WrongTopic, WrongType, SecondPublisher]
+class UnreadParameter(NamedTuple):
+    """Parameter below a node's name that no node has read, and a like one that the node asked for in vain."""
+
+    node: str
+    parameter: str
+    asked: str
+
+
+Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter]
 KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
@@ -85,6 +101,11 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
     ]
 
 
+def unread_parameters(master_uri: str) -> List[UnreadParameter]:
+    """Return what the master tells of parameters that no node has read; nothing if it does not know."""
+    return [UnreadParameter(*map(str, each[:3])) for each in read_unread_parameters(master_uri)]
+
+
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Topics of a graph that are probably mistakes.
 
@@ -116,6 +137,12 @@ def mistake_sentence(finding: Mistake) -> str:
             f"{finding.node} publishes {finding.topic}, which {finding.simulator} publishes too, so nodes "
             f"that read it mix up two sources: end {finding.node}, or remap its topic"
         )
+    if isinstance(finding, UnreadParameter):
+        return (
+            f"{finding.node} asked for the parameter {finding.asked}, which is not set, but "
+            f"{finding.parameter} is set and no node has read it: use one name in {finding.node} and in the "
+            "launch file"
+        )
     if finding.publishes:
         does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
     else:
@@ -145,11 +172,8 @@ def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
         return None  # topic of another robot, by number or by namespace
     if other.endswith(topic):
         return other.count("/") - topic.count("/"), 0.0
-    parts, other_parts = topic.strip("/").split("/"), other.strip("/").split("/")
-    if len(parts) != len(other_parts):  # front_scan for front/scan
-        parts, other_parts = ["_".join(parts)], ["_".join(other_parts)]
-    likeness = min(SequenceMatcher(None, *pair).ratio() for pair in zip(parts, other_parts))
-    return None if likeness < MIN_LIKENESS else (0, 1.0 - likeness)
+    unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), "/")
+    return None if unlikeness > 1.0 - MIN_LIKENESS else (0, unlikeness)
 
 
 def main() -> None:
@@ -158,7 +182,7 @@ def main() -> None:
     graph = read_graph(master_uri)
     if graph is None:
         return
-    findings: List[Mistake] = [*wrong_topics(graph)]
+    findings: List[Mistake] = [*wrong_topics(graph), *unread_parameters(master_uri)]
     nodes = {node for names in graph.publishers.values() for node in names}
     for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == SIMULATOR):
         findings += second_publishers(graph, simulator)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from packages import put
 
-from husky_grading.hand_in.plan import package_path, plan
+from husky_grading.hand_in.plan import misspelt_dependencies, package_path, plan
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.records import Launchable
 from husky_grading.submission import Event
@@ -71,3 +71,14 @@ def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_p
     assert made.nodes == ("p/t",), made
     assert made.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
     assert made.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("dependency", "is_told"), [("sensor_msg", True), ("sensor_msgs", False), ("no_such_package", False)]
+)
+def test_a_misspelt_dependency_is_told_with_the_package_that_is_meant(dependency, is_told, tmp_path):
+    put(tmp_path / "a" / "package.xml", f"<package><name>a</name><depend>{dependency}</depend></package>")
+    told = misspelt_dependencies(tmp_path / "a", Workspace(packages=(tmp_path,)))
+    assert len(told) == is_told
+    assert all("did you mean 'sensor_msgs'?" in sentence for sentence in told)
+    assert misspelt_dependencies(tmp_path / "none", Workspace()) == []

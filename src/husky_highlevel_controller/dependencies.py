@@ -1,0 +1,59 @@
+"""Dependencies in a package.xml that name no package of this machine, and the names that are probably meant.
+
+In: names of dependencies and of packages. Out: findings, and a sentence for each.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Collection, Iterable, List, NamedTuple
+
+from husky_highlevel_controller.spelling import nearest
+
+TAGS = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
+MIN_LIKENESS = 0.8  # sensor_msg is like sensor_msgs, but pcl_conversions is not like tf_conversions
+
+
+class UnknownDependency(NamedTuple):
+    """Dependency that is not a package here."""
+
+    package: str
+    dependency: str
+    suggestion: str  # name of the package that is most like it; empty if none is
+
+
+def dependencies_of(root: Any) -> List[str]:
+    """Return the names of the dependencies of a package.xml, by the root of its ElementTree."""
+    names = [str(node.text or "").strip() for tag in TAGS for node in root.iter(tag)]
+    return sorted({name for name in names if name})
+
+
+def unknown_dependencies(
+    package: str, dependencies: Iterable[str], known: Collection[str]
+) -> List[UnknownDependency]:
+    """Return the dependencies that are not packages.
+
+    A dependency may also be the name of a library of the system, which no list here has. These names have no
+    underscore (boost, eigen) or a hyphen (python3-numpy). They are found only if a package is like them.
+
+    Args:
+        package: name of the package that depends.
+        dependencies: names in its package.xml.
+        known: names of all packages.
+    """
+    found = []
+    for name in dependencies:
+        if name in known:
+            continue
+        suggestion = nearest(name, known, "_", MIN_LIKENESS) or ""
+        if suggestion or ("_" in name and "-" not in name):
+            found.append(UnknownDependency(package, name, suggestion))
+    return found
+
+
+def dependency_sentence(finding: UnknownDependency) -> str:
+    """Return a finding as a sentence."""
+    remedy = f"did you mean '{finding.suggestion}'?" if finding.suggestion else "correct it, or install it"
+    return (
+        f"the package.xml of '{finding.package}' depends on '{finding.dependency}', which is not a package "
+        f"here: {remedy}"
+    )

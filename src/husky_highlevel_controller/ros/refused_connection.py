@@ -1,0 +1,26 @@
+"""rospy's line on a connection with a wrong type of messages, shortened to one sentence.
+
+rospy 1.15.15 (tcpros_base.py) appends the whole header of the connection, with the definition of the message.
+In: a line of the log. Out: the line. Only the standard library, for `./dev launch`.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+
+BEGIN = "Could not process inbound connection: "
+_LINE = re.compile(rf"{BEGIN}(?P<reason>[^{{]*)(?P<header>\{{'.*'\}})")
+
+
+def shorten(line: str) -> str:
+    """Return a line with the node and the topic in place of the header; every other line as it is."""
+    found = _LINE.search(line)
+    if found is None:
+        return line
+    try:
+        header = ast.literal_eval(found["header"])
+        sentence = f"{header['callerid']} cannot connect to {header['topic']}: {found['reason']}"
+    except (ValueError, SyntaxError, KeyError, TypeError, MemoryError, RecursionError):
+        return line
+    return line[: found.start()] + sentence + line[found.end() :]
