@@ -47,8 +47,8 @@ def make_class(folder, *names):
             make_package(name, folder)
         else:
             make_package("attacks", folder, name)
-            launch = {"launch": f"{name}.launch"}
-            students[name] = launch if name in LAUNCH_FILES else {"arguments": [f"attack:={name}"]}
+            by_argument = {"launch": "attack.launch", "arguments": [f"attack:={name}"]}
+            students[name] = {"launch": f"{name}.launch"} if name in LAUNCH_FILES else by_argument
     (folder / "marking.yaml").write_text(yaml.safe_dump({"students": students}))
 
 
@@ -170,3 +170,6 @@ def test_in_a_class_with_attacks_the_others_get_what_they_get_alone(user, alone,
         assert points_of(rows[name]) == pytest.approx(points_of(alone[name]), abs=0.2), name
         assert rows[name]["state"] == alone[name]["state"]
     assert {rows[name]["total"] for name in ATTACKS} <= {"0", ""}
+    driven = {name for name in ATTACKS if rows[name]["total"]}
+    assert {name for name in driven if points_of(rows[name])[:2] != [0.0, 0.0]} == set(), "for a person"
+    assert {*driven, *LAUNCH_FILES} == set(ATTACKS), "attack.launch is started, whatever else would fit"

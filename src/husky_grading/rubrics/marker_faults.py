@@ -18,7 +18,6 @@ MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
 IMAGE_SLOPE = 0.1  # [m/m], error by distance at which a marker is still at an image of the pillar
 EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
 THERE = 0.15  # [m], from a place at which a marker is
-ALONG = 0.35  # [m], of a distance that is right
 OUT_OF_THE_WORLD = 1e6  # [m], of a coordinate: a number of no meaning
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
 HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
@@ -64,14 +63,14 @@ class Seen(NamedTuple):
 
 
 def find_fault(
-    recording: Recording, wrong: Sequence[MarkerSample], are_all: bool, rules: Rules
+    recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
 ) -> Optional[Kind]:
     """The kind of fault that most wrong markers have; None if none is known.
 
     Args:
         recording: of the drive.
         wrong: markers, at least one.
-        are_all: no other marker came.
+        share: of all markers that came, 0 to 1.
         rules: of the rubric.
     """
     if _mostly([not marker.finite for marker in wrong]):
@@ -82,7 +81,7 @@ def find_fault(
     mount = load_robot(recording.robot).lidar_mount
     if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
         is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
-        return Kind.NO_RETURN if is_blind and not are_all else Kind.AT_ORIGIN
+        return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
     seen = off_axis(recording, wrong, rules)
     if seen:
         ahead = 0.0 if wrong[0].frame == "base_link" else mount.x
@@ -100,7 +99,10 @@ def find_fault(
                 )
                 for sign in (1.0, -1.0)
             ),
-            Kind.OTHER_BEAM: lambda each: abs(hypot(each.x, each.y) - each.distance) <= ALONG,
+            # one that is right for most of the time takes the nearest beam, but places it at a wrong moment
+            Kind.OTHER_BEAM: lambda each: (
+                share >= 0.5 and _is_on_another_beam(each, recording.pillar_size.radius)
+            ),
         }
         for kind, test in tests.items():
             if _mostly([test(each) for each in seen]):
@@ -121,6 +123,14 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
         for marker in wrong
         if not marker.problem and is_off_axis(recording, marker.at, rules)
     ]
+
+
+def _is_on_another_beam(seen: Seen, radius: float) -> bool:
+    """Return whether a marker is as far away as a pillar of this radius [m], but rather aside."""
+    distance = hypot(seen.x, seen.y)
+    along = max(abs(distance - seen.distance) - radius, 0.0)
+    across = abs(seen.y * cos(seen.bearing) - seen.x * sin(seen.bearing))
+    return along <= THERE and across > 2.0 * along
 
 
 def _mostly(tests: Sequence[bool]) -> bool:

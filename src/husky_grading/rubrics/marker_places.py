@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from math import ceil
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from math import ceil, pi
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -37,6 +37,15 @@ TOUCHING = 0.5  # score of such a shape
 MOST = 0.5  # of what is drawn in a namespace must be right at a moment
 MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
 ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
+LONGEST = 0.2  # [s], the most that one moment counts: two scans of the slowest lidar
+
+
+class Moment(NamedTuple):
+    """Moment at which a marker came."""
+
+    at: float  # [s]
+    seconds: float  # [s] until the next moment, at most LONGEST
+    score: float  # score that most of what is drawn has, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         return Placement(0.0, f"{name}: deleted as soon as it comes", first.at, Kind.DELETED)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
-    full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
+    full = _share(moments, 1.0)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
     evidence = f"{name}: right {100.0 * full:.0f} % of the time"
     evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
@@ -95,7 +104,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         parts = [f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items()]
         evidence += f"; near enough for points: {', '.join(parts)}"
     all_wrong = [marker for marker in added if scores[id(marker)] < 1.0]
-    fault = find_fault(recording, all_wrong, len(all_wrong) == len(added), rules)
+    fault = find_fault(recording, all_wrong, len(all_wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
         score = min(score, 0.5) if len(off_axis(recording, all_wrong, rules)) >= FEW else score
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
@@ -114,15 +123,20 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     return Placement(score, evidence, wrong.at, fault)
 
 
-def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
-    """(when [s], score that most of what is drawn has), for each moment at which something came."""
+def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Moment]:
+    """Return each moment at which something came and something is drawn.
+
+    A moment counts for its time, because a busy machine loses some markers and delays others.
+    """
     begins, ends, ordered = _drawn(markers, scores)
-    moments = []
+    times, found = [], []
     for at in np.unique(begins):
         drawn = ordered[(begins <= at) & (at < ends)]
         if len(drawn):
-            moments.append((float(at), float(drawn[-ceil(MOST * len(drawn))])))
-    return moments
+            times.append(float(at))
+            found.append(float(drawn[-ceil(MOST * len(drawn))]))
+    gaps = np.minimum(np.diff(times), LONGEST).tolist()
+    return list(map(Moment, times, [*gaps, gaps[-1] if gaps else LONGEST], found))
 
 
 def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndarray:
@@ -143,31 +157,42 @@ def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndar
     return np.array(sorted(rows, key=lambda row: row[2])).T
 
 
-def _by_axis(
-    recording: Recording, moments: Sequence[Tuple[float, float]], rules: Rules
-) -> Dict[str, List[float]]:
-    """Scores of the moments with the pillar off the robot's axis, and on it; a few make no group."""
-    aside: List[float] = []
-    ahead: List[float] = []
-    for at, score in moments:
-        (aside if is_off_axis(recording, at, rules) else ahead).append(score)
+def _by_axis(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
+    """Moments with the pillar ahead, on the robot's axis, and all others; a few make no group."""
+    aside: List[Moment] = []
+    ahead: List[Moment] = []
+    for moment in moments:
+        is_behind = abs(pillar_from_robot(recording, moment.at)[1]) > 0.5 * pi
+        (aside if is_behind or is_off_axis(recording, moment.at, rules) else ahead).append(moment)
     groups = {"with the pillar to the side": aside, "with it ahead": ahead}
     large = {where: group for where, group in groups.items() if len(group) >= FEW}
-    return large or {"": [score for _, score in moments]}
+    return large or {"": list(moments)}
 
 
-def _share(scores: Sequence[float]) -> float:
-    """Share of the scores that are not 0."""
-    return float(np.mean(np.array(scores) > 0.0))
+def _share(moments: Sequence[Moment], at_least: float = 0.0) -> float:
+    """Share of the time with a score of `at_least`, which is above 0 by default."""
+    right = [each.seconds for each in moments if each.score > 0.0 and each.score >= at_least]
+    return sum(right) / _seconds(moments)
 
 
-def _score(groups: Mapping[str, Sequence[float]]) -> float:
-    """Mean score of the markers, times the share of the time; on and off the axis count alike."""
-    scores = np.concatenate([list(group) for group in groups.values()])
-    if not scores.any():
+def _seconds(moments: Sequence[Moment]) -> float:
+    return sum(each.seconds for each in moments)
+
+
+def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
+    """Mean score of the markers, times the share of the time.
+
+    The moments with the pillar ahead, in which no sign of y is wrong, count half of it at most.
+    """
+    right = [moment for group in groups.values() for moment in group if moment.score > 0.0]
+    if not right:
         return 0.0
-    share = float(np.mean([_share(group) for group in groups.values()]))
-    return float(scores[scores > 0.0].mean()) * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
+    mean = sum(each.seconds * each.score for each in right) / _seconds(right)
+    share, *others = [_share(group) for group in groups.values()]
+    if others:  # with the pillar to the side, and ahead
+        aside, ahead = map(_seconds, groups.values())
+        share += min(ahead / (aside + ahead), 0.5) * (others[0] - share)
+    return mean * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
 
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from drives import TO_PILLAR, drive, markers
 
 from husky_grading.exercises.exercise_3 import judge_place
+from husky_highlevel_controller.course import PILLARS
 
 
 def turning(place_of, frame="odom", **more):
@@ -47,3 +48,20 @@ def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code():
     assert near.hint.startswith("check header.frame_id")
     assert "base_link" not in near.hint
     assert "NaN" not in judge_place(turning(lambda x, y: (nan, y), problem="its alpha is 0")).hint
+
+
+def beside(x, y, angle):
+    """A place on the near side of the SMB's pillar, by the nearest beam or by one at an angle from it."""
+    distance = np.hypot(x, y) - PILLARS["smb"].radius
+    bearing = np.arctan2(y, x) + angle
+    return distance * np.cos(bearing), distance * np.sin(bearing)
+
+
+def test_a_marker_by_another_beam_is_named_beside_a_thick_pillar_and_one_by_the_nearest_beam_is_not():
+    wrong = judge_place(replace(turning(lambda x, y: beside(x, y, 0.2)), robot="smb"))
+    assert wrong.evidence.startswith("its distance is right, its angle is not; ")
+    right = judge_place(replace(turning(lambda x, y: beside(x, y, 0.0)), robot="smb"))
+    assert right.points == 20.0
+    late = judge_place(replace(turning(lambda x, y: beside(x, y, 0.2 if y > 3.0 else 0.0)), robot="smb"))
+    assert "its angle is not" not in late.evidence
+    assert late.hint.startswith("check header.frame_id and header.stamp")

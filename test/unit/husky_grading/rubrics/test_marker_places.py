@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 import pytest
-from drives import FULL_VIEW, GOOD, PERIOD, RIGHT, SCAN, WRONG, markers, sample, with_samples
+from drives import FULL_VIEW, GOOD, PERIOD, RIGHT, SCAN, WRONG, drive, markers, sample, with_samples
 
 from husky_grading.exercises.exercise_3 import judge_exercise_3, judge_place
 from husky_grading.records import Rules
@@ -95,6 +95,23 @@ def test_a_new_marker_for_each_scan_counts_by_all_that_is_drawn_whatever_tells_t
     item = judge_place(with_samples(drawn))
     assert item.points == points
     assert points or f"{len(drawn)} markers in " in item.evidence
+
+
+@pytest.mark.parametrize("lost", [0, 10, 3])
+def test_markers_that_a_busy_machine_loses_cost_no_point_of_one_that_turns_on_the_spot(lost):
+    """The lidar does not see what is behind it: the marker is wrong then, also on the axis."""
+    standing = drive((25.0, 0.0))
+    yaw = (standing.times + np.pi) % (2.0 * np.pi) - np.pi  # [rad], at 1 rad/s; the pillar is on the x axis
+    turning = replace(standing, poses=np.column_stack([standing.poses[:, :2], yaw]))
+    marked = markers(turning, lambda row: RIGHT if abs(yaw[row]) < 2.3 else WRONG, every=1)
+    kept = [
+        each
+        for row, each in enumerate(marked.markers)
+        if not (lost and row % lost == 0 and abs(yaw[row]) < 2.3)
+    ]
+    item = judge_place(replace(marked, markers=tuple(kept)))
+    assert item.points == pytest.approx(17.7, abs=0.1)
+    assert "73 % with the pillar to the side, 100 % with it ahead" in item.evidence
 
 
 def test_what_is_deleted_too_old_or_in_another_namespace_is_not_drawn_in_its_place():
