@@ -137,6 +137,20 @@ def test_the_first_touch_of_an_object_is_told_once(ros, tmp_path):
     assert launched.output.count("the robot touches") == 1
 
 
+def test_an_arrival_is_told_once_in_each_drive_of_a_node_that_does_not_say_so_itself(ros):
+    launched = ros.roslaunch("controller.launch", "naive:=true", "real_time_factor:=10")
+    launched.says("the robot has arrived after")
+    ros.call("/husky_simulator/reset")
+    wait_until(lambda: launched.output.count("the robot has arrived after") == 2, "it arrives again")
+
+
+def test_an_arrival_that_the_controller_announces_is_not_told_twice(ros):
+    launched = ros.roslaunch("controller.launch", "real_time_factor:=10")
+    launched.says("arrived after")
+    ros.start("rostopic", "echo", "-n", "100", "/front/scan/header/stamp").wait()
+    assert "the robot has arrived" not in launched.output
+
+
 def test_a_marker_in_a_frame_that_tf_does_not_know_is_told_with_the_one_that_is_meant(ros):
     launched = ros.roslaunch("simulator.launch", "real_time_factor:=0")
     ros.start(sys.executable, "-c", MARKS_IN_BASE_LASER)

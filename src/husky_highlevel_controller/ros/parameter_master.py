@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import threading
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 import rosmaster.master_api
 from rosgraph.names import resolve_name
@@ -72,6 +72,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         super().__init__(*arguments)
         self._requests: Dict[Request, bool] = {}
         self._requests_lock = threading.Lock()
+        self._unread: Optional[List[List[str]]] = None  # None if a request or a parameter has changed since
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
         """Answer as every master, and note it."""
@@ -100,16 +101,28 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     def setParam(self, caller_id: str, key: str, value: Any) -> Tuple[int, str, int]:  # noqa: N802
         """Answer as every master; a parameter that a node sets below its own name counts as read."""
         answer = super().setParam(caller_id, key, value)
+        self._forget_unread()
         if answer[0] == 1 and resolve_name(key, caller_id).startswith(f"{caller_id}/"):
             self._note(caller_id, key, True)
+        return answer
+
+    def deleteParam(self, caller_id: str, key: str) -> Tuple[int, str, int]:  # noqa: N802
+        """Answer as every master."""
+        answer = super().deleteParam(caller_id, key)
+        self._forget_unread()
         return answer
 
     def getUnreadParams(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
         """Tell the unread parameters: node, parameter, and the one that the node asked for."""
         with self._requests_lock:
-            requests = dict(self._requests)
-        names = self.param_server.get_param_names()
-        return 1, "", [list(each) for each in never_read(names, requests)]
+            if self._unread is None:
+                names = self.param_server.get_param_names()
+                self._unread = [list(each) for each in never_read(names, self._requests)]
+            return 1, "", self._unread
+
+    def _forget_unread(self) -> None:
+        with self._requests_lock:
+            self._unread = None
 
     def _note(self, caller_id: Any, key: Any, is_found: bool) -> None:
         if not (isinstance(caller_id, str) and isinstance(key, str) and key):
@@ -120,8 +133,10 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
             return
         request = Request(caller_id, name)
         with self._requests_lock:
-            if request in self._requests or len(self._requests) < MAX_REQUESTS:
+            is_new = self._requests.get(request) is not is_found
+            if is_new and (request in self._requests or len(self._requests) < MAX_REQUESTS):
                 self._requests[request] = is_found
+                self._unread = None
 
 
 def main() -> None:

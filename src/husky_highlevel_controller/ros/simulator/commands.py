@@ -35,6 +35,7 @@ class Commands:
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
         self._doubled: Set[str] = set()  # senders of a second command for one scan
+        self.driver = ""  # node that sent the last command that moves the robot
         self._mux = CommandMux(topics.velocity)
         self._is_refusing = False
         self._passed = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
@@ -77,6 +78,8 @@ class Commands:
     ) -> None:
         """Log what is found of the sender of a command for the first time."""
         sender = msg._connection_header["callerid"]
+        if stronger is None and twist != STOP:
+            self.driver = sender
         for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
             log = rospy.loginfo if finding.habit is Habit.DRIVES else rospy.logwarn
             log(habit_sentence(finding._replace(topic=rospy.resolve_name(topic))))

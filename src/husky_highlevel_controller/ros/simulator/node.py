@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from functools import partial
-from typing import Any, Callable, Optional, Set
+from typing import Any, Callable, List, Optional, Set
 
 import rosgraph
 import rospy
@@ -16,7 +17,8 @@ from std_srvs.srv import Empty, Trigger
 from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Snapshot, Vector3, World
-from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.master_graph import read_graph
+from husky_highlevel_controller.ros.node import contained, run_node
 from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
@@ -38,6 +40,13 @@ from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, loading
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices
+from husky_highlevel_controller.simulator.arrival_watch import (
+    Arrival,
+    ArrivalWatch,
+    Pillar,
+    arrival_sentence,
+    pillar_of,
+)
 from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.ground import FALL_DEPTH, with_ground
 from husky_highlevel_controller.simulator.models.description import CAMERA_FRAME, variables_without_effect
@@ -76,6 +85,9 @@ class SimulatorNode:
         world = self._read_world(start.world_name)
         self._fallen = False
         self._touched: Set[str] = set()  # names of objects
+        self._arrival = ArrivalWatch(config.robot.footprint)
+        # this node tells the arrival itself
+        self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
@@ -211,6 +223,8 @@ class SimulatorNode:
         self._notice_fall(snapshot.robot.pose_in_world.position)
         if snapshot.contacts:
             self._notice_touches(snapshot)
+        if snapshot.odometry is not None:
+            self._notice_arrival(snapshot)
         if snapshot.scan is not None:
             self._lead_limit.before_scan()
             self._lockstep.begin_scan()
@@ -249,6 +263,30 @@ class SimulatorNode:
             self._touched.add(name)
             if not self._publishers.truth_log.is_open:
                 rospy.loginfo(f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time")
+
+    def _notice_arrival(self, snapshot: Snapshot) -> None:
+        """Log an arrival in a thread of its own, because it asks the master first; not for a recorder."""
+        arrival = self._arrival.update(snapshot.true_state, self._pillars)
+        if arrival and not (self._has_arrival_exit or self._publishers.truth_log.is_open):
+            threading.Thread(target=self._tell_arrival, args=(arrival, self._commands.driver)).start()
+
+    @staticmethod
+    def _tell_arrival(arrival: Arrival, driver: str) -> None:
+        """Log an arrival, unless the node that drives announces its arrivals itself."""
+        with contained("the announcement of an arrival"):
+            graph = read_graph(rosgraph.get_master_uri())
+            if graph is None or f"{driver}/arrived" not in graph.publishers:
+                rospy.loginfo(arrival_sentence(arrival))
+
+    def _pillars(self) -> List[Pillar]:
+        places = [(body, self._simulation.pose_of(name)) for name, body in self._simulation.bodies.items()]
+        pillars = (pillar_of(body, *pose.position[:2]) for body, pose in places)
+        return [pillar for pillar in pillars if pillar]
+
+    def _forget_touches(self) -> None:
+        """Begin again with touches and arrivals, because the robot was put elsewhere."""
+        self._touched.clear()
+        self._arrival.forget()
 
     def _serve_during_step(self) -> None:
         """Serve calls and new subscribers while lockstep waits."""
@@ -293,7 +331,7 @@ class SimulatorNode:
     def _reset(self, _request: Any) -> str:
         self._simulation.reset()
         self._commands.forget()
-        self._touched.clear()
+        self._forget_touches()
         return f"the world is as at the start; time continues from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
@@ -303,13 +341,13 @@ class SimulatorNode:
         world = self._read_world(request.world_name)
         self._simulation.load_world(world)
         self._commands.forget()
-        self._touched.clear()
+        self._forget_touches()
         rospy.set_param("~world_name", request.world_name)  # other nodes can look up the world
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self, _request: Any) -> str:
         self._simulation.reset_poses()
-        self._touched.clear()
+        self._forget_touches()
         return "the robot and every object are back at their first poses"
 
     def _step(self, request: srv.StepWorldRequest) -> str:

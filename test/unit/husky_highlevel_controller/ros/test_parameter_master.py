@@ -86,6 +86,15 @@ def test_a_parameter_that_was_read_is_told_no_more(node, method, name, master):
     assert unread_parameters(uri) == []
 
 
+def test_a_parameter_that_was_deleted_is_told_no_more(master):
+    uri = master()
+    launched(uri, "/drive/sped")
+    asks(uri, "/drive", GETS, "/drive/speed")
+    assert unread_parameters(uri)
+    ask(uri, "deleteParam", "/rosparam", "/drive/sped")
+    assert unread_parameters(uri) == []
+
+
 @pytest.mark.parametrize("tool", ["/rosparam-12", "/roslaunch", "/rqt_gui_py_node_1", "/husky_simulator"])
 def test_a_tool_that_reads_everything_is_no_reader(tool, master):
     uri = master()

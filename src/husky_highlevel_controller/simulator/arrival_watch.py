@@ -1,0 +1,102 @@
+"""Arrival of the robot at a pillar, whatever node drives it.
+
+In: true motion of the robot, pillars. Out: an arrival, once until the robot is far from the pillar again.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Callable, Iterable, List, NamedTuple, Optional
+
+import numpy as np
+
+from husky_highlevel_controller.course import REACHED, STANDS
+from husky_highlevel_controller.datatypes import Body, Cylinder, TrueState
+from husky_highlevel_controller.footprint import Footprint
+from husky_highlevel_controller.geometry import pose_to_2d
+
+STANDING_TIME = 0.5  # [s] time that an arrived robot stands
+AWAY = 1.0  # [m] gap to the pillar at which the robot may arrive there again
+PERIOD = 0.5  # [s] simulated time between two looks whether it is away
+
+
+class Pillar(NamedTuple):
+    """Upright cylinder in the world."""
+
+    name: str
+    x: float  # [m] position of its axis
+    y: float  # [m]
+    radius: float  # [m]
+
+
+class Arrival(NamedTuple):
+    """Robot that has come to stand at a pillar."""
+
+    stamp: float  # [s] simulated time since which it stands
+    pillar: str
+    gap: float  # [m] between the outline of the robot and the surface of the pillar
+
+
+class ArrivalWatch:
+    """Memory of whether the robot has driven, stands, and where it has arrived."""
+
+    def __init__(self, footprint: Footprint) -> None:
+        """Begin with a robot that has not driven; `footprint` is its outline."""
+        self._footprint = footprint
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin again, because the robot was put elsewhere."""
+        self._has_driven, self._stands_since = False, inf
+        self._arrived_at: Optional[str] = None  # name of the pillar
+        self._look_due = -inf  # [s]
+
+    def update(self, state: TrueState, pillars: Callable[[], Iterable[Pillar]]) -> Optional[Arrival]:
+        """Take in the motion of the robot; return an arrival when it has stood for STANDING_TIME.
+
+        `pillars` is called only when it is needed.
+        """
+        if max(abs(state.speed), abs(state.yaw_rate)) > STANDS:
+            self._has_driven, self._stands_since = True, inf
+            if self._arrived_at is not None and state.stamp >= self._look_due:
+                self._look_due = state.stamp + PERIOD
+                own = [each for each in pillars() if each.name == self._arrived_at]
+                if min(self._gaps(state, own), default=inf) > AWAY:
+                    self._arrived_at = None
+            return None
+        self._stands_since = min(self._stands_since, state.stamp)
+        if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
+            return None
+        self._has_driven = False  # one look each time that it stands
+        around = list(pillars())
+        gaps = self._gaps(state, around)
+        if not gaps or min(gaps) > REACHED:
+            return None
+        pillar = around[int(np.argmin(gaps))].name
+        if pillar == self._arrived_at:
+            return None
+        self._arrived_at = pillar
+        return Arrival(self._stands_since, pillar, max(0.0, min(gaps)))
+
+    def _gaps(self, state: TrueState, pillars: List[Pillar]) -> List[float]:
+        """Gaps between the robot and pillars [m]."""
+        pose = np.array([pose_to_2d(state.pose_in_world)])
+        return [
+            float(self._footprint.gaps(pose, np.array([each.x, each.y]), each.radius)[0]) for each in pillars
+        ]
+
+
+def pillar_of(body: Body, x: float, y: float) -> Optional[Pillar]:
+    """Return a body at a position [m] as a pillar, or None if it is not a single cylinder."""
+    shapes = [geometry.shape for geometry in body.collisions]
+    if len(shapes) == 1 and isinstance(shapes[0], Cylinder):
+        return Pillar(body.name, x, y, shapes[0].radius)
+    return None
+
+
+def arrival_sentence(arrival: Arrival) -> str:
+    """Return an arrival as a sentence for the log."""
+    return (
+        f"the robot has arrived after {arrival.stamp:.2f} s of simulated time: it stands {arrival.gap:.3f} m "
+        f"from '{arrival.pillar}'"
+    )
