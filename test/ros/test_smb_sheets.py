@@ -11,7 +11,8 @@ NAME = "smb_highlevel_controller"
 INCLUDE = '<include file="$(find smb_gazebo)/launch/smb_gazebo.launch">'
 # exercise 1: the world is changed to one of Gazebo's own
 FOOTBALL = f"""<launch>{INCLUDE}
-  <arg name="world_file" value="/usr/share/gazebo-11/worlds/robocup14_spl_field.world"/></include></launch>"""
+  <arg name="world_file" value="/usr/share/gazebo-11/worlds/robocup14_spl_field.world"/>
+  <arg name="z" value="0.7"/></include></launch>"""
 # exercises 2 and 3: the student's node with its parameter file, the laser, the world, the heights of the scan
 PILLAR = f"""<launch>{INCLUDE}
     <arg name="world_file" value="$(find smb_highlevel_controller)/worlds/singlePillar.world"/>
@@ -95,13 +96,15 @@ def theirs(tmp_path):
 
 def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(theirs, launch, ros):
     # the course's own copy of smb_gazebo gives way where there is no Gazebo
-    spawn = '<launch><arg name="world_file"/><node name="x" pkg="gazebo_ros" type="spawn_model"/></launch>'
+    node = '<node name="x" pkg="gazebo_ros" type="spawn_model"/>'
+    spawn = f'<launch><arg name="world_file"/><arg name="z"/>{node}</launch>'
     copy = theirs.parent / "smb_common" / "smb_gazebo"
     make_package(copy, "smb_gazebo", {"launch/smb_gazebo.launch": spawn})
     path = os.pathsep.join([str(theirs.parent), os.environ["ROS_PACKAGE_PATH"]])
     launched = launch(theirs / "launch" / "football.launch", ROS_PACKAGE_PATH=path)
     launched.says("there is no world /usr/share/gazebo-11/worlds/robocup14_spl_field.world; taking ")
     launched.says("simulating")
+    assert ros.master("getParam", "/husky_simulator/z") == 0.7
     topics = {name for name, _ in ros.master("getPublishedTopics", "")}
     assert {"/odometry/filtered", "/imu0", "/rslidar_points", "/joint_states", "/tf", "/clock"} <= topics
     assert "pointcloud_to_laserscan" in str(ros.master("getSystemState"))
