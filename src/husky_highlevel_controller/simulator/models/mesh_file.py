@@ -13,17 +13,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Tuple
 from urllib.parse import unquote, urlsplit
+from xml.etree import ElementTree
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import HuskyError, TriangleMesh
 from husky_highlevel_controller.meshes import make_mesh, simplified
 from husky_highlevel_controller.paths import search_path
+from husky_highlevel_controller.simulator.models.collada_size import SceneSize, scene_size
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
 ENDINGS = (".dae", ".stl", ".obj")
 MAX_BYTES = 50_000_000  # size of a file
 MAX_BYTES_IN_ALL = 200_000_000  # size of all files of a world
+MAX_NODES = 20_000  # nodes of a .dae file, instances among them
+MAX_TRIANGLES = 3_000_000  # triangles of a .dae file, with those of instances
 MAX_FACES = 100_000  # faces of a file; a mesh with more is made coarser
 
 
@@ -81,10 +85,14 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
     try:
         data = read_bytes(path)
         if ending == ".dae":
-            unit = _unit_of(data, path)  # checks the XML, too
+            document = parse_xml(data, str(path))
+            unit = _unit_of(document)
+            _check_size(scene_size(document))
         options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
         scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
         vertices, faces = _parts_of(scene, part)
+    except MeshError:
+        raise
     except WorldError as error:
         raise MeshError(f"cannot be read: {error}") from None
     except Exception as error:  # a mesh file may be broken in as many ways as its reader has errors
@@ -99,9 +107,17 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
     return mesh
 
 
-def _unit_of(data: bytes, path: Path) -> float:
-    """Length of a COLLADA file's unit [m]. Raises WorldError on invalid or unsafe XML."""
-    unit = parse_xml(data, str(path)).find("{*}asset/{*}unit")
+def _check_size(size: SceneSize) -> None:
+    """Raise MeshError for a scene whose instances would take too much time and memory."""
+    if size.nodes > MAX_NODES:
+        raise MeshError(f"has more than {MAX_NODES} nodes if each of its instances counts")
+    if size.corners > 3 * MAX_TRIANGLES:
+        raise MeshError(f"has more than {MAX_TRIANGLES} triangles if each of its instances counts")
+
+
+def _unit_of(document: ElementTree.Element) -> float:
+    """Length of a COLLADA file's unit [m]."""
+    unit = document.find("{*}asset/{*}unit")
     length = float("nan" if unit is None else unit.get("meter", "nan"))
     return length if 0.0 < length < float("inf") else 1.0
 

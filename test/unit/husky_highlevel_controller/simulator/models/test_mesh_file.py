@@ -54,6 +54,45 @@ def test_a_dae_counts_in_its_unit_with_the_places_of_its_nodes(tmp_path):
     assert size_of(part) == pytest.approx((0.1, 0.1, 0.0))
 
 
+def bomb(levels, inmost):
+    """A file whose nodes have two instances of the next one each."""
+    twice = (
+        '<node id="n{0}"><instance_node url="#n{1}"/>'
+        '<node><translate>0 0 {2}</translate><instance_node url="#n{1}"/></node></node>'
+    )
+    nodes = "".join(twice.format(n, n + 1, 2 ** (n % 50)) for n in range(levels)) + inmost
+    scene = COLLADA.replace(
+        "<library_visual_scenes>", f"<library_nodes>{nodes}</library_nodes><library_visual_scenes>"
+    )
+    return scene.replace('<node name="a">', '<node name="a"><instance_node url="#n0"/>')
+
+
+@pytest.mark.parametrize(
+    ("levels", "inmost", "words"),
+    [
+        (40, '<node id="n40"/>', "has more than 20000 nodes"),
+        (5000, '<node id="n5000"/>', "a mesh cannot be read: RecursionError"),
+        (
+            12,
+            f"""<node id="n12">{'<instance_geometry url="#a-mesh"/>' * 800}</node>""",
+            "more than 3000000 triangles",
+        ),
+        (1, '<node id="n1"><instance_node url="#n0"/></node>', "node 'n0' contains itself"),
+    ],
+)
+def test_a_dae_whose_instances_no_memory_holds_is_left_out(levels, inmost, words, tmp_path, caplog):
+    (tmp_path / "bomb.dae").write_text(bomb(levels, inmost))
+    (body,) = load_world(world(tmp_path, walls("bomb.dae"))).bodies
+    assert not body.collisions
+    assert any(words in message and "bomb.dae" in message for message in caplog.messages), caplog.messages
+
+
+def test_a_dae_with_a_few_instances_has_the_triangles_of_each(tmp_path):
+    (tmp_path / "house.dae").write_text(bomb(3, '<node id="n3"><instance_geometry url="#a-mesh"/></node>'))
+    (body,) = load_world(world(tmp_path, walls("house.dae"))).bodies
+    assert len(body.collisions[0].shape.faces) == 8 + 1, "the one of node a is there twice"
+
+
 COLLADA = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
 <asset><unit name="centimeter" meter="0.01"/><up_axis>Y_UP</up_axis></asset>
