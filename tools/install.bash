@@ -252,7 +252,7 @@ complete_venv() {
 
 build_workspace() {
   local package=$workspace/src/husky_highlevel_controller entry log=$state/build.log
-  local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* src/*/__init__.py src/*/controller/control.py src/*/controller/pillar_detection.py)
+  local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* compat/gazebo_msgs/*.* compat/gazebo_msgs/*/* src/*/__init__.py src/*/controller/control.py src/*/controller/pillar_detection.py)
   # a folder of links rather than one link: rosrun searches the package, and must not find .dev in it
   mkdir -p "$package"
   # those of what is gone, and those that a moved or copied clone has brought along

@@ -43,6 +43,7 @@ from roslaunch import substitution_args
 from husky_highlevel_controller.ros.restart import display_problem
 
 MASTER_TIMEOUT = 3.0  # [s] of wall time for a connection to a master elsewhere
+GAZEBO_MESSAGES = "share/gazebo_msgs/python"  # end of the path of the messages that compat/ brings
 OWN_RVIZ, WINDOW = "husky_rviz", "gazebo_gui"  # RViz nodes of this package's launch files
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
 TERMINALS = {
@@ -163,7 +164,9 @@ def hide_own_package() -> None:
     own = str(PACKAGE_FOLDER / ".dev")
     for variable in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH", "PYTHONPATH"):
         paths = os.environ.get(variable, "").split(os.pathsep)
-        os.environ[variable] = os.pathsep.join(path for path in paths if path and not path.startswith(own))
+        messages = [path for path in paths if path.endswith(GAZEBO_MESSAGES)]
+        others = [path for path in paths if path and not path.startswith(own)]
+        os.environ[variable] = os.pathsep.join([*others, *messages])
 
 
 def find_packages_for(file: Path) -> Path:

@@ -130,6 +130,7 @@ class Body:
     visuals: Tuple[Geometry, ...]  # shapes for display
     mass: float = 0.0  # [kg]; 0 = static, never moves
     model: str = ""  # bodies of one model pass through one another; empty if the body hits all others
+    pose_model_in_body: Pose = IDENTITY  # frame of the outermost model that the body belongs to
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,14 @@ class WheelState(NamedTuple):
     angles: Tuple[float, ...]  # [rad], not wrapped
     speeds: Tuple[float, ...]  # [rad/s]
     efforts: Tuple[float, ...]  # [N m] torques of the motors
+
+
+class ModelMotion(NamedTuple):
+    """Pose and velocity of a model, all in one frame: the world, or another model."""
+
+    pose: Pose
+    velocity: Vector3 = (0.0, 0.0, 0.0)  # [m/s] velocity of the model's origin
+    angular_velocity: Vector3 = (0.0, 0.0, 0.0)  # [rad/s]
 
 
 class RobotState(NamedTuple):

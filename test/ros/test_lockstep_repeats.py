@@ -146,6 +146,38 @@ def test_a_controller_that_sleeps_by_simulated_time_repeats_itself_too(network, 
     assert [stamp for stamp in common if first[stamp] != second[stamp]] == []
 
 
+TELEPORT = """
+from gazebo_msgs.msg import ModelState
+from gazebo_msgs.srv import SetModelState
+
+rospy.wait_for_service("/gazebo/set_model_state")
+put = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
+
+
+def on_scan(scan):
+    scans.append(scan)
+    if len(scans) % 100 == 0:  # a new episode
+        state = ModelState(model_name="husky")
+        state.pose.position.x, state.twist.linear.x = -len(scans) / 100.0, 0.3
+        put(state)
+    steer(scan)
+
+
+rospy.Subscriber("front/scan", LaserScan, on_scan)
+rospy.spin()
+"""
+
+
+def test_episodes_that_begin_with_gazebo_s_set_model_state_repeat_themselves(network):
+    networks = network("first"), network("second")
+    with ThreadPoolExecutor() as side_by_side:
+        first, second = side_by_side.map(sleeping_drive, networks, [HEAD + TELEPORT] * 2)
+    common = sorted(first.keys() & second.keys())
+    assert len(common) > 250
+    assert min(float.fromhex(first[stamp].split()[0]) for stamp in common) < -2.5, "it was put there"
+    assert [stamp for stamp in common if first[stamp] != second[stamp]] == []
+
+
 STEPPING_CONTROLLER = """
 import threading
 

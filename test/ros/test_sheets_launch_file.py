@@ -4,6 +4,8 @@ import pytest
 import yaml
 from network import PACKAGE, make_package
 
+from husky_highlevel_controller.paths import share_folder
+
 PILLAR = """<sdf version="1.4"><world name="default">
   <include><uri>model://sun</uri></include><include><uri>model://ground_plane</uri></include>
   <model name="unit_cylinder"><pose>20 5 0.5 0 0 0</pose><link name="link"><collision name="collision">
@@ -41,6 +43,22 @@ rospy.init_node("controller")
 scan = rospy.wait_for_message(rospy.get_param("~scan_topic_name"), LaserScan)
 print("their package:", rospy.get_param("~greeting"), "in", scan.header.frame_id, flush=True)
 """
+TELEPORT = """#!/usr/bin/env python3
+import rospy
+from gazebo_msgs.msg import ModelState, ModelStates
+from gazebo_msgs.srv import SetModelState
+
+rospy.init_node("teleport")
+rospy.wait_for_service("/gazebo/set_model_state")
+state = ModelState(model_name="husky")
+state.pose.position.x = 2.0
+rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)(state)
+states = rospy.wait_for_message("/gazebo/model_states", ModelStates)
+print("models:", *states.name, "at %.2f" % states.pose[-1].position.x, flush=True)
+"""
+TELEPORTED = OLDER.replace(
+    "</launch>", '<node name="t" pkg="husky_highlevel_controller" type="teleport" output="screen"/></launch>'
+)
 
 
 @pytest.fixture
@@ -50,6 +68,8 @@ def theirs(tmp_path):
         "worlds/singlePillar.world": PILLAR,
         "config/default.yaml": "scan_topic_name: /front/scan\ngreeting: hello\n",
         "scripts/controller": CONTROLLER,
+        "scripts/teleport": TELEPORT,
+        "launch/teleport.launch": TELEPORTED,
         "launch/sheet.launch": SHEET,
         "launch/older.launch": OLDER,
     }
@@ -75,6 +95,14 @@ def test_the_older_launch_file_shows_the_football_field_with_the_laser_of_the_en
     assert ros.master("getParam", "/husky_simulator/world_name") == "worlds/robocup14_spl_field.world"
     assert ros.master("getParam", "/husky_simulator/laser_frame") == "rear_laser"
     assert "rear_laser" in ros.master("getParam", "/robot_description")
+
+
+def test_a_script_for_gazebo_s_services_moves_the_robot_by_launch_file_and_by_hand(theirs, launch, ros):
+    launched = launch(theirs / "launch" / "teleport.launch")
+    launched.says("ground_plane")
+    assert "husky at 2.00" in launched.output, launched.output
+    ran = ros.start(str(share_folder() / "dev"), "run", str(theirs / "scripts" / "teleport"))
+    ran.says("husky at 2.00")
 
 
 AS_PRINTED = """<launch>

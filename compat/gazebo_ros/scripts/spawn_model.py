@@ -20,7 +20,7 @@ from husky_highlevel_controller.srv import SpawnObject
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.simulator.models.own_description import VARIABLE, robot_of
+from husky_highlevel_controller.simulator.models.own_description import MODEL_VARIABLE, VARIABLE, robot_of
 
 SPAWN_HUSKY = Path(__file__).resolve().parents[2] / "husky_gazebo" / "scripts" / "spawn_husky"
 OWN = "/own_robot_description"  # parameter that takes the robot's URDF to the simulator's launch file
@@ -86,7 +86,7 @@ def main() -> None:
         raise SystemExit(f"spawn_model: '{given.model}': {error}") from None
     if robot is not None:
         rospy.set_param(OWN, xml)
-        os.environ[VARIABLE] = OWN
+        os.environ.update({VARIABLE: OWN, MODEL_VARIABLE: given.model})
         pose = [f"x:={given.x}", f"y:={given.y}", f"z:={given.z}", f"yaw:={given.Y}"]
         # the SMB's /scan is made of its cloud, by a node of its launch files
         scans = ["laser_topic:=husky_simulator/plane_scan"] * (robot == "smb")

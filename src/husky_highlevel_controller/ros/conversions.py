@@ -37,6 +37,7 @@ from husky_highlevel_controller.datatypes import (
     HuskyError,
     ImuSample,
     MagSample,
+    ModelMotion,
     Odometry,
     Pose,
     RobotState,
@@ -229,6 +230,17 @@ def pose_from_msg(msg: PoseMsg) -> Pose:
     """A pose in space, as it was sent: its numbers are not looked at."""
     p, q = msg.position, msg.orientation
     return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+
+
+def motion_to_msg(motion: ModelMotion) -> Tuple[PoseMsg, Twist]:
+    """A model's pose and velocity, in one frame."""
+    return pose_to_msg(motion.pose), Twist(Vector3(*motion.velocity), Vector3(*motion.angular_velocity))
+
+
+def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
+    """A model's pose and velocity, as they were sent: the numbers are not looked at."""
+    v, w = twist.linear, twist.angular
+    return ModelMotion(pose_from_msg(pose), (v.x, v.y, v.z), (w.x, w.y, w.z))
 
 
 # ---------------------------------------------------------------------------- IMU

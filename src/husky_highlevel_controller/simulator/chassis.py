@@ -11,6 +11,7 @@ from typing import List, Optional, Sequence, Tuple
 from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3, WheelState
 from husky_highlevel_controller.geometry import along_axes, axes_from_quat, compose, cross, dot, minus
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
+from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
@@ -49,6 +50,11 @@ class Chassis:
         """Put the robot somewhere else, at rest; PlacementError, and no change, if there is no room."""
         self._bullet.move_robot(pose_base_in_world)
         self._reset_contacts()
+
+    def push(self, velocity: Vector3, spin: Vector3) -> None:
+        """Give the robot a velocity of base_link [m/s] and a spin [rad/s], in the world; its wheels stand."""
+        self._bullet.set_velocity(ROBOT, velocity, spin)
+        self.observe()
 
     def on_ground(self, pose_on_ground: Pose) -> Pose:
         """Pose of base_link when the wheels stand on the xy plane of a pose."""

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import (
     Beams,
     Body,
+    ModelMotion,
     Pose,
     Pose2D,
     PowerState,
@@ -21,7 +22,7 @@ from husky_highlevel_controller.datatypes import (
     Twist2D,
     World,
 )
-from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
+from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d, rotate
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
@@ -120,7 +121,7 @@ class Simulation:
         self._equipment.drive.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
-        self._chassis.place(self._starting(), self._world.gravity)
+        self._chassis.place(self._landing(self._start), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
 
     def _standing(self, pose: Pose) -> Pose:
@@ -128,9 +129,9 @@ class Simulation:
         height = floor_height(self._objects.scene(), pose)
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
-    def _starting(self) -> Pose:
-        """Pose of base_link at the start: on the floor, or a little above it."""
-        standing, height = self._standing(self._start), self._start.position[2]
+    def _landing(self, wanted: Pose) -> Pose:
+        """Pose of base_link where it is wanted to be: on the floor, or up to MAX_DROP above it."""
+        standing, height = self._standing(wanted), wanted.position[2]
         x, y, z = standing.position
         return Pose((x, y, height), standing.quat_xyzw) if z < height <= z + MAX_DROP else standing
 
@@ -247,13 +248,39 @@ class Simulation:
             PlacementError: there is none of that name, or something stands there; then nothing changes.
         """
         if name == ROBOT:
-            self._move_robot(pose_in_world)
+            self._move_robot(self._standing(pose_in_world))
         else:
             self._objects.move(name, pose_in_world)
 
-    def _move_robot(self, pose_in_world: Pose) -> None:
+    @property
+    def models(self) -> List[str]:
+        """Names of the models in the world, and of the robot."""
+        return [*self._objects.models, ROBOT]
+
+    def motion_of(self, model: str) -> ModelMotion:
+        """Motion of a model or of the robot's base_link in the world; PlacementError if there is none."""
+        if model != ROBOT:
+            return self._objects.motion_of(model)
+        pose, velocity, spin = self._chassis.state
+        return ModelMotion(pose, rotate(pose.quat_xyzw, velocity), rotate(pose.quat_xyzw, spin))
+
+    def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
+        """Put a model, or the robot's base_link, somewhere else, with a velocity.
+
+        The robot falls to the floor from up to MAX_DROP above it; otherwise it stands on the floor.
+
+        Raises:
+            PlacementError: there is none of that name, or something stands there; then nothing changes.
+        """
+        if model != ROBOT:
+            self._objects.place_model(model, motion_in_world)
+            return
+        self._move_robot(self._landing(motion_in_world.pose))
+        self._chassis.push(motion_in_world.velocity, motion_in_world.angular_velocity)
+
+    def _move_robot(self, pose_base_in_world: Pose) -> None:
         world_in_odom = self.pose_world_in_odom
-        self._chassis.move(self._standing(pose_in_world))
+        self._chassis.move(pose_base_in_world)
         self._equipment.imu.restart()
         self._equipment.drive.reset()
         self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
@@ -266,4 +293,4 @@ class Simulation:
         """
         self._bullet.check_moves({**self._objects.initial_poses, ROBOT: self._standing(self._start)}, ROBOT)
         self._objects.reset_poses()
-        self._move_robot(self._start)
+        self._move_robot(self._standing(self._start))

@@ -7,9 +7,17 @@ from __future__ import annotations
 
 from typing import Callable, Dict, List, Mapping, Sequence, Tuple
 
-from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose, TriangleMesh
-from husky_highlevel_controller.geometry import compose
+from husky_highlevel_controller.datatypes import (
+    Body,
+    Geometry,
+    ModelMotion,
+    Plane,
+    Pose,
+    TriangleMesh,
+)
+from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.simulator.bullet.world import BulletWorld, PlacementError
+from husky_highlevel_controller.simulator.model_motion import velocity_at
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, make_scene
 
 
@@ -82,6 +90,45 @@ class WorldObjects:
         self._bullet.check_movable(name)
         self._bullet.check_moves({name: pose_in_world}, name)
         self._bullet.move_body(name, pose_in_world)
+        self._stale = True
+
+    @property
+    def models(self) -> List[str]:
+        """Names of the models, each once."""
+        return list(dict.fromkeys(name.split("::")[0] for name in self._bodies))
+
+    def motion_of(self, model: str) -> ModelMotion:
+        """Motion of a model in the world, by its first body; PlacementError if there is none of that name."""
+        members = self.members(model)
+        if not members:
+            raise self._unknown(model)
+        body = self._bodies[members[0]]
+        pose = compose(self.pose_of(body.name), body.pose_model_in_body)
+        if not body.collisions or body.mass == 0.0:
+            return ModelMotion(pose)
+        velocity, spin = self._bullet.velocity_of(body.name)
+        at_body = ModelMotion(self.pose_of(body.name), velocity, spin)
+        return ModelMotion(pose, velocity_at(at_body, pose.position), spin)
+
+    def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
+        """Put a model with all its bodies somewhere else, with a velocity, which static bodies do not take.
+
+        Raises:
+            PlacementError: there is none of that name, or something stands there; then nothing changes.
+        """
+        shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
+        solid = [name for name in self.members(model) if self._bodies[name].collisions]
+        if not solid:
+            raise PlacementError(f"'{model}' is only drawn, and stays where it is")
+        poses = {name: compose(shift, self.pose_of(name)) for name in solid}
+        for name in solid:
+            self._bullet.check_movable(name)
+            self._bullet.check_moves(poses, name)
+        for name, pose in poses.items():
+            self._bullet.move_body(name, pose)
+            if self._bodies[name].mass > 0.0:
+                velocity = velocity_at(motion_in_world, pose.position)
+                self._bullet.set_velocity(name, velocity, motion_in_world.angular_velocity)
         self._stale = True
 
     def reset_poses(self) -> None:

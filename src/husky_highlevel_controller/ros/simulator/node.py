@@ -24,6 +24,7 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import DepthCamera
+from husky_highlevel_controller.ros.simulator.gazebo_services import GazeboServices
 from husky_highlevel_controller.ros.simulator.graph import (
     GraphWatch,
     Partners,
@@ -99,7 +100,7 @@ class SimulatorNode:
         self._commands = Commands(config.robot, self._lockstep, self._lead_limit)
         self._registration = RegistrationWatch(self._commands.refuse)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
-        self._offer_services()
+        self._offer_services(config.robot.name)
         if vain := variables_without_effect(os.environ):
             rospy.logwarn("ignored by this simulator: %s", ", ".join(vain))
         rospy.loginfo(
@@ -235,6 +236,7 @@ class SimulatorNode:
         )
         tells_time = self._publishers.publish(snapshot, on_clock)
         self._publishers.publish_points(snapshot, self._simulation.points)
+        self._gazebo.publish(snapshot)
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
         if self._display:
@@ -305,8 +307,11 @@ class SimulatorNode:
         if delay > 0.0:
             time.sleep(delay)
 
-    def _offer_services(self) -> None:
+    def _offer_services(self, robot: str) -> None:
         self._world_services = WorldServices(self._simulation, self._calls)
+        # a submission that is graded must not read where everything truly is
+        steps = None if self._publishers.truth_log.is_open else self._publishers.state_steps
+        self._gazebo = GazeboServices(self._simulation, self._calls, robot, steps)
         self._display: Optional[WorldDisplay] = None
         if not self._publishers.truth_log.is_open:
             self._display = WorldDisplay(self._simulation, self._calls)

@@ -38,12 +38,12 @@ class Publishers:
     def __init__(self, config: SimulatorConfig, robot: RobotModel) -> None:
         """Raises HuskyError where a rate does not divide that of the physics."""
         topics = config.robot.topics
-        self._state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
+        self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         # a real base reports its wheels less often
         rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s] longest step of /clock
+        self._tick = gcd(self.state_steps, scan_steps) / config.physics_rate  # [s] longest step of /clock
         self._wheels = robot.wheels
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}  # all on /tf
         self.tells_time = bool(rospy.get_param("/use_sim_time", False))
@@ -98,7 +98,7 @@ class Publishers:
         The time goes first, then the robot's pose and the scan: a controller needs no more to answer it.
         `on_clock` is called when the time is out.
         """
-        odometry = snapshot.odometry if snapshot.step % self._state_steps == 0 else None
+        odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
         tells_time = odometry is not None or snapshot.scan is not None
         if odometry is not None:
             self.truth_log.write(snapshot)

@@ -69,11 +69,16 @@ class WorldServices:
             return srv.ListObjectsResponse(False, str(error), [], [])
 
 
+def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
+    """Bodies of an SDF model or a URDF, given as text; HuskyError if it cannot be simulated."""
+    if is_urdf(model_xml):
+        return [checked(parse_urdf_object(model_xml, name, pose_in_world))]
+    return [checked(body) for body in parse_model(model_xml, name, pose_in_world)]
+
+
 def _bodies_of(request: srv.SpawnObjectRequest, pose: Pose) -> List[Body]:
     name = request.model_name
-    if is_urdf(request.model_xml):
-        return [checked(parse_urdf_object(request.model_xml, name, pose))]
     if request.model_xml:
-        return [checked(body) for body in parse_model(request.model_xml, name, pose)]
+        return bodies_of_xml(request.model_xml, name, pose)
     size = request.size
     return [make_object(name, request.shape, (size.x, size.y, size.z), request.mass, pose)]

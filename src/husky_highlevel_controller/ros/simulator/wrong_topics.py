@@ -1,4 +1,4 @@
-"""Mistakes in the ROS graph: misspelt topics and parameters, wrong types, second publishers of a topic.
+"""Mistakes in the ROS graph: misspelt and absent topics, parameters, wrong types, second publishers.
 
 In: the ROS graph. Out: findings, and a sentence for each. Only the standard library, for `./dev doctor`.
 """
@@ -65,7 +65,22 @@ class UnreadParameter(NamedTuple):
     asked: str
 
 
-Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter]
+class AbsentTopic(NamedTuple):
+    """Node that uses a topic of Gazebo which the simulator does not have."""
+
+    node: str
+    topic: str
+    publishes: bool  # otherwise the node subscribes
+
+
+Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter, AbsentTopic]
+# topics of Gazebo that the simulator does not have, and what to use instead; {} is their namespace
+ABSENT = {
+    "link_states": "use {}/model_states, or TF for the links of the robot",
+    "performance_metrics": "see ./dev bench",
+    "set_link_state": "call the service {}/set_model_state",
+    "set_model_state": "call the service {}/set_model_state",
+}
 KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
@@ -106,6 +121,21 @@ def unread_parameters(master_uri: str) -> List[UnreadParameter]:
     return [UnreadParameter(*map(str, each[:3])) for each in read_unread_parameters(master_uri)]
 
 
+def absent_topics(graph: Graph) -> List[AbsentTopic]:
+    """Return the nodes that use a topic of Gazebo which no other side has."""
+    sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
+    return [
+        AbsentTopic(node, topic, publishes)
+        for publishes, own, others in sides
+        for topic in sorted(own)
+        if topic.rpartition("/")[0].endswith("/gazebo")
+        and topic.rpartition("/")[2] in ABSENT
+        and not others.get(topic)
+        for node in sorted(own[topic])
+        if not TOOLS.match(node)
+    ]
+
+
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Topics of a graph that are probably mistakes.
 
@@ -143,6 +173,11 @@ def mistake_sentence(finding: Mistake) -> str:
             f"{finding.parameter} is set and no node has read it: use one name in {finding.node} and in the "
             "launch file"
         )
+    if isinstance(finding, AbsentTopic):
+        namespace, _, name = finding.topic.rpartition("/")
+        does = "publishes" if finding.publishes else "subscribes to"
+        remedy = ABSENT[name].format(namespace)
+        return f"{finding.node} {does} {finding.topic}, which this simulator does not have: {remedy}"
     if finding.publishes:
         does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
     else:
@@ -182,7 +217,11 @@ def main() -> None:
     graph = read_graph(master_uri)
     if graph is None:
         return
-    findings: List[Mistake] = [*wrong_topics(graph), *unread_parameters(master_uri)]
+    findings: List[Mistake] = [
+        *wrong_topics(graph),
+        *absent_topics(graph),
+        *unread_parameters(master_uri),
+    ]
     nodes = {node for names in graph.publishers.values() for node in names}
     for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == SIMULATOR):
         findings += second_publishers(graph, simulator)

@@ -21,7 +21,14 @@ from husky_highlevel_controller.datatypes import (
     Pose,
     Vector3,
 )
-from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
+from husky_highlevel_controller.geometry import (
+    compose,
+    cross,
+    inverse,
+    minus,
+    rotate,
+    transform_point,
+)
 from husky_highlevel_controller.simulator.bullet.shapes import center_of, compound_shape
 
 ROBOT = "husky"  # name of the robot among the bodies
@@ -238,6 +245,22 @@ class BulletWorld:
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""
         return self._pose(self._ids[name][-1])
+
+    def velocity_of(self, name: str) -> Tuple[Vector3, Vector3]:
+        """Velocity of a body's origin [m/s] and its spin [rad/s], in the world."""
+        body_id = self._ids[name][-1]
+        velocity, spin = self._engine.getBaseVelocity(body_id)
+        return minus(velocity, cross(spin, self._arm(body_id))), spin
+
+    def set_velocity(self, name: str, velocity: Vector3, spin: Vector3) -> None:
+        """Give a body a velocity of its origin [m/s] and a spin [rad/s], in the world."""
+        body_id = self._ids[name][-1]
+        at_com = minus(velocity, cross(self._arm(body_id), spin))
+        self._engine.resetBaseVelocity(body_id, at_com, spin)
+
+    def _arm(self, body_id: int) -> Vector3:
+        """Vector from a body's origin to its centre of mass, in the world [m]."""
+        return rotate(self._pose(body_id).quat_xyzw, self._inertial_in_body[body_id].position)
 
     def _pose(self, body_id: int) -> Pose:
         position, quat = self._engine.getBasePositionAndOrientation(body_id)

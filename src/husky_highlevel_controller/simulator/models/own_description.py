@@ -14,6 +14,7 @@ from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.urdf import DescriptionError
 
 VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"  # names the parameter that holds a user's own robot description
+MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"  # name that spawn_model gives the robot among Gazebo's models
 
 
 def robot_of(text: str) -> Optional[str]:

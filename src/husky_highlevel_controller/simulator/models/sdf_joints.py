@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Dict, Iterator, List, Set
 
-from husky_highlevel_controller.datatypes import Body, Geometry, Pose
+from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
@@ -24,6 +24,7 @@ class Assembly:
     """Links, frames and joints of a model and of the models in it, by their full names."""
 
     name: str  # name of the model
+    pose_in_world: Pose = IDENTITY  # pose of the model
     links: Dict[str, Body] = field(default_factory=dict)
     frames: Dict[str, str] = field(default_factory=dict)  # frame, link or model to which each is attached
     joints: List[Node] = field(default_factory=list)
@@ -37,6 +38,11 @@ class Assembly:
 
     def bodies(self) -> Iterator[Body]:
         """Rigid bodies of the model, in the order of their first links."""
+        for body in self._rigid_bodies():
+            pose_model_in_body = compose(inverse(body.pose_in_world), self.pose_in_world)
+            yield replace(body, pose_model_in_body=pose_model_in_body)
+
+    def _rigid_bodies(self) -> Iterator[Body]:
         if all(body.mass == 0.0 for body in self.links.values()):
             yield from self.links.values()
             return

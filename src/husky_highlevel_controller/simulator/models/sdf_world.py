@@ -205,8 +205,6 @@ def _read_model(model: Model, parent: _Place) -> None:
         (model.include or node).note("a second model of one name is left out, as in Gazebo", name)
         return
     names.add(full_name)
-    if not parent.full_name:
-        assembly.name = full_name
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static, self_collide = model.child("static"), node.child("self_collide")
     me = _Place(
@@ -218,6 +216,8 @@ def _read_model(model: Model, parent: _Place) -> None:
         parent.self_collides or _is_set(self_collide),
         assembly,
     )
+    if not parent.full_name:
+        assembly.name, assembly.pose_in_world = full_name, me.pose_in_world
     links = list(node.children("link"))
     if not (links or node.child("model") or node.child("include")):
         node.note("a <model> without a <link> is left out")

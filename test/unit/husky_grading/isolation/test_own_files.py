@@ -49,17 +49,28 @@ READ = (
 NO_PROGRAM = CLONE / ".dev" / "ws" / "devel" / "lib" / NAME
 
 
-def readable(folder, own):
-    """Every file outside of the system that a program can read, sorted."""
+def printed(folder, own, code):
+    """What a program in Python prints."""
     folder.mkdir(exist_ok=True)
-    skipped = {sys.prefix, *(f"/{name}" for name in (*SYSTEM, "proc", "dev"))}
-    command = [sys.executable, "-c", WALK.format(skipped=skipped)]
+    command = [sys.executable, "-c", code]
     process = Process(command, folder / "log", dict(os.environ), folder, Workspace(own=own))
     try:
         assert wait(lambda: not process.running, 120.0)
     finally:
         end_all([process])
-    return [Path(path) for path in ast.literal_eval(process.output)]
+    return process.output
+
+
+def readable(folder, own):
+    """Every file outside of the system that a program can read, sorted."""
+    skipped = {sys.prefix, *(f"/{name}" for name in (*SYSTEM, "proc", "dev"))}
+    return [Path(path) for path in ast.literal_eval(printed(folder, own, WALK.format(skipped=skipped)))]
+
+
+def test_a_hand_in_imports_gazebo_s_messages_and_not_this_package(tmp_path):
+    imports = "import gazebo_msgs.srv as gazebo; print(gazebo.SetModelState.__name__)"
+    assert printed(tmp_path / "mine", Own.NOTHING, imports) == "SetModelState\n"
+    assert "No module named" in printed(tmp_path / "mine", Own.NOTHING, f"import {NAME}.msg")
 
 
 @needs_dev

@@ -7,8 +7,10 @@ import pytest
 
 from husky_highlevel_controller.ros.master_graph import Graph, read_graph
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
+    AbsentTopic,
     SecondPublisher,
     WrongType,
+    absent_topics,
     mistake_sentence,
     second_publishers,
     wrong_topics,
@@ -54,6 +56,33 @@ def test_a_slip_is_told_with_the_topic_that_was_meant(topic, kind, publishes, me
     told = mistake_sentence(finding)
     assert told.startswith(f"/walker {does} {topic}, which no node {other}: did you mean {meant}?")
     assert ("robot:=husky_melodic" in told) == (topic == "/scan"), "that robot's lidar is on it"
+
+
+@pytest.mark.parametrize(
+    ("topic", "publishes", "remedy"),
+    [
+        ("/gazebo/link_states", False, "use /gazebo/model_states, or TF"),
+        ("/gazebo/set_model_state", True, "call the service /gazebo/set_model_state"),
+        ("/robot1/gazebo/set_link_state", True, "call the service /robot1/gazebo/set_model_state"),
+    ],
+)
+def test_a_topic_of_gazebo_that_is_not_here_is_told_with_what_to_use(topic, publishes, remedy):
+    (finding,) = absent_topics(graph(("/walker", topic, "gazebo_msgs/LinkStates", publishes)))
+    assert finding == AbsentTopic("/walker", topic, publishes)
+    told = mistake_sentence(finding)
+    does = "publishes" if publishes else "subscribes to"
+    assert told.startswith(f"/walker {does} {topic}, which this simulator does not have: {remedy}")
+
+
+def test_topics_of_gazebo_that_are_here_or_another_node_s_are_no_mistakes():
+    node, kind = "/walker", "gazebo_msgs/ModelStates"
+    for others in (
+        [(node, "/gazebo/model_states", kind, False)],
+        [(node, "/link_states", kind, False)],
+        [(node, "/gazebo/link_states", kind, False), ("/gazebo", "/gazebo/link_states", kind, True)],
+        [("/rostopic_1", "/gazebo/link_states", kind, False)],
+    ):
+        assert not absent_topics(graph(*others))
 
 
 def test_a_robot_in_a_namespace_is_found_by_who_forgets_it():

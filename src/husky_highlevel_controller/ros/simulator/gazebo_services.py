@@ -1,0 +1,141 @@
+"""Gazebo's services and topic for models, answered by the simulation."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Optional, Tuple
+
+import rospy
+from gazebo_msgs.msg import ModelStates
+from gazebo_msgs.srv import (
+    DeleteModel,
+    DeleteModelRequest,
+    GetModelState,
+    GetModelStateRequest,
+    GetModelStateResponse,
+    GetWorldProperties,
+    GetWorldPropertiesResponse,
+    SetModelState,
+    SetModelStateRequest,
+    SpawnModel,
+    SpawnModelRequest,
+)
+from geometry_msgs.msg import Twist
+
+from husky_highlevel_controller.datatypes import IDENTITY, HuskyError, ModelMotion, Snapshot
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
+from husky_highlevel_controller.ros.simulator.publishers import QUEUE, WORLD, publish_if_subscribed
+from husky_highlevel_controller.ros.simulator.world_services import bodies_of_xml
+from husky_highlevel_controller.simulator.bullet.world import ROBOT
+from husky_highlevel_controller.simulator.model_motion import checked_motion, in_world, seen_from
+from husky_highlevel_controller.simulator.models.own_description import MODEL_VARIABLE
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.spawn_request import ObjectError
+
+NAMES_OF_ROBOT = (ROBOT, "mobile_base")  # names by husky_gazebo; the second one until ROS Kinetic
+FRAMES_OF_WORLD = ("", WORLD, "map", "/map")  # names that Gazebo reads as the world
+
+
+class GazeboServices:
+    """Services for models under Gazebo's names, and the topic of all models' motions."""
+
+    def __init__(self, simulation: Simulation, calls: CallQueue, robot: str, steps: Optional[int]) -> None:
+        """Offer the services.
+
+        Args:
+            simulation: the simulation.
+            calls: the queue of calls to the simulation.
+            robot: name of the robot among the models, unless spawn_model gives it another one.
+            steps: physics steps between two messages; None for no topic.
+        """
+        self._simulation, self._calls = simulation, calls
+        self._robot = os.environ.get(MODEL_VARIABLE) or robot
+        calls.offer("gazebo/set_model_state", SetModelState, self._set_state)
+        calls.offer("gazebo/spawn_sdf_model", SpawnModel, self._spawn)
+        calls.offer("gazebo/spawn_urdf_model", SpawnModel, self._spawn)
+        calls.offer("gazebo/delete_model", DeleteModel, self._delete)
+        rospy.Service("gazebo/get_model_state", GetModelState, self._on_get_state)
+        rospy.Service("gazebo/get_world_properties", GetWorldProperties, self._on_get_properties)
+        self._states: Optional[rospy.Publisher] = None
+        if steps is not None:
+            self._steps = steps
+            self._states = rospy.Publisher("gazebo/model_states", ModelStates, queue_size=QUEUE)
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Publish the motions of all models, if they are due and somebody listens."""
+        if self._states and snapshot.step % self._steps == 0:
+            publish_if_subscribed(self._states, self._states_to_msg)
+
+    def _states_to_msg(self) -> ModelStates:
+        models = self._simulation.models
+        states = [conversions.motion_to_msg(self._simulation.motion_of(model)) for model in models]
+        return ModelStates(self._names(), [pose for pose, _ in states], [twist for _, twist in states])
+
+    def _names(self) -> list:
+        return [self._robot if model == ROBOT else model for model in self._simulation.models]
+
+    def _model(self, name: str, field: str) -> str:
+        """The simulation's name of a model; ObjectError if there is none."""
+        if name in (self._robot, *NAMES_OF_ROBOT):
+            return ROBOT
+        if name not in self._simulation.models:
+            raise ObjectError(f"{field} '{name}' is not one of {', '.join(self._names())}")
+        return name
+
+    def _frame(self, name: str, field: str) -> ModelMotion:
+        """Motion of a reference frame in the world."""
+        if name in FRAMES_OF_WORLD:
+            return ModelMotion(IDENTITY)
+        return self._simulation.motion_of(self._model(name, field))
+
+    def _set_state(self, request: SetModelStateRequest) -> str:
+        state = request.model_state
+        model = self._model(state.model_name, "model_name")
+        frame = self._frame(state.reference_frame, "reference_frame")
+        try:
+            motion = checked_motion(conversions.motion_from_msg(state.pose, state.twist))
+            self._simulation.place_model(model, in_world(motion, frame))
+        except HuskyError as error:
+            raise ObjectError(f"'{state.model_name}' stays where it is: {error}") from error
+        return f"'{state.model_name}' has moved"
+
+    def _spawn(self, request: SpawnModelRequest) -> str:
+        name = request.model_name
+        frame = self._frame(request.reference_frame, "reference_frame")
+        try:
+            motion = checked_motion(conversions.motion_from_msg(request.initial_pose, Twist()))
+            self._simulation.spawn(bodies_of_xml(request.model_xml, name, in_world(motion, frame).pose))
+        except HuskyError as error:
+            raise ObjectError(f"'{name}' is not spawned: {error}") from error
+        return f"'{name}' is there"
+
+    def _delete(self, request: DeleteModelRequest) -> str:
+        self._simulation.delete(self._model(request.model_name, "model_name"))
+        return f"'{request.model_name}' is gone"
+
+    def _read(self, work: Any, what: str) -> Tuple[Any, str]:
+        """Result of work in the simulation's thread, or None and the reason."""
+        try:
+            result = self._calls.call(work)
+        except HuskyError as error:
+            rospy.logwarn(f"refused: {error}")
+            return None, str(error)
+        self._calls.on_change(f"{what} was read")
+        return result, f"{what} was read"
+
+    def _on_get_state(self, request: GetModelStateRequest) -> GetModelStateResponse:
+        def read() -> Tuple[float, ModelMotion]:
+            motion = self._simulation.motion_of(self._model(request.model_name, "model_name"))
+            frame = self._frame(request.relative_entity_name, "relative_entity_name")
+            return self._simulation.stamp, seen_from(motion, frame)
+
+        result, sentence = self._read(read, f"the true state of '{request.model_name}'")
+        if result is None:
+            return GetModelStateResponse(success=False, status_message=sentence)
+        header = conversions.header(result[0], request.relative_entity_name)
+        return GetModelStateResponse(header, *conversions.motion_to_msg(result[1]), True, sentence)
+
+    def _on_get_properties(self, _request: Any) -> GetWorldPropertiesResponse:
+        stamp, names = self._calls.call(lambda: (self._simulation.stamp, self._names()))
+        return GetWorldPropertiesResponse(stamp, names, False, True, f"{len(names)} models")

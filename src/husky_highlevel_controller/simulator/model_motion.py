@@ -1,0 +1,61 @@
+"""Motion of models in frames of other models, as Gazebo's services give it.
+
+In: poses and velocities in one frame. Out: the same in another frame.
+"""
+
+from __future__ import annotations
+
+from math import hypot, isfinite
+
+from husky_highlevel_controller.datatypes import IDENTITY, ModelMotion, Pose, Vector3
+from husky_highlevel_controller.geometry import compose, cross, inverse, minus, quat_inverse, rotate
+from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked_pose
+
+MAX_SPEED = 100.0  # [m/s] and [rad/s] largest component of a velocity; the engine steps 5 ms
+
+
+def checked_motion(motion: ModelMotion) -> ModelMotion:
+    """Return the motion with a unit quaternion, which stands for zeros too, as in Gazebo.
+
+    Raises:
+        ObjectError: the pose is too far away, the model too fast, or a number is not finite.
+    """
+    length = hypot(*motion.pose.quat_xyzw)
+    quat = IDENTITY.quat_xyzw
+    if length > 0.0 or not isfinite(length):
+        x, y, z, w = (value / length for value in motion.pose.quat_xyzw)
+        quat = (x, y, z, w)
+    for value in (*motion.velocity, *motion.angular_velocity):
+        if not abs(value) <= MAX_SPEED:  # NaN fails this comparison too
+            raise ObjectError(f"twist {value:g} is not within {-MAX_SPEED:g}..{MAX_SPEED:g} m/s or rad/s")
+    return motion._replace(pose=checked_pose(Pose(motion.pose.position, quat)))
+
+
+def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
+    """Return a motion in the world.
+
+    As Gazebo computes it, so a velocity is over the ground, also if the frame moves.
+    """
+    pose, velocity, spin = motion_in_frame
+    turn = frame_in_world.pose.quat_xyzw
+    return ModelMotion(compose(frame_in_world.pose, pose), rotate(turn, velocity), rotate(turn, spin))
+
+
+def seen_from(motion_in_world: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
+    """Return a motion relative to a frame that moves, along its axes.
+
+    As Gazebo computes it, without the velocity that the frame's own turning seems to give.
+    """
+    pose, velocity, spin = motion_in_world
+    back = quat_inverse(frame_in_world.pose.quat_xyzw)
+    return ModelMotion(
+        compose(inverse(frame_in_world.pose), pose),
+        rotate(back, minus(velocity, frame_in_world.velocity)),
+        rotate(back, minus(spin, frame_in_world.angular_velocity)),
+    )
+
+
+def velocity_at(motion_in_world: ModelMotion, point_in_world: Vector3) -> Vector3:
+    """Return the velocity of a point of a rigid model, in the world [m/s]."""
+    arm = minus(point_in_world, motion_in_world.pose.position)
+    return minus(motion_in_world.velocity, cross(arm, motion_in_world.angular_velocity))

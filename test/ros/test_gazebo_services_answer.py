@@ -1,0 +1,154 @@
+"""Gazebo's services for models: scripts that move, read, add and delete models run unchanged."""
+
+from math import pi
+
+import rospy
+from gazebo_msgs.msg import ModelState, ModelStates
+from gazebo_msgs.srv import DeleteModel, GetModelState, GetWorldProperties, SetModelState, SpawnModel
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
+from harness import RosTest, twist
+from nav_msgs.msg import Odometry
+
+BASE_HEIGHT = 0.13  # [m] height of base_link on the floor
+CRATE = """<sdf version="1.6"><model name="any"><link name="l"><pose>0 0 0.2 0 0 0</pose>
+<collision name="c"><geometry><box><size>0.4 0.4 0.4</size></box></geometry></collision>
+</link></model></sdf>"""
+POST = """<robot name="any"><link name="post"><inertial><mass value="2"/></inertial>
+<collision><geometry><box size="0.3 0.3 1.2"/></geometry></collision></link></robot>"""
+FACING_Y = Quaternion(0.0, 0.0, 2**-0.5, 2**-0.5)
+
+
+def state(model, x=0.0, y=0.0, z=0.0, **more):
+    """A state as scripts fill it; an orientation that is left out is of zeros."""
+    return ModelState(model_name=model, pose=Pose(position=Point(x, y, z), **more.pop("pose", {})), **more)
+
+
+def motion(velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0)):
+    return Twist(Vector3(*velocity), Vector3(*spin))
+
+
+class GazeboServicesAnswer(RosTest):
+    from_the_start = True
+
+    def setUp(self):
+        self.set, self.get, self.properties, self.spawn_sdf, self.spawn_urdf, self.delete = (
+            self.service(name, kind)
+            for name, kind in (
+                ("set_model_state", SetModelState),
+                ("get_model_state", GetModelState),
+                ("get_world_properties", GetWorldProperties),
+                ("spawn_sdf_model", SpawnModel),
+                ("spawn_urdf_model", SpawnModel),
+                ("delete_model", DeleteModel),
+            )
+        )
+        self.addCleanup(self.delete, "crate")
+        self.addCleanup(self.delete, "post")
+
+    def service(self, name, kind):
+        rospy.wait_for_service(f"/gazebo/{name}", 60.0)
+        return rospy.ServiceProxy(f"/gazebo/{name}", kind)
+
+    def agrees(self, answer):
+        self.assertTrue(answer.success, answer.status_message)
+        return answer
+
+    def refuses(self, answer, *words):
+        self.assertFalse(answer.success, answer.status_message)
+        for word in words:
+            self.assertIn(word, answer.status_message)
+
+    def at(self, pose, x, y, z=None, delta=0.02):
+        self.assertAlmostEqual(pose.position.x, x, delta=delta)
+        self.assertAlmostEqual(pose.position.y, y, delta=delta)
+        if z is not None:
+            self.assertAlmostEqual(pose.position.z, z, delta=delta)
+
+    def test_five_episodes_begin_where_the_script_puts_the_robot_and_drive_as_commanded(self):
+        states, velocity = (
+            self.remember("/gazebo/model_states", ModelStates),
+            self.publisher("/cmd_vel", Twist),
+        )
+        travelled = []
+        for episode in range(5):
+            start = float(episode), -2.0 - episode
+            self.agrees(self.set(state("husky", *start)))
+            first = len(states) + 1
+            self.wait_until(lambda first=first: len(states) > first, "the state is published")
+            index = states[first].name.index("husky")
+            self.at(states[first].pose[index], *start, BASE_HEIGHT)
+            end = rospy.get_time() + 2.0
+            while rospy.get_time() < end:
+                count = len(states)
+                velocity.publish(twist(0.5))
+                self.wait_until(lambda count=count: len(states) > count, "there is another state")
+            last = states[-1].pose[index].position
+            travelled.append(last.x - start[0])
+            self.assertAlmostEqual(last.y, start[1], delta=0.05)
+        for way in travelled:
+            self.assertAlmostEqual(way, 1.0, delta=0.25)
+        velocity.publish(twist())
+
+    def test_models_have_the_names_and_poses_of_the_world_file(self):
+        names = ["ground_plane", "unit_cylinder", "husky"]
+        self.assertEqual(self.agrees(self.properties()).model_names, names)
+        (states, *_) = [self.remember("/gazebo/model_states", ModelStates)]
+        self.wait_until(lambda: states, "the states are published")
+        self.assertEqual(states[-1].name, names)
+        self.at(states[-1].pose[1], 20.0, 5.0)
+        self.assertEqual(list(map(len, (states[-1].pose, states[-1].twist))), [3, 3])
+
+    def test_a_state_in_the_frame_of_a_model_is_turned_with_its_velocity(self):
+        self.pause()
+        self.addCleanup(self.resume)
+        self.agrees(self.set(state("husky", 1.0, 1.0, pose={"orientation": FACING_Y})))
+        self.agrees(self.spawn_sdf("crate", CRATE, "", Pose(position=Point(3.0, 0.0, 1.0)), "husky"))
+        self.at(self.agrees(self.get("crate", "world")).pose, 1.0, 4.0)
+        there = state("crate", 4.0, 0.0, 50.0, twist=motion((2.0, 0.0, 0.0)), reference_frame="husky")
+        self.agrees(self.set(there))
+        seen = self.agrees(self.get("crate", "world"))
+        self.assertAlmostEqual(seen.twist.linear.y, 2.0, delta=0.01)
+        self.at(seen.pose, 1.0, 5.0, 50.1, delta=0.15)
+        from_robot = self.agrees(self.get("crate", "husky"))
+        self.assertEqual(from_robot.header.frame_id, "husky")
+        self.assertAlmostEqual(from_robot.twist.linear.x, 2.0, delta=0.01)
+        self.assertAlmostEqual(from_robot.pose.position.y, 0.0, delta=0.02)
+
+    def test_a_model_comes_as_sdf_or_urdf_and_goes(self):
+        self.agrees(self.spawn_sdf("crate", CRATE, "", Pose(position=Point(3.0, 0.0, 0.0)), ""))
+        self.agrees(self.spawn_urdf("post", POST, "", Pose(position=Point(3.0, 2.0, 0.6)), "world"))
+        self.at(self.agrees(self.get("crate", "")).pose, 3.0, 0.0, 0.0)
+        self.at(self.agrees(self.get("post", "")).pose, 3.0, 2.0, 0.6)
+        self.refuses(
+            self.spawn_sdf("crate", CRATE, "", Pose(position=Point(9.0, 9.0, 0.0)), ""), "'crate'", "already"
+        )
+        self.agrees(self.delete("crate"))
+        self.assertNotIn("crate", self.properties().model_names)
+        self.refuses(self.get("crate", ""), "'crate'")
+
+    def test_what_cannot_be_is_refused_with_the_name_of_the_model(self):
+        nan = float("nan")
+        for answer, *words in (
+            (self.set(state("ghost", 1.0)), "model_name 'ghost'", "unit_cylinder", "husky"),
+            (self.set(state("husky", nan)), "'husky'", "position nan"),
+            (self.set(state("husky", 20.0, 5.0)), "'husky'", "would stand inside 'unit_cylinder'"),
+            (self.set(state("husky", 1.0, reference_frame="ghost")), "reference_frame 'ghost'"),
+            (self.set(state("husky", 1.0, twist=motion((nan, 0.0, 0.0)))), "'husky'", "twist nan"),
+            (self.set(state("ground_plane", 1.0)), "'ground_plane'"),
+            (self.get("ghost", ""), "model_name 'ghost'"),
+            (self.get("husky", "ghost"), "relative_entity_name 'ghost'"),
+            (self.delete("ghost"), "model_name 'ghost'"),
+            (self.delete("husky"), "'husky'"),
+            (self.spawn_sdf("crate", "<sdf", "", Pose(), ""), "'crate'"),
+        ):
+            self.refuses(answer, *words)
+
+    def test_the_answer_agrees_with_the_true_odometry(self):
+        truth = self.remember("/ground_truth/odom", Odometry)
+        self.agrees(self.set(state("husky", -3.0, 1.0, pose={"orientation": FACING_Y})))
+        before = len(truth) + 1
+        self.wait_until(lambda: len(truth) > before, "there is a new pose")
+        self.at(truth[-1].pose.pose, -3.0, 1.0, BASE_HEIGHT)
+        seen = self.agrees(self.get("mobile_base", "world"))
+        self.at(seen.pose, -3.0, 1.0, BASE_HEIGHT)
+        self.assertAlmostEqual(2.0 * seen.pose.orientation.z * seen.pose.orientation.w, 1.0, delta=pi / 100.0)
