@@ -38,6 +38,14 @@ def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
     return dict(answer or ())
 
 
+def read_absent_services(master_uri: str) -> List[Sequence[str]]:
+    """Return services that are not there, as `./dev launch`'s master tells; none by another master.
+
+    Each has the node that asked for it, and its name.
+    """
+    return list(ask(master_uri, "getAbsentServices", CALLER) or ())
+
+
 def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
     """Return parameters that no node has read, as `./dev launch`'s master tells; none by another master.
 

@@ -1,5 +1,6 @@
-"""ROS master of `./dev launch`, which also tells of parameters that are set and that their node never reads.
+"""ROS master of `./dev launch`, which also tells what nodes ask for in vain: parameters and services.
 
+It tells of parameters that are set and that their node never reads, and of services that no node offers.
 Any other master writes the requests for parameters nowhere (rosmaster 1.15.15 has them in its log only with
 --master-logger-level debug, with every other call and answer). So nothing is found if a plain roscore runs.
 """
@@ -73,6 +74,9 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         self._requests: Dict[Request, bool] = {}
         self._requests_lock = threading.Lock()
         self._unread: Optional[List[List[str]]] = None  # None if a request or a parameter has changed since
+        self._services_in_vain: Dict[
+            Tuple[str, str], None
+        ] = {}  # nodes and services, in the order of requests
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
         """Answer as every master, and note it."""
@@ -111,6 +115,21 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         answer = super().deleteParam(caller_id, key)
         self._forget_unread()
         return answer
+
+    def lookupService(self, caller_id: str, service: str) -> Tuple[int, str, str]:  # noqa: N802
+        """Answer as every master, and note a service that is not there."""
+        code, message, address = super().lookupService(caller_id, service)
+        if code != 1 and isinstance(caller_id, str) and isinstance(service, str):
+            with self._requests_lock:
+                if len(self._services_in_vain) < MAX_REQUESTS:
+                    self._services_in_vain[caller_id, resolve_name(service, caller_id)] = None
+        return code, message, address
+
+    def getAbsentServices(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
+        """Tell the services that a node asked for and that are not there: node, service."""
+        with self._requests_lock:
+            asked = list(self._services_in_vain)
+        return 1, "", [[node, name] for node, name in asked if name not in self.services]
 
     def getUnreadParams(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
         """Tell the unread parameters: node, parameter, and the one that the node asked for."""

@@ -18,6 +18,7 @@ from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Mistake,
+    absent_services,
     absent_topics,
     mistake_sentence,
     second_publishers,
@@ -178,6 +179,7 @@ class GraphWatch:
         yield from wrong_topics(graph)
         yield from unread_parameters(self._master_uri)
         yield from absent_topics(graph)
+        yield from absent_services(self._master_uri)
         filter_node = self._filter_watch.filter_node if self._filter_watch else ""
         yield from (each for each in second_publishers(graph, simulator) if each.node != filter_node)
         yield from wrong_types(graph, simulator, kinds_of)

@@ -15,6 +15,7 @@ from husky_highlevel_controller.ros.master_graph import (
     Graph,
     Kinds,
     Nodes,
+    read_absent_services,
     read_graph,
     read_kinds,
     read_unread_parameters,
@@ -73,7 +74,14 @@ class AbsentTopic(NamedTuple):
     publishes: bool  # otherwise the node subscribes
 
 
-Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter, AbsentTopic]
+class AbsentService(NamedTuple):
+    """Node that asks for a service of Gazebo which the simulator does not have."""
+
+    node: str
+    service: str
+
+
+Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter, AbsentTopic, AbsentService]
 # topics of Gazebo that the simulator does not have, and what to use instead; {} is their namespace
 ABSENT = {
     "link_states": "use {}/model_states, or TF for the links of the robot",
@@ -81,6 +89,17 @@ ABSENT = {
     "set_link_state": "call the service {}/set_model_state",
     "set_model_state": "call the service {}/set_model_state",
 }
+# likewise services; the text for all others is ELSEWHERE
+ABSENT_SERVICES = {
+    "apply_body_wrench": "forces are not simulated; drive the robot by cmd_vel",
+    "apply_joint_effort": "forces are not simulated; drive the robot by cmd_vel",
+    "get_joint_properties": "read the topic joint_states",
+    "get_link_state": "call {}/get_model_state, or use TF for the links of the robot",
+    "set_link_state": "call {}/set_model_state",
+    "set_model_configuration": "drive the wheels by cmd_vel; no other joint moves",
+    "set_physics_properties": "launch with real_time_factor:=...",
+}
+ELSEWHERE = "see docs/gazebo_launch_files.md"
 KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
@@ -136,6 +155,18 @@ def absent_topics(graph: Graph) -> List[AbsentTopic]:
     ]
 
 
+def absent_services(master_uri: str) -> List[AbsentService]:
+    """Return the nodes that ask for a service of Gazebo in vain; none if the master does not tell."""
+    asked = [AbsentService(*map(str, each[:2])) for each in read_absent_services(master_uri)]
+    return [
+        each
+        for each in asked
+        if each.service.rpartition("/")[0].endswith("/gazebo")
+        and not TOOLS.match(each.node)
+        and not each.node.startswith("/rosservice")
+    ]
+
+
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Topics of a graph that are probably mistakes.
 
@@ -172,6 +203,13 @@ def mistake_sentence(finding: Mistake) -> str:
             f"{finding.node} asked for the parameter {finding.asked}, which is not set, but "
             f"{finding.parameter} is set and no node has read it: use one name in {finding.node} and in the "
             "launch file"
+        )
+    if isinstance(finding, AbsentService):
+        namespace, _, name = finding.service.rpartition("/")
+        remedy = ABSENT_SERVICES.get(name, ELSEWHERE).format(namespace)
+        return (
+            f"{finding.node} asks for the service {finding.service}, which this simulator does not have: "
+            f"{remedy}"
         )
     if isinstance(finding, AbsentTopic):
         namespace, _, name = finding.topic.rpartition("/")
@@ -220,6 +258,7 @@ def main() -> None:
     findings: List[Mistake] = [
         *wrong_topics(graph),
         *absent_topics(graph),
+        *absent_services(master_uri),
         *unread_parameters(master_uri),
     ]
     nodes = {node for names in graph.publishers.values() for node in names}

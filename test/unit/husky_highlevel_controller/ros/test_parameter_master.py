@@ -11,7 +11,9 @@ from husky_highlevel_controller.ros import parameter_master
 from husky_highlevel_controller.ros.master_graph import read_unread_parameters
 from husky_highlevel_controller.ros.parameter_master import ParameterMaster
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
+    AbsentService,
     UnreadParameter,
+    absent_services,
     mistake_sentence,
     unread_parameters,
 )
@@ -149,3 +151,42 @@ def test_a_plain_master_knows_nothing(master):
     launched(uri, "/drive/sped")
     asks(uri, "/drive", GETS, "/drive/speed")
     assert read_unread_parameters(uri) == []
+
+
+@pytest.mark.parametrize(
+    ("service", "remedy"),
+    [
+        ("/gazebo/get_link_state", "call /gazebo/get_model_state, or use TF"),
+        ("/robot1/gazebo/set_link_state", "call /robot1/gazebo/set_model_state"),
+        ("/gazebo/get_light_properties", "see docs/gazebo_launch_files.md"),
+    ],
+)
+def test_a_node_that_waits_for_a_service_of_gazebo_is_told_once_what_to_use(service, remedy, master):
+    uri = master()
+    for _ in range(3):  # as wait_for_service does
+        ask(uri, "lookupService", "/learner", service)
+    ask(uri, "lookupService", "/learner", "/lab/open_door")  # some other simulator's, or one that comes later
+    ask(uri, "lookupService", "/rosservice", "/gazebo/get_world_list")
+    assert absent_services(uri) == [AbsentService("/learner", service)]
+    told = mistake_sentence(AbsentService("/learner", service))
+    assert told.startswith(
+        f"/learner asks for the service {service}, which this simulator does not have: {remedy}"
+    )
+
+
+def test_a_service_that_came_later_is_told_no_more(master):
+    uri = master()
+    ask(uri, "lookupService", "/learner", "/gazebo/set_model_state")
+    ask(
+        uri,
+        "registerService",
+        "/sim",
+        "/gazebo/set_model_state",
+        "rosrpc://localhost:9",
+        "http://localhost:9/",
+    )
+    assert absent_services(uri) == []
+
+
+def test_another_master_tells_of_no_services(master):
+    assert absent_services(master(rosmaster.master_api.ROSMasterHandler)) == []
