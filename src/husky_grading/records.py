@@ -195,7 +195,7 @@ class ResultState(Enum):
     """State of a result."""
 
     MARKED = "marked"
-    FOR_A_PERSON = "for a person"
+    GRADED_BY_HAND = "to be graded by hand"
     NOT_MARKED = "could not be marked"
 
 
@@ -237,7 +237,7 @@ class MarkingResult:
         if self.problem:
             return ResultState.NOT_MARKED
         is_open = any(item.points is None for item in self.items)
-        return ResultState.FOR_A_PERSON if is_open else ResultState.MARKED
+        return ResultState.GRADED_BY_HAND if is_open else ResultState.MARKED
 
     @property
     def lacks_rviz_file_only(self) -> bool:

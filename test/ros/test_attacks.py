@@ -26,7 +26,7 @@ GRADE = ["rosrun", "husky_highlevel_controller", "grade"]
 QUICK = ["--trials", "1", "--pace", "8", "--robot", "husky", "--seed", "0"]
 
 # what neither a unit test of the sandbox nor a kept recording shows: all of it at work, and valgrind
-STATES = {"drives_by_chance": "for a person", "hooks_the_setup": "marked"}
+STATES = {"drives_by_chance": "to be graded by hand", "hooks_the_setup": "marked"}
 HONEST = (
     "complete", "crashes", "commands_zero", "drives_away", "drives_in_cpp", "has_a_wiki_setup",
     "imports_what_is_missing", "marks_in_base_link", "needs_a_missing_package", "raises_in_callback", "rams",

@@ -11,10 +11,10 @@ GRADE = ["rosrun", "husky_highlevel_controller", "grade", "--exercise", "4"]
 # points of plot, path, cloud, its style, top view, two bonuses; RViz shows a cloud in odom by the filter's TF
 DESERVED = {
     "right": ((20, 30, 10, 10, 10, 5, 5), "m from the true path of"),
-    "no_filter": ((20, 0, 0, 10, 10, 5, 5), "nothing listens to the bag's wheel odometry"),
-    "wrong_topics": ((20, 0, 0, 10, 10, 5, 5), "it listens to /wheels, where nothing is sent"),
+    "no_filter": ((20, 0, 0, 10, 10, 5, 5), "no node subscribes to the bag's wheel odometry"),
+    "wrong_topics": ((20, 0, 0, 10, 10, 5, 5), "it subscribes to /wheels, where nothing is published"),
     "no_top_view": ((20, 30, 10, 10, 0, 5, 5), "no transform from base_link to smb_top_view"),
-    "other_top_view": ((20, 30, 10, 10, 0, 5, 5), "top_view is there, but it must be called smb_top_view"),
+    "other_top_view": ((20, 30, 10, 10, 0, 5, 5), "top_view is at the right place, but it must be called"),
     "still_top_view": ((20, 30, 10, 10, 0, 5, 5), "(-"),
     "no_launch_file": ((), "no launch file starts ekf_localization_node; launch files: none"),
 }
@@ -38,7 +38,7 @@ def test_a_filter_s_path_of_our_bag_and_the_top_view_earn_their_points(tmp_path)
     done = run("--launch", "right", "exercise_4.launch", *short, "--out", out, env=env)
     assert done.returncode == 0, done.stdout + done.stderr
     assert machine_points(out)[0] == DESERVED["right"][0]
-    assert "the bag is the SMB's: exercise_4.launch names smb_description" in done.stdout
+    assert "the SMB's bag is played, because exercise_4.launch names smb_description" in done.stdout
     assert (out / "drive.png").read_bytes().startswith(b"\x89PNG")
     assert 'title="replay of drive 1"' in (out / "feedback.html").read_text()
 

@@ -29,7 +29,7 @@ DRIVEN = (
     "sends_junk", "sleeps_by_simulated_time", "teleports",
 )  # fmt: skip
 
-# points for: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since
+# points for: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: by hand, since
 # no RViz configuration was handed in); and sentences that it is told
 ALL, NOTHING, STARTS = (20, 30, 20, 20, 10), (0, 0, None, 0, 0), (10, 0, None, 0, 0)
 ARRIVES, UNMARKED = (20, 30, None, 20, None), (20, 30, None, 0, 0)
@@ -41,13 +41,13 @@ def arrives(marker, within=1.0):
 
 
 DESERVED = {
-    "complete": (ALL, ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
+    "complete": (ALL, ["odom, stamp 0: right 100 %", "visible: frames, robot model, laser scan"]),
     "crashes": (STARTS, ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"]),
     "hangs": (STARTS, ["does not answer every scan", "stops short: nearest 6."]),
     "never_publishes": (NOTHING, ["never moves: nothing came on cmd_vel", "publish the velocity"]),
     "raises_in_callback": (
         NOTHING,
-        ["raises NameError: name 'minimum' is not defined (controller:11), first at 0.", "line named"],
+        ["raises NameError: name 'minimum' is not defined (controller:11), first at 0.", "the line that is"],
     ),
     "never_advertises": (NOTHING, ["never moves: it advertises no cmd_vel", "advertise geometry_msgs/Twist"]),
     "floods": (UNMARKED, ["it floods cmd_vel: "]),
@@ -72,7 +72,7 @@ DESERVED = {
         ["0.54 m from the pillar's axis", "0.33 m in front of the pillar, seen", "not in base_link's origin"],
     ),
     "commands_zero": (NOTHING, ["never moves: all ", "commands were zero", "a gain of 0"]),
-    "listens_elsewhere": (NOTHING, ["listens to /scan, where nothing is sent", "`rostopic list`"]),
+    "listens_elsewhere": (NOTHING, ["it subscribes to /scan, where nothing is published", "`rostopic list`"]),
     # attacks
     "teleports": (NOTHING, ["no points: the simulator was asked to interfere", "the robot jumps "]),
     "forges_the_truth": (NOTHING, ["no points: node /rosout publishes on /ground_truth/odom, as the "]),
@@ -82,7 +82,7 @@ DESERVED = {
     "breaks_readers": ((0, 0, 0, 0, 0), ["'xterm -e' of node controller is dropped", " cannot be started"]),
     "forges_events": (NOTHING, ["ends during the drive (signal 11, SIGSEGV)"]),
     "hides": (NOTHING, ["no marker at the pillar that could be shown"]),
-    "counts_ids": (UNMARKED, ["half of those drawn must be right"]),
+    "counts_ids": (UNMARKED, ["half of the drawn ones must be right"]),
     # controllers of the simulator's package, which are nobody's hand-in
     "starts_the_naive_one": (NOTHING, ["highlevel_controller/naive_controller is left out: it is a node of"]),
     "starts_the_reference": (NOTHING, ["highlevel_controller/husky_controller is left out: it is a node of"]),
@@ -91,9 +91,9 @@ DESERVED = {
     "is_for_an_older_husky": (ARRIVES, ["/scan"]),
     "listens_to_laser": (ARRIVES, ["scans are sent on /laser, the only topic of scans that it subscribes "]),
     "prints_ranges": ((40, None, 15, None), []),
-    "reference": (ALL, ["likewise in 1 other worlds"]),
+    "reference": (ALL, ["the same points in another world"]),
     "reference_of_exercise_5": ((50, 50, None, None), ["stands after 2 of 2 calls", "drives after 2 of 2 "]),
-    "does_not_build": (NOTHING, ["it does not build: ", "expected primary-expression", "mend this error"]),
+    "does_not_build": (NOTHING, ["it does not build: ", "expected primary-expression", "fix this error"]),
     # faults, each named as it is in the code
     "turns_too_slowly": (
         (10, 0, None, 20, None),
@@ -118,13 +118,13 @@ DESERVED = {
     ),
     "hides_its_displays": (
         (20, 30, 13, 20, 0),
-        ["laser scan not to be seen: its display is there, but switched off", "tick the display LaserScan",
+        ["laser scan not visible: its display is switched off", "tick the display LaserScan",
          "display of /visualization_marker is switched off", "tick the display Marker"],
     ),
     "marks_twice": ((0, 0, None, 0, 0), ["2 commands, the last at", "mirrored: ", "and change no sign"]),
     "marks_itself": (
         (0, 0, None, pytest.approx(19.6, abs=0.2), None),
-        ["on the lidar where no beam has a return", "sits on the lidar: publish none then"],
+        ["on the lidar where no beam has a return", "sits on the lidar, so publish none then"],
     ),
     "includes_a_missing_file": (
         (0, 0, 20, 0, 0),
@@ -137,7 +137,7 @@ DESERVED = {
     "drives_by_chance": (
         (None, None, None, None, None),
         [
-            "person: `start_` (controller.cpp:36) is read", "by chance, as above; in",
+            "by hand: `start_` (controller.cpp:36) is read", "by chance, as above; in",
             "value in the constructor", "change no sign",
         ],
     ),

@@ -299,9 +299,12 @@ PLAIN_ENGLISH = {
     "ros",
     "husky_web",
     "husky_grading/displays",
+    "husky_grading/drive",
+    "husky_grading/exercises",
     "husky_grading/isolation",
     "husky_grading/recording",
     "husky_grading/reports",
+    "husky_grading/rubrics",
 }
 UNIT = r"(?:\([^)]*\),? )?(?:\[[^]]*\][,;:]? )?"
 # first words of a comment without its noun; on a line of its own a sentence may begin with "in" or "to"

@@ -1,1 +1,1 @@
-"""Drive of a submission: network, simulator, recording, RViz."""
+"""Runs of a submission, each in a ROS network with a simulator and a recorder of its own."""

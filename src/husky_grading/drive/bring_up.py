@@ -1,4 +1,4 @@
-"""Start of what a drive takes place in: our simulator with the world of a trial, by its launch file."""
+"""Start of the simulator for a run: its launch file, with the world of a trial."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from husky_grading.submission import SIMULATOR_NODES
 from husky_highlevel_controller.paths import share_folder
 
 SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
-START_PERIOD = 0.05  # [s] of wall time between two looks at a program of ours that starts
-SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
-_SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}  # by launch arguments
+START_PERIOD = 0.05  # [s] wall time between two looks at a program of ours that starts
+SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that the simulator offers
+# parameters and arguments of the simulator by its launch arguments
+_SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
 
 
 class BringUp(Protocol):
-    """Start of a program that a submission drives in, or that stands in for that; it is up on return."""
+    """Function that starts the simulator of a run, or the program in its place, and waits until it is up."""
 
     def __call__(
         self, network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = ""
     ) -> Process:
-        """Start it; with a socket it writes true poses there."""
+        """Start the program. If there is a socket, it writes true poses to it."""
 
 
 def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
     """Start our simulator with the world of a trial, and wait until it is up.
 
-    With a socket it writes true poses there, and runs in lockstep.
+    If there is a socket, it writes true poses to it and runs in lockstep.
 
     Raises:
-        MarkingError: it does not start.
+        MarkingError: the simulator does not start.
     """
     file = network.folder / "drive.world"
     file.write_text(trial_world(trial, config.robot_name))
@@ -49,13 +50,15 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
     set_parameters(network.uri, simulator_values)
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
     once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
-    # a submission could draw from them where the pillar is
+    # a submission could infer the pillar's position from these parameters
     set_parameters(network.uri, {f"{SIMULATOR_NODES[0]}/{name}": 0 for name in start})
     return simulator
 
 
 def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
-    """Set the parameters of the simulator's launch file, which is read once; the simulator's arguments.
+    """Set the parameters of the simulator's launch file, and return the simulator's arguments.
+
+    The launch file is read once for the same launch arguments.
 
     Raises:
         MarkingError: the launch file cannot be read.
@@ -78,10 +81,10 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
 
 
 def once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
-    """Wait until a program in the simulator's place is up.
+    """Wait until the simulator, or the program in its place, is up, and return it.
 
     Raises:
-        MarkingError: it does not start.
+        MarkingError: the program does not start.
     """
     up = wait(lambda: is_up() or not simulator.running, START_DEADLINE, START_PERIOD)
     if not up or not simulator.running:

@@ -1,4 +1,4 @@
-"""End of a recorded drive, by what the robot did and where it stands."""
+"""End of a run of exercise 3, decided by the robot's motion and its distance from the pillar."""
 
 from __future__ import annotations
 
@@ -13,30 +13,34 @@ from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 from husky_highlevel_controller.geometry import pose_to_2d, wrap_angle
 
-AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
-ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
-STILL = 15.0  # [s], simulated: so long still after a drive, it is over
-NEVER = 12.0  # [s], simulated: so long still from the start, it is over; some sleep for 10 s at first
+# the run is over after so many simulated seconds
+AT_PILLAR = 3.0  # [s] time at the pillar
+ABANDONED = 3.0  # [s] time at rest after the last node of the submission has ended
+STILL = 15.0  # [s] time at rest after the robot has moved
+NEVER = 12.0  # [s] time at rest from the start; some controllers sleep for 10 s first
 # A robot that is PAST metres farther away than at its nearest point, and that has driven straight away from
-# the pillar for LEAVING simulated seconds, does not come back: its heading changes by less than STRAIGHT
-# radians meanwhile, so that it would need 80 s to turn round.
+# the pillar for LEAVING simulated seconds, does not come back. Its heading changes by less than STRAIGHT
+# radians in this time, so it would need 80 s to turn round.
 PAST, LEAVING, STRAIGHT = 10.0, 5.0, 0.2
 NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
 NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")
 
 
 class DriveEnd:
-    """Follows one drive of exercise 3."""
+    """Follows one run of exercise 3, and decides when it is over."""
 
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
-        self._pillar, self._robot = pillar, robot  # [m], in the world; one of ROBOTS
-        self._now = self._drove_at = self._moved_at = 0.0
-        self._first_moved = self._reached_at = self._touched_at = inf
-        self._gap, self._nearest = 0.0, inf  # [m], from the robot's outline to the pillar
-        self._heading, self._left_at = 0.0, 0.0  # [rad] in the world, and [s] since when it leaves with it
+        self._pillar, self._robot = pillar, robot  # [m] position in the world; one of ROBOTS
+        self._now = self._drove_at = self._moved_at = 0.0  # [s] last times: any state, driving, moving
+        self._first_moved = self._reached_at = self._touched_at = inf  # [s] first times; inf if never
+        self._gap, self._nearest = 0.0, inf  # [m] gap between footprint and pillar: now, smallest so far
+        self._heading, self._left_at = (
+            0.0,
+            0.0,
+        )  # [rad] heading in the world; [s] time since it leaves with it
 
     def update(self, state: TrueState) -> None:
-        """Follow the next state."""
+        """Follow the next true state."""
         self._now = now = state.stamp
         if abs(state.speed) > STANDS:
             self._drove_at = now
@@ -52,7 +56,7 @@ class DriveEnd:
             self._touched_at = min(self._touched_at, now)
 
     def reason(self, abandoned: bool = False) -> Optional[Note]:
-        """Reason why the drive is over; None: it is not. Abandoned: no node of the submission runs."""
+        """Return why the run is over, or None if it goes on; `abandoned` if none of its nodes runs."""
         still = self._now - self._moved_at
         if self._now >= self._touched_at + AT_PILLAR:
             return Note(Kind.TOUCHES, "it reached the pillar and touched it")

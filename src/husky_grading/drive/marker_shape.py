@@ -1,6 +1,6 @@
 """Shape of a drawn marker: reference point and extent, seen from the pillar's axis.
 
-What each kind draws, and in which frame, is that of visualization_msgs/Marker and RViz's marker display.
+Source: visualization_msgs/Marker and RViz's marker display, which define what each kind draws in which frame.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.geometry import transform_point
 
-# numbers of visualization_msgs/Marker
+# constants of visualization_msgs/Marker
 ARROW, LINE_STRIP, LINE_LIST, CUBE_LIST, SPHERE_LIST, POINTS = 0, 4, 5, 6, 7, 8
 TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
-MAX_POINTS = 1000  # of a marker of many points that are looked at
-MAX_SPREAD = 0.5  # [m], half of the points are this near their mean, or it stands for none of them
+MAX_POINTS = 1000  # points of one marker that are looked at
+MAX_SPREAD = 0.5  # [m] if half of the points are farther from their mean, it does not represent them
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
 class Drawn(NamedTuple):
     """Marker in the world, seen from a vertical axis."""
 
-    position: Vector3  # [m], an arrow's tip, a solid's centre, a list's mean or its line's end
-    reach: float  # [m], horizontally from the axis to the nearest drawn point; 0: it covers the axis
-    low: float  # [m], height of the lowest drawn point
-    high: float  # [m], height of the highest drawn point
+    position: Vector3  # [m] an arrow's tip, a solid's centre, a list's mean or its line's end
+    reach: float  # [m] horizontal distance from the axis to the nearest drawn point; 0 if it covers the axis
+    low: float  # [m] height of the lowest drawn point
+    high: float  # [m] height of the highest drawn point
 
 
 def draw(
@@ -41,7 +41,7 @@ def draw(
 ) -> Drawn:
     """Place a marker's shape by its type, scale [m] and points in its frame [m].
 
-    `axis` is x, y of the vertical axis in the world [m].
+    `axis` is the vertical axis, x and y in the world [m].
     """
     references, corners = _shape(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
@@ -54,7 +54,7 @@ def draw(
 def _shape(
     kind: int, scale: Sequence[float], points: Sequence[Sequence[float]]
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
-    """Reference points, the best of which counts, and points whose convex hull is what is drawn."""
+    """Return reference points, of which the best counts, and points whose convex hull is drawn."""
     if kind == ARROW and len(points) >= 2:
         return [points[1]], [points[1]]
     if kind == ARROW:  # along x of its pose, as long as scale.x
@@ -71,7 +71,7 @@ def _shape(
 
 
 def _middle(points: np.ndarray) -> List[float]:
-    """Mean of points, (N, 3) [m]; where they lie apart, one that is as far from it as half of them."""
+    """Return the mean of points, (N, 3) [m], or if they lie apart the point of median distance from it."""
     mean = points.mean(axis=0)
     distances = np.linalg.norm(points - mean, axis=1)
     middle = points[np.argsort(distances)[len(points) // 2]]
@@ -80,7 +80,7 @@ def _middle(points: np.ndarray) -> List[float]:
 
 
 def hull_distance(points: np.ndarray) -> float:
-    """From the origin to the convex hull of points, (N, 2) [m]; 0 inside."""
+    """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 inside."""
     bearings = sorted(atan2(y, x) for x, y in points)
     gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
     if len(points) > 2 and gaps.max() < pi - 1e-9:

@@ -1,6 +1,6 @@
 """Search for variables that a C++ node reads before it writes them, by valgrind's memcheck.
 
-What such a node does is chance: it may drive on the student's machine and stand on this one.
+Such a node behaves by chance: it may drive on the student's machine and stand still on this one.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from husky_grading.isolation.ros_network import Network
 from husky_grading.submission import SIMULATOR_NODES, Submission
 
 VALGRIND = "valgrind"
-LOG = "memcheck."  # and the process's number; `nodes/submission.py` names it likewise
-CPU, WALL = 2.0, 8.0  # [s] that the node computes beneath valgrind once it listens, and at most waits
+LOG = "memcheck."  # name of valgrind's log, before the process id; `nodes/submission.py` uses the same name
+CPU, WALL = 2.0, 8.0  # [s] CPU time under valgrind after the node has subscribed; longest wait for it
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
-MAX_NESTED = 20  # parentheses in each other
-IN_PARENTHESES = "\0"  # in their place and that of all within
-DEPTH = 4  # frames of the standard library between the read and the line of the hand-in
+MAX_NESTED = 20  # nested parentheses
+IN_PARENTHESES = "\0"  # character that replaces parentheses and their content
+DEPTH = 4  # frames of the standard library between the read and the submission's line
 
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
 _PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
@@ -48,7 +48,7 @@ _TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?s
 _DECLARED = re.compile(
     rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
 )
-# scalars, and types whose constructor writes nothing
+# declarations of scalars, and of types whose constructor writes nothing
 _VARIABLE = re.compile(
     rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
     r"(?P<names>.*)$",
@@ -66,11 +66,11 @@ class Place(NamedTuple):
 
 
 def is_worth_checking(submission: Submission) -> bool:
-    """Whether a program of C++ in it may have such a variable: valgrind takes some seconds."""
+    """Return whether a C++ program of it may have such a variable, because valgrind takes some seconds."""
     root = submission.root
     return (
         root is not None
-        and not submission.parts.by_submission  # its nodes are the robot's
+        and not submission.parts.by_submission  # otherwise its nodes are not the student's
         and shutil.which(VALGRIND) is not None
         and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
         and any(map(may_be_unwritten, _texts(root / "src").values()))
@@ -80,26 +80,16 @@ def is_worth_checking(submission: Submission) -> bool:
 def find_unwritten_variable(
     submission: Submission, trial: Trial, robot: RobotChoice, folder: Path
 ) -> Tuple[str, RobotChoice]:
-    """Run a submission in valgrind, to find a variable that it reads before it writes it.
+    """Run a submission in valgrind for some seconds, to find a variable that it reads before it writes it.
+
+    If the robot is a guess and the submission subscribes to another robot's scans, the simulator starts again
+    with that robot.
 
     Returns:
-        A sentence on the first such variable, empty if there is none; and the robot. The robot is another
-        one than `robot` if that is a guess, and the submission listens to the other one's scans.
+        A sentence on the first such variable, empty if there is none; and the robot that was simulated last.
 
     Raises:
-        MarkingError: our own part of it does not work.
-    """
-    log, heard = _run_in_valgrind(submission, trial, robot, folder)
-    sources = (submission.root or folder) / "src"
-    return sentence(reads_in(log, sources), sources), heard
-
-
-def _run_in_valgrind(
-    submission: Submission, trial: Trial, robot: RobotChoice, folder: Path
-) -> Tuple[str, RobotChoice]:
-    """Let a submission compute for some seconds in valgrind; valgrind's output, and the robot it listens to.
-
-    If it listens to the scans of another robot than a guessed one, the simulator starts again with that one.
+        MarkingError: the network or the simulator does not start.
     """
     with Network(folder) as network:
         simulator = simulate(network, trial, replace(robot.config, pace=1.0))
@@ -120,14 +110,16 @@ def _run_in_valgrind(
         if joined:
             _, before = state_of_tree(process.popen.pid)
             wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - before > CPU, WALL)
-        # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
+        # read before the node is ended, because an interrupted `getParam` does not write its variable
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
-        return "\n".join(map(_text, logs)), heard
+        log = "\n".join(map(_text, logs))
+    sources = (submission.root or folder) / "src"
+    return sentence(reads_in(log, sources), sources), heard
 
 
 def _is_program(path: Path) -> bool:
     with contextlib.suppress(OSError):
-        if is_regular(path):  # the build may have put a FIFO there
+        if is_regular(path):  # otherwise a FIFO of the build would block
             with path.open("rb") as file:
                 return file.read(len(ELF)) == ELF
     return False
@@ -141,7 +133,7 @@ def _text(path: Path) -> str:
 
 
 def may_be_unwritten(text: str) -> bool:
-    """Whether C++ declares a variable without a value, or may: then valgrind's seconds are spent on it."""
+    """Return whether C++ code declares, or may declare, a variable without a value."""
     text = _IGNORED.sub("", text)
     for _ in range(MAX_NESTED):
         text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
@@ -155,9 +147,10 @@ def _texts(sources: Path) -> Dict[str, str]:
 
 
 def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Place]]]:
-    """(line that reads, line that made the memory) of each read in a hand-in's sources, by memcheck's log.
+    """Return (line that reads, line that made the memory) for each read in memcheck's log.
 
-    What is only printed does not count. Where a value is sent, no line reads it.
+    Only lines of the submission's `sources` count. A value that is only printed does not count. The reading
+    line is None if the value is sent.
     """
     own_files = {path.name for path in walk(sources) if path.suffix in SOURCES}
     places: List[Tuple[Optional[Place], Optional[Place]]] = []
@@ -185,7 +178,7 @@ def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
 
 
 def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: Path) -> str:
-    """A sentence on the first read, with the variable's name where the line has it; empty: there is none."""
+    """Return a sentence on the first read, with the variable's name if its line has it; empty if none."""
     if not reads:
         return ""
     texts = _texts(sources)
@@ -206,7 +199,7 @@ def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: 
 
 
 def _declared(texts: Dict[str, str]) -> Dict[str, Place]:
-    """Variables that are declared without a value."""
+    """Return the places of variables that are declared without a value, by their names."""
     places: Dict[str, Place] = {}
     for file, text in texts.items():
         for declaration in _DECLARED.finditer(text):

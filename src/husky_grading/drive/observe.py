@@ -1,4 +1,4 @@
-"""Second stage of marking: a submission drives; each drive leaves a recording."""
+"""Second stage of marking: a submission drives, and each run leaves a recording."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ from husky_grading.recording import RECORDING, recording_to_json
 from husky_grading.records import MarkingConfig
 from husky_grading.submission import Submission
 
-DRIVE = "drive"  # folder of each drive while it lasts: a submission sees its path, and not which start it has
+DRIVE = "drive"  # folder of each run while it lasts, because a submission sees the path but not its start
+BAR = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
 
 
 def observe(
     submission: Submission, trials: Sequence[Trial], config: MarkingConfig, bring_up: BringUp, out: Path
 ) -> None:
-    """Let a submission drive, and write drive_N/recording.json; further ones only where the first one moved.
+    """Let a submission drive, and write drive_N/recording.json of each run.
 
-    It is started once for each drive, once more where its memory is checked, which tells its robot as well,
-    and once more where the robot that its files name is not the one whose scans it subscribes to and the
-    check, in which it may die, has not told that.
+    Further runs follow only if the robot moves in the first one. A submission is started once for each run.
+    It is started once more if its memory is checked, which can also find the robot that it is for. If it
+    subscribes to the scans of another robot than a guessed one and the check has not found that, for example
+    because the node died in it, the first run starts again.
 
     Raises:
-        MarkingError: our own part of it does not work.
+        MarkingError: the network, the simulator or the recorder does not work.
     """
     for earlier in [*out.glob("drive_*"), out / DRIVE, out / "memcheck"]:
         remove_tree(earlier)
@@ -52,7 +54,12 @@ def observe(
         chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
-        with _bar(trial, len(trials), robot.config) as bar:
+        # simulated seconds up to the deadline; the run may end earlier
+        bar = tqdm(
+            total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,
+            disable=None, leave=False,
+        )  # fmt: skip
+        with bar:
             drive = partial(
                 drive_submission, submission, trial, bring_up=bring_up, folder=folder, chance=chance,
                 on_time=partial(_advance, bar),
@@ -69,13 +76,6 @@ def observe(
         robot = driven.robot.settled()
 
 
-def _bar(trial: Trial, trials: int, config: MarkingConfig) -> Any:
-    """Progress of a drive on a terminal, in simulated seconds up to its deadline; it may end earlier."""
-    title = f"drive {trial.number} of {trials}"
-    shape = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
-    return tqdm(total=config.deadline, desc=title, bar_format=shape, disable=None, leave=False)
-
-
 def _advance(bar: Any, now: float) -> None:
-    """Show a simulated time [s]."""
+    """Move a progress bar to a simulated time [s]."""
     bar.update(round(min(now, bar.total) - bar.n, 1))

@@ -1,4 +1,4 @@
-"""Progress of a process tree: whether one of its threads runs, and its CPU time, from /proc (proc(5))."""
+"""Progress of a process tree: its CPU time, and whether one of its threads runs, from /proc (proc(5))."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import Callable, List, Tuple
 from husky_grading.drive.ros_graph import Registered
 from husky_grading.isolation.process import Process, wait
 
-POLL_PERIOD = 0.1  # [s] of wall time
-LOOK_PERIOD = 0.5  # [s] of wall time between two looks at the ROS graph
-IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] of wall time without a running thread: once it listens, and before
-# A program that is never idle for long, such as one that publishes in a loop, has settled where it has
-# computed or slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of them.
-# Time in which it waits for a CPU does not count. It takes NODE_MISSING times as long if a node has not
+POLL_PERIOD = 0.1  # [s] wall time
+LOOK_PERIOD = 0.5  # [s] wall time between two looks at the ROS graph
+IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] wall time without a running thread, after it subscribes and before
+# A program that is never idle for long, such as one that publishes in a loop, has settled if it has computed
+# or slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of them. The time
+# in which it waits for a CPU does not count. All times are NODE_MISSING times as long if a node has not
 # registered.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
-CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] of CPU and of wall time for a program that is never idle
+CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] CPU and wall time for a program that is never idle
 _TICKS = os.sysconf("SC_CLK_TCK")
 _RUNNING = {"R", "D"}  # running or runnable, waiting for a disk
 
 
 def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Callable[[], Registered]) -> bool:
-    """Wait until a condition holds; False if the program ends, waits for something else, or has settled.
+    """Wait until a condition holds; return False if the program ends, is idle, or has settled before.
 
-    A program that is starved of CPU time is runnable, and so not idle, and does not settle: a busy machine
-    ends no wait. What a program has not registered once it has settled does not come.
+    A program that waits for CPU time is runnable, so it is not idle and does not settle. So a busy machine
+    ends no wait. A settled program registers nothing more.
 
     Args:
         process: the program.
         nodes: number of the nodes that it starts.
         done: the condition.
-        graph: gives what its nodes have registered; some sleep for 10 s before they do anything.
+        graph: returns the registrations of its nodes; some sleep for 10 s before they do anything.
     """
     idle_since = looked_at = time.monotonic()
     polled_at, asleep = idle_since, 0.0
@@ -68,7 +68,7 @@ def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Calla
 
 
 def state_of_tree(root: int) -> Tuple[bool, float]:
-    """Whether a thread below a process runs, and the CPU time [s] of all that is below it."""
+    """Return whether a thread below a process runs, and the CPU time [s] of all processes below it."""
     runs, ticks = False, 0
     waiting = _children(root)
     while waiting:
@@ -89,7 +89,7 @@ def _children(pid: int) -> List[int]:
 def _tasks(pid: int) -> List[Path]:
     try:
         return list(Path(f"/proc/{pid}/task").iterdir())
-    except OSError:  # it has ended
+    except OSError:  # the process has ended
         return []
 
 

@@ -1,7 +1,7 @@
 """Choice of the robot that is simulated for a submission, by one rule.
 
-A robot that the teacher names is certain. Otherwise the submission's files name it. Unless that is certain,
-it is a guess, and what the submission subscribes to decides, as soon as that is seen.
+A robot that the teacher names is certain. Otherwise the submission's files name it. If they are not certain,
+the robot is a guess until the submission subscribes to a topic of scans, and then that topic decides.
 """
 
 from __future__ import annotations
@@ -16,20 +16,23 @@ from husky_grading.submission import Submission
 
 @dataclass(frozen=True)
 class RobotChoice:
-    """Robot of a drive, and how it came about."""
+    """Robot of a run, and the reason for its choice."""
 
-    config: MarkingConfig  # with the robot
-    why: str = ""  # a sentence for the student; empty: the teacher has named it
+    config: MarkingConfig  # settings with the robot
+    why: str = ""  # reason in a sentence for the student; empty if the teacher has named the robot
     is_guess: bool = False
 
     def after_hearing(self, listened: Optional[MarkingConfig]) -> RobotChoice:
-        """Return the choice by the settings of the robot that it listens to; None: that is not seen."""
+        """Return the choice after the submission has subscribed to scans.
+
+        `listened` has the robot of these scans; None if that is unknown.
+        """
         if listened is None or not self.is_guess:
             return self
         return RobotChoice(listened, listens_to(listened))
 
     def settled(self) -> RobotChoice:
-        """Return the choice for further drives: the first one has told what there was to tell."""
+        """Return the choice for further runs, whose recordings need not repeat the reason."""
         return RobotChoice(self.config)
 
 

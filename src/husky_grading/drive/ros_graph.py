@@ -1,4 +1,4 @@
-"""ROS graph: questions to a ROS master over XML-RPC; topics that lead nowhere or that a submission forges."""
+"""ROS graph: requests to a ROS master over XML-RPC; topics that lead nowhere or that a submission forges."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ from typing import (
 from husky_grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
 from husky_highlevel_controller.xml_rpc import ask
 
-ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
+ANSWER_DEADLINE = 20.0  # [s] wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
-MAX_CALLERS = 5  # of a service that are named
+MAX_CALLERS = 5  # callers of a service that are reported
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
-TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"  # topic; of interactive markers of all bodies
+TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"  # topic; namespace of the objects' markers
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
-Nodes = Mapping[str, Sequence[str]]  # topic: nodes
+Nodes = Mapping[str, Sequence[str]]  # nodes by topic
 
 
 def has_service(uri: str, name: str) -> bool:
-    """Whether a node offers a service."""
+    """Return whether a node offers a service."""
     return bool(_ask(uri, "lookupService", name))
 
 
 def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int]:
-    """Lookups of a service by each node that is not ours, as each call makes one; the most first."""
+    """Return how often each node that is not ours has looked a service up, the largest number first.
+
+    Each call of a service looks it up once.
+    """
     answer = _ask(uri, "countLookups", service)  # a submission may end the master and answer in its place
     counts = answer if isinstance(answer, dict) else {}
     of_others = {
@@ -45,7 +48,7 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
 
 
 def is_published(uri: str, topic: str) -> bool:
-    """Whether a node advertises a topic."""
+    """Return whether a node advertises a topic."""
     published, *_ = _ask(uri, "getSystemState") or ((),)
     return any(name == topic for name, _ in published)
 
@@ -59,7 +62,7 @@ class Registered(NamedTuple):
 
 
 def registered(uri: str, our_nodes: Collection[str]) -> Registered:
-    """Registrations of the nodes that are not ours."""
+    """Return the registrations of the nodes that are not ours."""
     state = [
         {topic: set(nodes) - set(our_nodes) for topic, nodes in part}
         for part in _ask(uri, "getSystemState") or ()
@@ -79,15 +82,16 @@ def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
 
 
 def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
-    """Topics that a node which is not ours subscribes to."""
+    """Return the topics to which a node that is not ours subscribes."""
     state = _ask(uri, "getSystemState")
     return tuple(topic for topic, nodes in state[1] if set(nodes) - set(our_nodes)) if state else ()
 
 
 def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
-    """Settings with the robot whose scans a submission subscribes to; None: that does not tell.
+    """Return settings with the robot to whose scans a submission subscribes, or None if unknown.
 
-    It does not where it subscribes to none, or to several topics of scans that are no robot's.
+    It is unknown if the submission subscribes to no scans, or to several topics of scans that belong to no
+    robot.
     """
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:
@@ -101,7 +105,7 @@ def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfi
 
 
 def listens_to(config: MarkingConfig) -> str:
-    """A sentence that says why the robot is that of a configuration, by what the submission subscribes to."""
+    """Return the reason for a robot in a sentence: the submission subscribes to its scans."""
     if config.scans:
         return f"scans are sent on {config.scans}, the only topic of scans that it subscribes to"
     return f"the simulated robot is the {ROBOT_TITLES[config.robot]}: it subscribes to {config.scan_topic}"
@@ -112,12 +116,12 @@ def _ask(uri: str, method: str, *arguments: Any) -> Any:
 
 
 def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
-    """Whether the submission subscribes to a topic that not every node has."""
+    """Return whether the submission subscribes to a topic that not every node has."""
     return any(set(nodes) - our_nodes for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
 
 
 def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) -> List[str]:
-    """Topics to which only the submission subscribes and which nothing publishes."""
+    """Return the topics to which the submission subscribes and which nothing publishes."""
     return sorted(
         topic
         for topic, nodes in subscribers.items()
@@ -128,7 +132,7 @@ def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) ->
 def unread_topics(
     publishers: Nodes, subscribers: Nodes, types: Dict[str, str], our_nodes: Set[str]
 ) -> List[str]:
-    """Velocity commands of the submission that have no subscriber."""
+    """Return the topics on which the submission publishes velocity commands and that have no subscriber."""
     return sorted(
         topic
         for topic, nodes in publishers.items()
@@ -137,11 +141,11 @@ def unread_topics(
 
 
 def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str]) -> List[Tuple[str, str]]:
-    """(topic, node) of the submission where only the simulator publishes."""
+    """Return (topic, node) of the submission for topics on which only the simulator may publish."""
     return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]
 
 
 def topics_of_truth(subscribers: Nodes, our_nodes: Set[str]) -> List[Tuple[str, str]]:
-    """(topic, node) of the submission that subscribes to true poses, which marking's simulator keeps back."""
+    """Return (topic, node) of the submission for subscriptions to true poses, which are not published."""
     truth = [topic for topic in subscribers if topic == TRUTH or topic.startswith(WORLD)]
     return forged_topics(subscribers, truth, our_nodes)

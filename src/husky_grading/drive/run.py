@@ -1,4 +1,4 @@
-"""Drive of a submission: a ROS master, a simulator and a recorder of its own, and the recording."""
+"""Run of a submission: a ROS master, a simulator and a recorder of its own, and the recording."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ from husky_grading.submission import (
     starter,
 )
 
-STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
-PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each costs the ROS master milliseconds
-KEPT_OUTPUT = 20000  # letters of what a submission printed
-RECORDER_NODE = "marking_recorder"  # its node's name
+STALL_DEADLINE = 90.0  # [s] wall time in which simulated time must advance
+PROGRESS_PERIOD = 0.2  # [s] wall time between two looks at a run; each costs the ROS master milliseconds
+KEPT_OUTPUT = 20000  # characters of the submission's output that are kept
+RECORDER_NODE = "marking_recorder"  # name of the recorder's node
 
 
 @dataclass(frozen=True)
 class Driven:
-    """End of a drive."""
+    """Result of a run."""
 
-    robot: RobotChoice  # that was simulated; without a recording: that is to be
-    recording: Optional[Recording] = None  # None: the submission listens to another robot and has not driven
+    robot: RobotChoice  # robot that was simulated, or if there is no recording the robot to simulate instead
+    recording: Optional[Recording] = None  # None if the submission listens to another robot's scans
 
     @property
     def moved(self) -> bool:
-        """Whether the robot has moved."""
+        """Return whether the robot has moved."""
         return self.recording is not None and bool(self.recording.moving.any())
 
 
@@ -63,19 +63,22 @@ def drive_submission(
     chance: str = "",
     on_time: Callable[[float], None] = lambda _: None,
 ) -> Driven:
-    """Let a submission drive once, and write recording.json, unless it listens to another robot than a guess.
+    """Let a submission drive once, and write recording.json.
+
+    If the robot is a guess and the submission subscribes to another robot's scans, the run ends at once, and
+    nothing is written.
 
     Args:
-        submission: what to start.
+        submission: submission to start.
         trial: start and pillar.
-        robot: that is simulated.
-        bring_up: starts what it drives in.
-        folder: for the recording and logs.
-        chance: a variable that is read before it is written, in a sentence.
-        on_time: gets simulated times [s].
+        robot: robot to simulate.
+        bring_up: function that starts the simulator, or the program in its place.
+        folder: folder for the recording and logs.
+        chance: sentence on a variable that is read before it is written; empty if there is none.
+        on_time: function that is called with simulated times [s].
 
     Raises:
-        MarkingError: our own part of it does not work.
+        MarkingError: the network, the simulator or the recorder does not work.
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket, packages = f"{private}/truth", tuple(map(str, submission.workspace.packages))
@@ -102,12 +105,15 @@ def drive_submission(
             notes.insert(0, Note(Kind.ROBOT, robot.why))
         if submitted.problem:
             notes.append(Note(Kind.LIMIT, submitted.problem))
-        closing = Closing(tuple(notes), ended, _shortened(submitted.output))
+        output, half = submitted.output, KEPT_OUTPUT // 2
+        if len(output) > KEPT_OUTPUT:
+            output = f"{output[:half]}\n[...]\n{output[-half:]}"
+        closing = Closing(tuple(notes), ended, output)
         if ended:
-            recorder.tell(HandOver())
+            recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
     if recorder.recording is None:
-        raise MarkingError(f"no recording; the recorder said: {recorder.process.output.strip()[-500:]}")
+        raise MarkingError(f"the recorder sent no recording: {recorder.process.output.strip()[-500:]}")
     recording = closed(recorder.recording, closing)
     write_whole(folder / RECORDING, recording_to_json(recording))
     return Driven(robot, recording)
@@ -120,9 +126,10 @@ def _await_joining(
     submitted: Process,
     robot: RobotChoice,
 ) -> MarkingConfig:
-    """Wait until the submission takes part, or is not going to; the settings of the robot it listens to.
+    """Wait until the submission takes part, and return the settings of the robot to whose scans it listens.
 
-    These are those of `robot`, unless that is a guess. Without the submission the recorder takes part.
+    They are the settings of `robot`, unless that is a guess. If the submission does not take part, the
+    recorder does in its place.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
     joined = settles(
@@ -137,7 +144,7 @@ def _await_joining(
         listened = robot_listened_to(network.uri, our_nodes, robot.config)
         if listened is not None and listened != robot.config:
             return listened
-    recorder.tell(GoOn())
+    recorder.send(GoOn())
     return robot.config
 
 
@@ -148,32 +155,32 @@ def _follow(
     config: MarkingConfig,
     on_time: Callable[[float], None],
 ) -> Optional[Note]:
-    """Wait until a drive is over; why it has to be cut off, or None."""
-    reached, since, told = 0.0, time.monotonic(), False
+    """Wait until a run is over, and return why it has to be cut off, or None."""
+    reached, since, is_reported = 0.0, time.monotonic(), False
 
     def is_over() -> bool:
-        nonlocal reached, since, told
+        nonlocal reached, since, is_reported
         now = recorder.update().now
         on_time(now)
         if now > reached:
             reached, since = now, time.monotonic()
-        if not submitted.running and not told:
-            recorder.tell(Abandoned())
-            told = True
+        if not submitted.running and not is_reported:
+            recorder.send(Abandoned())
+            is_reported = True
         stalled = time.monotonic() - since > STALL_DEADLINE
         return stalled or recorder.over or not recorder.is_open or not simulator.running
 
     if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):
-        return Note(Kind.SLOW, f"it took longer than {config.wall_limit:.0f} s")
+        return Note(Kind.SLOW, f"it took longer than {config.wall_limit:.0f} s of wall time")
     if recorder.over or not recorder.is_open:
         return None
     if simulator.running:
         return Note(Kind.STALLED, f"the simulation made no progress for {STALL_DEADLINE:g} s")
-    return Note(Kind.STALLED, "the simulator was ended")
+    return Note(Kind.STALLED, "the simulator ended")
 
 
 def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
-    """Recording of a drive that has not begun."""
+    """Return the recording of a run that has not begun."""
     return Recording(
         trial.start, trial.pillar, config.deadline, robot=config.robot_name, simulated=config.robot,
         scan_topic=config.scan_topic,
@@ -181,14 +188,9 @@ def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
 
 
 def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
-    """Start a submission in a network; the program, and the file of its events."""
+    """Start a submission in a network, and return its process and the file of its events."""
     events = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
     create(events).close()
     own = submission.workspace.own
     command = starter(events, action, [submission.launchable], submission.parts, own)
     return network.start(SUBMISSION_FOLDER, command, submission.workspace), events
-
-
-def _shortened(output: str) -> str:
-    half = KEPT_OUTPUT // 2
-    return output if len(output) <= KEPT_OUTPUT else f"{output[:half]}\n[...]\n{output[-half:]}"

@@ -11,23 +11,23 @@ import numpy as np
 from husky_highlevel_controller.course import PILLAR_POSITION, PILLARS, course_world
 from husky_highlevel_controller.datatypes import Pose2D
 
-NEAREST, FARTHEST = 8.0, 20.0  # [m], base_link to the pillar's centre at the start
-SIDE = 1.0  # [rad], the pillar is at most so far to either side: exercise 3 does not ask for a search
+NEAREST, FARTHEST = 8.0, 20.0  # [m] distance from base_link to the pillar's centre at the start
+SIDE = 1.0  # [rad] largest bearing of the pillar, because exercise 3 does not ask for a search
 _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Start, pillar and seed of one drive."""
+    """Start, pillar and seed of one run."""
 
     number: int
-    start: Pose2D  # of base_link in the world
-    pillar: Tuple[float, float]  # [m], its centre in the world
-    seed: int  # of all noise
+    start: Pose2D  # pose of base_link in the world
+    pillar: Tuple[float, float]  # [m] its centre in the world
+    seed: int  # random seed for all noise
 
 
 def draw_trials(count: int, seed: int) -> List[Trial]:
-    """The course's own start and pillar, then others; number n of a seed is always the same."""
+    """Return the course's own start and pillar, then random ones; trial n of a seed is always the same."""
     trials = [Trial(1, Pose2D(), PILLAR_POSITION, seed)]
     for number in range(2, count + 1):
         rng = np.random.default_rng([seed, number])
@@ -40,7 +40,7 @@ def draw_trials(count: int, seed: int) -> List[Trial]:
 
 
 def trial_world(trial: Trial, robot: str) -> str:
-    """The world of a robot's sheets with the pillar in another place, as SDF; `robot` is one of ROBOTS."""
+    """Return the SDF world of a robot's exercise sheets with the trial's pillar; `robot` is one of ROBOTS."""
     text, size = course_world().read_text(), PILLARS[robot]
     assert _POSE in text
     assert _SIZE in text

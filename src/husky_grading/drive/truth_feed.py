@@ -1,4 +1,4 @@
-"""Reads the simulator's private socket: true poses, and calls that changed the world."""
+"""Reader of the simulator's private socket: true poses, and calls that changed the world."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from typing import Callable, Optional
 from husky_highlevel_controller.datatypes import TrueState
 
 BUFFER = 1 << 16  # [bytes]
-READ = b"."  # answers "ready" and each state: the simulator waits for it, so markers get the right time
+READ = b"."  # answer to "ready" and to each state; the simulator waits for it, so markers get the right time
 
 
 class TruthFeed:
-    """Takes the first connection, and no other: a submission starts later and finds no listener."""
+    """Reader that takes only the first connection, so a submission, which starts later, finds no listener."""
 
     def __init__(
         self, path: Path, on_truth: Callable[[TrueState], None], on_event: Callable[[str, str], None]
     ) -> None:
-        """Listen on a socket, which is gone once the simulator has connected; events are kind and text."""
+        """Listen on a socket, which is removed when the simulator connects; events are kind and text."""
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
-        self.failure: Optional[Exception] = None  # the first that a callback raised; reading goes on
+        self.failure: Optional[Exception] = None  # first exception of a callback; reading continues
         self._begins = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
@@ -32,7 +32,7 @@ class TruthFeed:
         threading.Thread(target=self._read, daemon=True).start()
 
     def begin(self) -> None:
-        """Let time begin."""
+        """Let simulated time begin."""
         self._begins.set()
 
     def _read(self) -> None:
@@ -55,6 +55,6 @@ class TruthFeed:
                         self._on_event(key, str(value))
                 except Exception as error:
                     self.failure = self.failure or error
-                if key in ("truth", "ready"):  # the simulator waits for it
+                if key in ("truth", "ready"):  # the simulator waits for an answer
                     with contextlib.suppress(OSError):
                         connection.sendall(READ)

@@ -1,1 +1,1 @@
-"""Exercises of the course, one file each, and what a file of an exercise consists of."""
+"""Exercises of the course, one file each, and the records that such a file consists of."""

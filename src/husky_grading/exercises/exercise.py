@@ -1,7 +1,8 @@
-"""Exercise as marking sees it: items and judge, settings of its drives, and three hooks.
+"""Exercise as marking sees it: items and judge, settings of its runs, and three hooks.
 
-`facts` says what of the hand-in an exercise needs, `bring_up` starts what a drive takes place in, and `watch`
-follows the drive. The defaults are those of a node that drives the simulated robot by its scans.
+`facts` names the parts of a submission that an exercise needs, `bring_up` starts the simulator or a program
+in its place, and `watch` follows the run. The defaults fit a node that drives the simulated robot by its
+scans.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from husky_grading.hand_in.facts import Facts
 from husky_grading.recording import Recording
 from husky_grading.records import Item, Rules
 
-# of drives, what RViz showed, topic of the scans, rules
+# arguments: recordings, RViz view, topic of the scans, rules
 Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 
 
@@ -24,15 +25,15 @@ Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 class Exercise:
     """Exercise of the course."""
 
-    items: Tuple[str, ...]  # names, for a rubric file
+    items: Tuple[str, ...]  # names, as a rubric file uses them
     judge: Judge
-    pace: float  # simulated seconds a second
-    deadline: float  # [s], simulated, of a drive
-    random_starts: bool = False  # several drives, each from another place
+    pace: float  # maximum real-time factor
+    deadline: float  # [s] time limit of a run, simulated
+    random_starts: bool = False  # several runs, each from another pose
     facts: Facts = field(default_factory=Facts)
     bring_up: BringUp = simulate
     watch: Callable[[Recording, RosAccess], Watch] = Watch
 
     def drives(self, trials: int) -> int:
-        """Return the number of drives, if a teacher asks for so many trials."""
+        """Return the number of runs, if a teacher asks for so many trials."""
         return trials if self.random_starts else 1

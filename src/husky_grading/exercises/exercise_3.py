@@ -1,4 +1,4 @@
-"""Exercise 3: drives to the pillar and marks it in RViz; docs/rubrics.md says how it is judged."""
+"""Exercise 3: a node drives to the pillar and marks it in RViz; docs/rubrics.md has the rules for points."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from husky_grading.rubrics.causes import (
     is_nothing,
     with_cause,
 )
-from husky_grading.rubrics.items import forfeited, over_trials, weighted
+from husky_grading.rubrics.items import by_hand, forfeited, over_trials, weighted
 from husky_grading.rubrics.marker_faults import CHECK
 from husky_grading.rubrics.marker_faults import HINTS as MARKER_HINTS
 from husky_grading.rubrics.marker_places import judge_namespaces
@@ -40,15 +40,15 @@ from husky_grading.rubrics.rviz_view import (
 from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
-HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
-PAST, MIN_PAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
-FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
-ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing, from which on turning is asked for; share of the right sign
-TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s], of a robot that turns; share of these turns to the same side
-STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
-PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
-SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
-NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
+HALF_WAY = 0.5  # fraction of the way to the pillar that gives all points for the approach
+PAST, MIN_PAST = 0.1, 1.0  # fraction of the way, and [m]: a robot that passes farther away loses half of them
+FIRST_STEPS = 0.1  # fraction of the way that gives half of these points
+ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing at which the robot must turn; fraction of turns with its sign
+TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s] rate of a turn; fraction of turns to the same side
+STOPPED = 1.0  # [s] time at rest at the end after which the robot has stopped
+PERIOD, LATELY = 0.1, 1.0  # [s] longest time between two scans; time over which the last approach is measured
+SILENT = 2.0  # [s] simulated time after which a submission that listens must have advertised its commands
+NEARLY = 0.1  # [m] tolerance for "at the nearest point of the run"
 ITEMS = (
     "drives towards the pillar",
     "reaches the pillar",
@@ -56,24 +56,26 @@ ITEMS = (
     "marker at the pillar",
     "marker in RViz",
 )
-NO_DRIVE = "there was no drive"
+NO_RUN = "there was no run"
 # hints
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
 SLOW = "drive faster while the pillar is far away"
 TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
-SWERVES = "print the angle that you compute beside angular.z: these turns do not follow the pillar's angle"
-NO_TURN = "set angular.z from the pillar's angle: a gain that is read into an int is cut to 0"
+SWERVES = (
+    "print the angle that you compute and angular.z, because these turns do not follow the pillar's angle"
+)
+NO_TURN = "set angular.z from the pillar's angle; a gain that is read into an int is cut to 0"
 NO_SPEED = "set linear.x, too"
 BACKWARDS = "check the sign of linear.x: positive drives ahead"
 NO_MARKER = (
-    "publish the marker in each callback of the scans: see what keeps yours from it (a condition, or an "
-    "exception of TF that is caught)"
+    "publish the marker in each callback of the scans; look for a condition, or an exception of TF that is "
+    "caught, before the call of publish"
 )
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
 
 
 class PillarWatch(Watch):
-    """Ends the drive at the pillar, and where the robot does not get there any more."""
+    """Ends the run at the pillar, or as soon as the robot will not reach it any more."""
 
     def __init__(self, known: Recording, ros: RosAccess) -> None:
         super().__init__(known, ros)
@@ -84,7 +86,7 @@ class PillarWatch(Watch):
         self._end.update(state)
 
     def look(self, state: DriveState) -> Optional[Note]:
-        """Return why the drive is over; None if the drive goes on."""
+        """Return why the run is over, or None if it goes on."""
         deadline = super().look(state)
         if deadline:
             return deadline
@@ -96,7 +98,7 @@ class PillarWatch(Watch):
 
 
 def judge_approach(recording: Recording) -> Item:
-    """The Husky drives towards the pillar: 20."""
+    """Grade whether the robot drives towards the pillar: 20 points."""
     item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
@@ -106,7 +108,7 @@ def judge_approach(recording: Recording) -> Item:
     nearer, distance = way - gaps[nearest], f"of the {way:.2f} m to the pillar"
     if nearer >= HALF_WAY * way:
         half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
-        evidence = f"half {distance} are behind it after {half:.2f} s"
+        evidence = f"covers half {distance} in {half:.2f} s"
         if gaps[nearest] > max(PAST * way, MIN_PAST) and gaps[-1] > gaps[nearest] + MIN_PAST:
             why, hint = _steering(recording)
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{why}"
@@ -163,21 +165,22 @@ def _steering(recording: Recording) -> Tuple[str, str]:
 def judge_arrival(
     recording: Recording, rules: Rules = DEFAULT_RULES, approach: Optional[Item] = None
 ) -> Item:
-    """The Husky reaches the pillar, by standing at it or by touching it at any speed: 30.
+    """Grade whether the robot reaches the pillar: 30 points if it stands at it, or touches it at any speed.
 
-    What kept it from driving towards the pillar, by the drive's `approach`, is its cause as well.
+    If the `approach` of the same run lost points, its hint is the hint here, too.
     """
     item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not len(times):
-        return with_cause(item, NO_DRIVE, first_cause(recording))
+        return with_cause(item, NO_RUN, first_cause(recording))
     nearest = int(np.argmin(gaps))
     if gaps[nearest] > rules.reached:
         at = float(times[nearest])
         if _runs_out_of_time(recording):
-            evidence = f"for a person: {gaps[-1]:.2f} m to go, and on its way, at the deadline of {at:.0f} s"
-            return replace(item, points=None, evidence=evidence, at=at, hint=SLOW)
-        evidence = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
+            why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
+            return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
+        evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
+        evidence += f", at most {rules.reached:g} m is needed"
         if not recording.driving[nearest + 1 :].any() and recording.driving.any():
             evidence = f"stops short: {evidence}"
         if not recording.moving.any():
@@ -192,11 +195,11 @@ def judge_arrival(
     reached = float(times[np.argmax(gaps <= rules.reached)])
     at = first_touch(recording)
     if at < np.inf:
-        # the speed just before: the touch itself slows the robot down
+        # the speed just before, because the touch itself slows the robot down
         before = recording.speeds[(times >= at - 0.2) & (times <= at), 0]
         speed = float(np.abs(before).max())
         if rules.rams(speed):
-            evidence = f"rams the pillar at {speed:.2f} m/s, at most {rules.gentle:g} m/s are gentle"
+            evidence = f"rams the pillar at {speed:.2f} m/s; up to {rules.gentle:g} m/s costs no points"
             points = max(30.0 - rules.ramming_costs, 0.0)
             return replace(item, points=points, evidence=evidence, at=at, hint=SLOWS)
         return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=at)
@@ -212,16 +215,16 @@ def judge_arrival(
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
-    """The marker is at the pillar: 20, by how near it is and how much of the time."""
+    """Grade whether the marker is at the pillar: 20 points, by its distance and the fraction of the time."""
     item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
-        return with_cause(item, NO_DRIVE, first_cause(recording))
+        return with_cause(item, NO_RUN, first_cause(recording))
     cause = cause_of_silence(recording)
     if not recording.marker_topics:
         evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{behind(cause)}"
         hint = hint_on(cause) if cause else f"make a publisher of visualization_msgs/Marker, and {MEMBER}"
         return replace(item, evidence=evidence, hint=hint)
-    # after a push it is not known where the pillar is
+    # after a push the pillar's position is unknown
     placements = judge_namespaces(recording, first_touch(recording), rules)
     if not placements:
         evidence = f"nothing came on {', '.join(recording.marker_topics)}{behind(cause)}"
@@ -232,13 +235,13 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
 
 
 def first_touch(recording: Recording) -> float:
-    """Time at which the robot first touches the pillar [s]; inf if it does not."""
+    """Return the time at which the robot first touches the pillar [s]; inf if it does not."""
     touches = np.flatnonzero(recording.hull_gaps <= TOUCH)
     return float(recording.times[touches[0]]) if len(touches) else np.inf
 
 
 def _runs_out_of_time(recording: Recording) -> bool:
-    """Whether the deadline ends a drive that comes nearer, so fast that as much time again would do."""
+    """Return whether the deadline ends a run that would reach the pillar in as much time again."""
     gaps, times = recording.hull_gaps, recording.times
     if times[-1] < recording.deadline - PERIOD or gaps[-1] > gaps.min() + NEARLY:
         return False
@@ -247,7 +250,7 @@ def _runs_out_of_time(recording: Recording) -> bool:
 
 
 def _stands_since(recording: Recording) -> Optional[float]:
-    """Since when it stands for good [s]; None if it does not."""
+    """Return the time since which the robot stands until the end [s]; None if it does not."""
     moving = np.flatnonzero(recording.driving)
     row = moving[-1] + 1 if len(moving) else 0
     if row >= len(recording.times) or recording.times[-1] - recording.times[row] < STOPPED:
@@ -256,7 +259,7 @@ def _stands_since(recording: Recording) -> Optional[float]:
 
 
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
-    """RViz shows TF, robot model and laser scan: 6, 7 and 7."""
+    """Grade whether RViz shows TF, robot model and laser scan: 6, 7 and 7 points."""
     item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
     if not view.source:
         return without_config(item, view, rules)
@@ -275,7 +278,7 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
     ]
     findings = [evidence for evidence, _ in faults]
     if visible:
-        findings.insert(0, f"{visible} to be seen")
+        findings.insert(0, f"visible: {visible}")
     return replace(
         item,
         points=sum(points for points, is_visible in parts.values() if is_visible),
@@ -287,7 +290,10 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
 def judge_shown(
     view: RvizView, recordings: Sequence[Recording], places: Sequence[Item], rules: Rules = DEFAULT_RULES
 ) -> Item:
-    """RViz shows the marker: 10, if it is at the pillar at least at times; `places` by judge_place."""
+    """Grade whether RViz shows the marker: 10 points, if it is at the pillar at times.
+
+    `places` are the items of judge_place, one for each run.
+    """
     item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
     drives = [recording for recording, place in zip(recordings, places) if place.points]
     markers = [marker for drive in drives for marker in drive.markers if not marker.problem]
@@ -301,7 +307,7 @@ def judge_shown(
     shown_topics = sorted(drawn & set(view.topics))
     if not shown_topics and topics & set(view.topics):
         evidence = (
-            f"the namespace of the marker is switched off in its display of {', '.join(sorted(topics))}"
+            f"the namespace of the marker is switched off in the display of {', '.join(sorted(topics))}"
         )
         return replace(item, evidence=evidence, hint=f"switch it on, {SAVED}")
     if not shown_topics:
@@ -313,7 +319,7 @@ def judge_shown(
             evidence += f": {view.problem}"
             hint = hint_on_view(view)
         if is_off:
-            evidence += f": its display of {', '.join(sorted(is_off))} is switched off"
+            evidence += f": the display of {', '.join(sorted(is_off))} is switched off"
         if is_off and not view.problem:
             hint = f"tick the display Marker, {SAVED}"
         elif others and not view.problem:
@@ -325,7 +331,7 @@ def judge_shown(
 def judge_exercise_3(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """Items of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
+    """Return the items of exercise 3: 20, 30 and 20 points, and 20 and 10 for the marker."""
     approaches = [judge_approach(recording) for recording in recordings]
     arrivals = [judge_arrival(each, rules, approach) for each, approach in zip(recordings, approaches)]
     places = [judge_place(recording, rules) for recording in recordings]
@@ -345,6 +351,6 @@ EXERCISE = Exercise(
     pace=5.0,
     deadline=120.0,
     random_starts=True,
-    facts=Facts(by_content=True),  # its world, with the pillar, is in the launch file
+    facts=Facts(by_content=True),  # its launch file names the world with the pillar
     watch=PillarWatch,
 )

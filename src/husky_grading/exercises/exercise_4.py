@@ -1,7 +1,7 @@
-"""Exercise 4: a filter's path of a bag, the bag's point cloud in RViz, a frame above the robot.
+"""Exercise 4: a filter estimates the path of a bag, RViz shows its point cloud, a frame is above the robot.
 
-Marking plays the bag of the robot to the filter that the hand-in starts; no node of its own drives. Both
-sheets are data: the Husky's of 2018, 100 points; the SMB's of 2021, 100 and a bonus of 10.
+Marking plays the bag of the robot to the filter that the submission starts, so no node drives. `SHEETS` has
+the points of both exercise sheets: Husky of 2018, 100 points; SMB of 2021, 100 points and a bonus of 10.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from husky_grading.isolation.ros_network import Network
 from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import EstimatedPath, Recording, table
 from husky_grading.records import DEFAULT_ROBOT, DEFAULT_RULES, SMB, Item, MarkingConfig, Rules
-from husky_grading.rubrics.causes import causes, hint_on
-from husky_grading.rubrics.items import forfeited, weighted
+from husky_grading.rubrics.causes import causes, hint_on, silent_text
+from husky_grading.rubrics.items import by_hand, forfeited, weighted
 from husky_grading.rubrics.rviz_view import DISPLAYS, without_config
 from husky_grading.submission import NamedRobot, Parts, Plan
 from husky_highlevel_controller.robot import load_robot
@@ -40,67 +40,73 @@ from husky_highlevel_controller.robot import load_robot
 FILTERED, ODOMETRY = "/odometry/filtered", "nav_msgs/Odometry"  # topic of the filter's estimate, and its type
 PLAYER = "rosbag/play"  # node of a launch file that plays a bag
 TOP_VIEW_FRAME = "smb_top_view"
-MAX_FILE = 1_000_000  # [bytes] of a configuration of rqt_multiplot
-MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
+MAX_FILE = 1_000_000  # [bytes] size of a configuration of rqt_multiplot
+MAX_CURVES, MAX_NAME = 100, 200  # curves of a package; characters of a topic or field
 MAX_ESTIMATES = 50_000
-BAG_MARGIN = 0.1  # [s], simulated: the last pose may come so long before the end of a bag
-LAST = 1.0  # [s], before the bag's end: an estimate from there is among the last
-SILENCE = 10.0  # [s] of wall time without an estimate after the bag's end: no more is to come
-# of the SMB's sheet; a Husky's hand-in may name /rslidar_points and smb_top_view, too
+BAG_MARGIN = 0.1  # [s] simulated time by which the last pose may precede the end of a bag
+LAST = 1.0  # [s] time before the bag's end; an estimate from this time is among the last
+SILENCE = 10.0  # [s] wall time without an estimate after the bag's end, after which no more is awaited
+# packages of the SMB's sheet; a submission for the Husky may also name /rslidar_points and smb_top_view
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
-CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # of our bags; of the Husky's of 2018
+CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # topics of our bags and of the 2018 sheet
 MIN_ESTIMATES = 10
-BEGIN, END = 5.0, 2.0  # [s], after the begin and before the end of the bag: between them it must estimate
-GAP = 5.0  # [s], between two estimates, by their stamps
-TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] from the true path, and of its length: the larger counts
-ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m], place of the top view in base_link; so near it is there
-COLOURING, SIZE, SAME_SIZE = "AxisColor Z", 0.05, 0.005  # of the cloud's points [m]
+BEGIN, END = 5.0, 2.0  # [s] times after the bag's begin and before its end, between which estimates must come
+GAP = 5.0  # [s] longest time between two estimates, by their stamps
+TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] error; error as a fraction of the path; the larger counts
+ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m] position of the top view in base_link, and its tolerance
+COLOURING, SIZE, SAME_SIZE = (
+    "AxisColor Z",
+    0.05,
+    0.005,
+)  # colouring; [m] size of the cloud's points; tolerance
 
 PLOT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
-INPUTS = "compare the filter's inputs with `rosbag info`: are localization.yaml and use_sim_time loaded?"
+INPUTS = (
+    "compare the filter's inputs with `rosbag info`, and check that localization.yaml and use_sim_time are "
+    "loaded"
+)
 TOP_VIEW = "publish it by static_transform_publisher: args=0 0 2 0 0 0 base_link smb_top_view"
-CLOUD = f"a display PointCloud2 of /rslidar_points; {DISPLAYS}"
-STYLE = "in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
-RENAME = "the frame {} is there, but it must be called smb_top_view"
-PLAYS = "a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
-# share of the points, None where a person judges; evidence; what to look at
+CLOUD = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
+STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
+RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
+PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
+# fraction of the points, None if it is graded by hand; evidence; hint
 Verdict = Tuple[Optional[float], str, str]
-BY_PERSON: Verdict = (None, "for a person", "")
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
-_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # of a file's path, up to its name
+_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # folders of a file's path
 _POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
 
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """Facts of a hand-in, and what was seen while a bag was played to its filter."""
+    """Facts of a submission, and observations while a bag was played to its filter."""
 
-    top_view: np.ndarray = table("[s, m, m, m], the frame's place in base_link", 4)
+    top_view: np.ndarray = table("[s, m, m, m] times and positions of the frame in base_link", 4)
     players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
-    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
-    # [m] in base_link of every frame at the end, where the top view never came: it may have another name
+    curves: Tuple[Tuple[str, str], ...] = ()  # curves of its rqt_multiplot files: /topic/field of x and of y
+    # [m] positions of every frame in base_link at the end, if the top view never came under its own name
     places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
 
 
 def named_bag(planned: Plan) -> NamedRobot:
-    """Robot of whose bag a filter is, by the parameters that it loads."""
+    """Return the robot of the bag for which a filter is made, by the packages that it names."""
     mention = first_mention(planned, FILTERS_OF_THE_SMB)
     if mention:
-        why = f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
+        why = f"the SMB's bag is played, because {mention[0].name} names {mention[1].group()}"
         return NamedRobot(SMB, why, is_certain=True)
-    why = "the bag is the Husky's: it names no package of the SMB"
+    why = "the Husky's bag is played, because the package names no package of the SMB"
     return NamedRobot(DEFAULT_ROBOT, why, is_certain=True)
 
 
 def read_facts(planned: Plan) -> Mapping[str, Any]:
-    """Return what the launch file plays, and what rqt_multiplot is to draw."""
+    """Return the bags that the launch file plays, and the curves that rqt_multiplot draws."""
     players = [arguments for node, arguments in planned.left_out_arguments if node == PLAYER]
     curves = curves_in(planned.package_path) if planned.package_path else ()
     return {"players": players, "curves": [list(curve) for curve in curves]}
 
 
 def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
-    """Quantities of each curve on x and on y, as /topic/field."""
+    """Return the quantities of each curve of rqt_multiplot on x and on y, as /topic/field."""
     curves = []
     for path in walk(package):
         if path.suffix == ".xml":
@@ -121,17 +127,17 @@ def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: st
     """Start the player of the robot's bag in the simulator's place.
 
     Raises:
-        MarkingError: it does not start.
+        MarkingError: the player does not start.
     """
     set_robot_parameters(network, config)
     numbers = map(str, (trial.seed, config.pace, config.deadline))
     command = [BAG_PLAYER, config.robot_name, *numbers]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
-    return once_up(player, lambda: is_published(network.uri, "/clock"))  # which it advertises last
+    return once_up(player, lambda: is_published(network.uri, "/clock"))  # the player advertises it last
 
 
 class FilterWatch(Watch):
-    """Keeps the path of the filter, and where the sheet's top view is, until all of the bag has come."""
+    """Keeps the filter's path and the position of the sheet's top view until the bag has been played."""
 
     follows = frozenset({ODOMETRY})
     reads_scans = False
@@ -144,11 +150,11 @@ class FilterWatch(Watch):
 
     @property
     def input_topic(self) -> str:
-        """Topic of the bag's wheel odometry."""
+        """Return the topic of the bag's wheel odometry."""
         return f"/{load_robot(self._known.robot).topics.wheel_odometry}"
 
     def takes_part(self, state: DriveState) -> bool:
-        """Whether it listens to the bag; it sends no command."""
+        """Return whether the submission subscribes to the bag's odometry; it sends no command."""
         return state.subscribed
 
     def on_message(self, topic: str, message: Any) -> None:
@@ -160,8 +166,11 @@ class FilterWatch(Watch):
             path.append((message.header.stamp.to_sec(), place.x, place.y))
 
     def look(self, state: DriveState) -> Optional[Note]:
-        """Keep where the top view is, and return why the drive is over; None if the drive goes on."""
-        self._keep_top_view(state.now)
+        """Keep the position of the top view, and return why the run is over, or None if it goes on."""
+        place = self._ros.place(TOP_VIEW_FRAME)
+        latest = self._top_view[-1][0] if self._top_view else 0.0
+        if place is not None and state.now > latest:
+            self._top_view.append((state.now, *place))
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
         end = self._known.deadline - BAG_MARGIN
@@ -169,35 +178,32 @@ class FilterWatch(Watch):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")
 
-    def _keep_top_view(self, now: float) -> None:
-        """Keep the place of the top view, once for each time of the clock [s]."""
-        place = self._ros.place(TOP_VIEW_FRAME)
-        if place is not None and now > (self._top_view[-1][0] if self._top_view else 0.0):
-            self._top_view.append((now, *place))
-
     def _is_complete(self, end: float) -> bool:
-        """Whether, after the end of the bag [s], the last estimate has come, or none comes any more."""
+        """Return whether the last estimate before the bag's end [s] has come, or none comes any more."""
         if any(path and path[-1][0] >= end - LAST for path in self._paths.values()):
             return True
         return not self._paths or time.monotonic() - self._came_at > SILENCE
 
     def kept(self) -> Dict[str, Any]:
-        """Places of the top view, and of other frames if it never came."""
+        """Return the positions of the top view, and of other frames if it never came."""
         places = {} if self._top_view else self._ros.places()
         return {"top_view": np.array(self._top_view).reshape(-1, 4), "places": places}
 
     @property
     def estimate(self) -> EstimatedPath:
-        """Path on the sheet's topic if any came there, otherwise the longest one."""
+        """Return the path on the sheet's topic if any came there, otherwise the longest one."""
         longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
         topic = FILTERED if self._paths.get(FILTERED) else longest
         return EstimatedPath(topic, np.array(self._paths.get(topic, ())).reshape(-1, 3))
 
 
 def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
-    """The path is plotted in rqt_multiplot: all, or half of another topic; a person where no file is."""
+    """Grade whether rqt_multiplot plots the path: all points, or half for another topic.
+
+    Without a configuration of rqt_multiplot it is graded by hand.
+    """
     if not playback.curves:
-        return None, "for a person: no configuration of rqt_multiplot", PLOT
+        return None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT
     xs = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
     topics = [match["topic"] for match in xs if match]
     evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in playback.curves[:3])
@@ -207,13 +213,13 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
 
 
 def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
-    """The filter's path of the bag is complete and true: all; half if it comes and differs."""
-    told = recording.estimate or EstimatedPath()
-    path = told.points[np.isfinite(told.points).all(axis=1)]  # one that is not a number is no estimate
+    """Grade whether the filter's path of the bag is complete and accurate: all points, half if it differs."""
+    estimate = recording.estimate or EstimatedPath()
+    path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
     estimates = len(path)
     if estimates < MIN_ESTIMATES or not len(recording.times):
-        cause = _cause(recording)
-        evidence = f"{estimates} estimates on {told.topic or FILTERED}: {cause.text}"
+        cause = _cause_of_no_estimate(recording)
+        evidence = f"{estimates} estimates on {estimate.topic or FILTERED}: {cause.text}"
         return 0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS
     stamps, end = path[:, 0], float(recording.times[-1])
     true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]
@@ -221,29 +227,29 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     length = float(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T).sum())
     gap = float(np.diff(np.sort(stamps)).max())
     is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and gap <= GAP
-    is_true = off <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
-    evidence = f"{told.topic}: from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
+    is_accurate = off <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
+    evidence = f"{estimate.topic}: estimates from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
     evidence += f"at most {gap:.1f} s apart, up to {off:.2f} m from the true path of {length:.1f} m"
-    return 1.0 if is_whole and is_true else 0.5, evidence, INPUTS
+    return 1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS
 
 
-def _cause(recording: Recording) -> Note:
-    """Cause for which no estimate came."""
+def _cause_of_no_estimate(recording: Recording) -> Note:
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent and not causes(recording):
-        return Note(Kind.SILENT_TOPIC, f"it listens to {silent}, where nothing is sent")
-    return (causes(recording) or [Note(Kind.NO_SCANS, "nothing listens to the bag's wheel odometry")])[0]
+        return Note(Kind.SILENT_TOPIC, silent_text(silent))
+    nothing = Note(Kind.NO_SCANS, "no node subscribes to the bag's wheel odometry")
+    return (causes(recording) or [nothing])[0]
 
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
-    """RViz shows the bag's point cloud."""
+    """Grade whether RViz shows the bag's point cloud."""
     topics = [cloud.source for cloud in view.clouds]
     evidence = view.problem or f"{view.source}: point cloud of {', '.join(topics) or 'no topic'}"
     return float(not view.problem and not CLOUDS.isdisjoint(topics)), evidence, CLOUD
 
 
 def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
-    """The cloud's points are coloured by z, and 0.05 m large: half each."""
+    """Grade whether the cloud's points are coloured by z, and 0.05 m large: half of the points each."""
     styles = [
         (
             0.5 * (cloud.colouring == COLOURING) + 0.5 * (abs(cloud.size - SIZE) <= SAME_SIZE),
@@ -256,7 +262,7 @@ def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> V
 
 
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
-    """The top view is 2 m above base_link at three moments of the drive."""
+    """Grade whether the top view is 2 m above base_link at three moments of the run."""
     rows = playback.top_view
     if len(rows) < 3:
         other = next((frame for frame, place in sorted(playback.places.items()) if _is_above(place)), "")
@@ -271,26 +277,31 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
 
 
 def _is_above(place: Sequence[float]) -> bool:
-    """Whether a place in base_link [m] is that of the top view."""
+    """Return whether a position in base_link [m] is that of the top view."""
     return float(np.linalg.norm(np.subtract(place, ABOVE))) <= NEAR
 
 
 def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
-    """The launch file plays a bag."""
+    """Grade whether the launch file plays a bag."""
     calls = "; ".join(_FOLDERS.sub("", player) for player in playback.players)
     return float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS
 
 
 def judge_half_speed(recording: Recording, playback: Playback, view: RvizView) -> Verdict:
-    """The launch file plays a bag at half speed."""
+    """Grade whether the launch file plays a bag at half speed."""
     rates = [float(rate) for player in playback.players for rate in _RATE.findall(player)]
     return float(0.5 in rates), *judge_player(recording, playback, view)[1:]
 
 
-# items with their points of the Husky's and of the SMB's sheet
+def leave_to_teacher(_recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
+    """Leave an item to be graded by hand."""
+    return None, by_hand(), ""
+
+
+# items with their points on the Husky's and on the SMB's sheet
 SHEETS: Dict[str, Tuple[float, float, Subject, Callable[[Recording, Playback, RvizView], Verdict]]] = {
-    "explains the filter": (0.0, 10.0, Subject.CODE, lambda *_: BY_PERSON),
-    "explains its topics": (0.0, 10.0, Subject.CODE, lambda *_: BY_PERSON),
+    "explains the filter": (0.0, 10.0, Subject.CODE, leave_to_teacher),
+    "explains its topics": (0.0, 10.0, Subject.CODE, leave_to_teacher),
     "plots the simulated path": (30.0, 20.0, Subject.CODE, judge_plot),
     "recorded path": (40.0, 30.0, Subject.DRIVE, judge_path),
     "RViz shows the point cloud": (30.0, 10.0, Subject.DISPLAYS, judge_cloud),
@@ -305,7 +316,7 @@ ITEMS = tuple(SHEETS)
 def judge_exercise_4(
     recordings: Sequence[Recording], view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """Items of the sheet of the robot whose bag was played."""
+    """Return the items of the exercise sheet of the robot whose bag was played."""
     recording, items = recordings[0], []
     playback = recording.watched_as(Playback)
     for name, (husky, smb, subject, judge) in SHEETS.items():

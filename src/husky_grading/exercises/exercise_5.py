@@ -1,4 +1,4 @@
-"""Exercise 5: a service stops and starts the robot; marking calls it while the robot drives."""
+"""Exercise 5: a service stops and starts the robot, and marking calls it during the run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from husky_grading.rubrics.causes import (
     hint_on,
     with_cause,
 )
-from husky_grading.rubrics.items import forfeited, weighted
+from husky_grading.rubrics.items import by_hand, forfeited, weighted
 from husky_highlevel_controller.config import to_plain
 
 ITEMS = (
@@ -30,59 +30,61 @@ ITEMS = (
     "bonus: stops before a crash",
     "bonus: stops after a crash",
 )
-BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as just before
-SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call's answer: from when to when it is looked at
-MANY = 5  # lookups of a node: fewer come also from one that only waits for the service
-SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
+BEFORE = 0.5  # [s] simulated time before a call over which the speed before it is measured
+SETTLED, CALM = 1.5, 4.0  # [s] simulated times after an answer between which the speed after it is measured
+MANY = 5  # lookups of a node that show calls; fewer also come from a node that only waits for the service
+SLOW, FAST = 0.05, 0.1  # [m/s] speeds below which the robot stands, and above which it drives
 SET_BOOL = "std_srvs/SetBool"
-CALLS = (False, True, False, True)  # stop and start, twice; the other way round where True stops
-DRIVES = 0.1  # [m/s]
-FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)  # [s]: after it drives; where it waits for a call to drive at all
-OBEYED = 0.5  # [s], simulated, after a call: by then a submission that it stops sends no more
-NO_SERVICE = 25.0  # [s], simulated, without a service
+CALLS = (False, True, False, True)  # stop and start, twice; if True stops the robot, start and stop
+DRIVES = 0.1  # [m/s] speed of a robot that has begun to drive
+# [s] time of the first call after the robot drives; its time if the robot waits for a call before it drives
+FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
+OBEYED = 0.5  # [s] simulated time after a call in which a submission that it stops may send its last command
+NO_SERVICE = 25.0  # [s] simulated time without a service, after which the run is over
 # hints
 SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {MEMBER}"
-NEITHER = (
-    "keep the request in a member, and let each callback of the scans send a zero twist while it says stop; "
-    "see that no other node of yours calls the service, or sends velocities as well"
+STOP = (
+    "keep the request in a member, and let each callback of the scans send a zero twist while it means stop"
 )
-STOP = "keep the request in a member, and let each callback of the scans send a zero twist while it says stop"
-OTHER_CALLER = f"see what that node sends, because its calls come between those of marking; otherwise {STOP}"
-START = "let the other request clear that member, so that the scans' callback drives again"
+NEITHER = f"{STOP}; check that no other node of yours calls the service or sends velocities, too"
+OTHER_CALLER = (
+    f"check the calls of that node, because they come between those of the grader; otherwise {STOP}"
+)
+START = "let the other request clear that member, so that the callback of the scans drives again"
 
 
 @dataclass(frozen=True)
 class Call:
     """Call of a start/stop service."""
 
-    at: float  # [s], simulated
-    data: bool  # what was sent
+    at: float  # [s] simulated time of the call
+    data: bool  # value of the request
     success: bool
-    answer: str  # its text, or what went wrong
-    answered_at: float  # [s], simulated; on a busy machine more than a second later
+    answer: str  # text of the answer, or the error
+    answered_at: float  # [s] simulated time of the answer; on a busy machine more than a second later
 
 
 @dataclass(frozen=True)
 class ServiceCalls:
     """Services that the submission offers, and the calls of them."""
 
-    services: Tuple[str, ...] = ()  # of type std_srvs/SetBool
-    other_services: Tuple[str, ...] = ()  # of other types, as "/name (package/Type)"
+    services: Tuple[str, ...] = ()  # services of type std_srvs/SetBool
+    other_services: Tuple[str, ...] = ()  # services of other types, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
-    # lookups of the service by each node of the submission: each call makes one
+    # number of lookups of the service by each node of the submission; each call makes one
     callers: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass
 class CallPlan:
-    """Plan of the calls of one drive."""
+    """Plan of the calls of one run."""
 
     made: int = 0
-    answered_at: float = -inf  # [s], the last call
-    drove_at: float = inf  # [s], for the first time
+    answered_at: float = -inf  # [s] time of the last answer; inf while it is awaited
+    drove_at: float = inf  # [s] time at which the robot first drove
 
     def due(self, now: float, speed: float) -> Optional[bool]:
-        """The value to call with now, or None; time in s, speed in m/s."""
+        """Return the value of the call that is due now [s], or None; `speed` in m/s."""
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)
@@ -93,13 +95,13 @@ class CallPlan:
         return value
 
     def answered(self, now: float) -> None:
-        """Call when the last call has been answered, or will not be; time in s."""
+        """Note that the last call was answered at this time [s], or will not be answered."""
         self.answered_at = now
 
     def reason(self, now: float, offered: bool) -> Optional[Note]:
-        """Reason why the drive is over; None: it is not."""
+        """Return why the run is over, or None if it goes on."""
         if not offered and now > NO_SERVICE:
-            return Note(Kind.NO_SERVICE, f"no start/stop service for {NO_SERVICE:g} s")
+            return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
         if self.made >= len(CALLS) and now >= self.answered_at + CALM:
             return Note(Kind.PLAN_DONE, "all calls are made")
         return None
@@ -113,10 +115,10 @@ class ServiceWatch(Watch):
         self._plan = CallPlan()
         self._made: Optional[Call] = None  # the call that waits for its answer
         self._calls: List[Call] = []
-        self._types: Dict[str, str] = {}  # of its services, by their names
+        self._types: Dict[str, str] = {}  # types of the submission's services, by their names
 
     def look(self, state: DriveState) -> Optional[Note]:
-        """Call the service if that is due, and return why the drive is over; None if the drive goes on."""
+        """Call the service if a call is due, and return why the run is over, or None if it goes on."""
         return self._follow_plan(state) or super().look(state)
 
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
@@ -139,12 +141,12 @@ class ServiceWatch(Watch):
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Whether a call came just before the submission's last command [s, simulated], or after it."""
+        """Return whether a call came just before the last command [s, simulated], or after it."""
         made = [*self._calls, self._made] if self._made else self._calls
         return any(call.at >= last_command - OBEYED for call in made)
 
     def kept(self) -> Dict[str, Any]:
-        """Services and calls of the drive."""
+        """Return the services and calls of the run."""
         offered = tuple(sorted(name for name, kind in self._types.items() if kind == SET_BOOL))
         others = tuple(sorted(f"{name} ({kind})" for name, kind in self._types.items() if kind != SET_BOOL))
         callers = self._ros.callers(offered[0]) if offered else {}
@@ -154,28 +156,28 @@ class ServiceWatch(Watch):
 
 @dataclass(frozen=True)
 class Effect:
-    """A call, and what the robot did."""
+    """A call, and the robot's speed before and after it."""
 
     call: Call
-    before: float  # [m/s], the highest speed just before
-    after: float  # [m/s], the highest speed once it has settled
+    before: float  # [m/s] highest speed just before
+    after: float  # [m/s] highest speed after it has settled
 
     @property
     def stopped(self) -> bool:
-        """Whether the robot drove and stands."""
+        """Return whether the robot drove before the call and stands after it."""
         return self.before >= FAST and self.after <= SLOW
 
 
 def judge_calls(recording: Recording) -> List[Item]:
-    """The service stops (50) and starts (50) the robot, again and again; half for once only."""
+    """Grade whether each call stops (50) and starts (50) the robot; half if only some calls do."""
     stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
     start = replace(stop, name=ITEMS[1], hint=START)
     made = recording.watched_as(ServiceCalls)
     if not made.calls:
         why = f"{made.services[0]} was not called" if made.services else "no std_srvs/SetBool service"
         if not made.services and made.other_services:
-            why += f", but {', '.join(made.other_services)}: for a person"
-            return [replace(stop, points=None, evidence=why), replace(start, points=None, evidence=why)]
+            why = by_hand(f"{why}, but {', '.join(made.other_services)}")
+            return [replace(item, points=None, evidence=why) for item in (stop, start)]
         cause = next(iter(causes(recording)), None)
         hint = SERVICE
         if cause:
@@ -184,7 +186,7 @@ def judge_calls(recording: Recording) -> List[Item]:
     name = made.services[0] if made.services else "its service"
     effects = _effects(recording, made.calls)
     if not effects:
-        why = f"{name}: the drive ended before its effect was to be seen: for a person"
+        why = by_hand(f"{name}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=why) for item in (stop, start)]
     driven = [effect for effect in effects if effect.before >= FAST]
     if driven and not any(effect.stopped for effect in driven):
@@ -193,7 +195,7 @@ def judge_calls(recording: Recording) -> List[Item]:
     stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stops])
     if not any(effect.before >= FAST for effect in effects):
         return [stop, _judge_starts_from_rest(start, name, recording, effects)]
-    # a start counts where the robot stood because an earlier call had stopped it
+    # a start counts only if the robot stood because an earlier call had stopped it
     starts = [
         effect
         for number, effect in enumerate(effects)
@@ -205,14 +207,14 @@ def judge_calls(recording: Recording) -> List[Item]:
 def _neither_stops(
     stop: Item, start: Item, name: str, driven: Sequence[Effect], callers: Mapping[str, int]
 ) -> List[Item]:
-    """Items of a robot that drives on after every call, whichever value was sent."""
+    """Return the items of a robot that drives on after every call, for both values."""
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in driven[:2]]
     evidence, hint = f"{name}: neither value stops it: {', '.join(speeds)}", NEITHER
     if driven[0].call.answer and not driven[0].call.success:
         evidence += f" ({driven[0].call.answer})"
     others = [f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY]
     if others:
-        evidence += f"; {', '.join(others)}, as each call does"
+        evidence += f"; {', '.join(others)}, as each call of it does"
         hint = OTHER_CALLER
     stop = replace(stop, evidence=evidence, at=driven[0].call.at, hint=hint)
     return [
@@ -222,7 +224,7 @@ def _neither_stops(
 
 
 def _stopping_value(effects: Sequence[Effect]) -> bool:
-    """The value after which a driving robot is slower: which of the two stops is the submission's choice."""
+    """Return the value after which a driving robot is slower; the submission chooses which one stops it."""
     mean = {
         data: np.mean([e.after for e in effects if e.call.data is data and e.before >= FAST] or [np.inf])
         for data in (False, True)
@@ -231,7 +233,7 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
 
 
 def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
-    """Effect of each call, without those that the recording holds no moment before or after of."""
+    """Return the effect of each call for which the recording has moments before and after."""
     speeds, effects = np.abs(recording.speeds[:, 0]), []
     for call in calls:
         before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
@@ -245,7 +247,7 @@ def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
 def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
     driving = [effect for effect in effects if effect.before >= FAST]
     if not driving:
-        evidence = f"{name}: not judged, the robot stood already before each call: for a person"
+        evidence = by_hand(f"{name}: the robot already stood before each call")
         return replace(item, points=None, evidence=evidence)
     wrong = [effect for effect in driving if not effect.stopped]
     return _judged(item, f"{name}: stands", driving, wrong)
@@ -258,13 +260,13 @@ def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
 
 
 def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects: Sequence[Effect]) -> Item:
-    """Item of a robot that stood before every call."""
+    """Return the item of a robot that stood before every call."""
     if any(effect.after >= FAST for effect in effects):
-        evidence = f"{name}: it drives after a call, but no call had stopped it before: for a person"
+        evidence = by_hand(f"{name}: it drives after a call, but no call had stopped it before")
         return replace(item, points=None, evidence=evidence)
     if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
         return with_cause(item, f"{name}: it never drives", first_cause(recording))
-    evidence = f"{name}: not judged, it had stopped by itself before the first call: for a person"
+    evidence = by_hand(f"{name}: it had stopped by itself before the first call")
     return replace(item, points=None, evidence=evidence)
 
 
@@ -284,7 +286,7 @@ def _judged(item: Item, effect: str, effects: Sequence[Effect], wrong: Sequence[
 def judge_exercise_5(
     recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """Items of exercise 5: 50 and 50, and two bonuses by hand."""
+    """Return the items of exercise 5: 50 and 50 points, and two bonuses by hand."""
     items, made = judge_calls(recordings[0]), recordings[0].watched_as(ServiceCalls)
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
     if not drives and (made.services or not made.other_services):
@@ -292,7 +294,7 @@ def judge_exercise_5(
         stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recordings[0]))
         items = [stop, replace(start, hint=stop.hint)]
     items += [
-        Item(name, None, 25.0, "for a person: a node of its own", subject=Subject.SERVICE)
+        Item(name, None, 25.0, by_hand("it is done by a node of its own"), subject=Subject.SERVICE)
         for name in ITEMS[2:]
     ]
     return weighted(forfeited(items, recordings), rules)

@@ -13,7 +13,7 @@ from husky_highlevel_controller.drawing.templates import render
 LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
 BARS = 10  # bars of the histogram
 BAR_HEIGHT = 60  # [pixels], the highest
-COLOURS = {ResultState.MARKED: "ok", ResultState.FOR_A_PERSON: "person", ResultState.NOT_MARKED: "unmarked"}
+COLOURS = {ResultState.MARKED: "ok", ResultState.GRADED_BY_HAND: "person", ResultState.NOT_MARKED: "unmarked"}
 
 
 @dataclass(frozen=True)

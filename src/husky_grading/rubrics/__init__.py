@@ -1,1 +1,1 @@
-"""The rubrics of the exercises: recordings in, points out."""
+"""Functions that the judges of several exercises use: causes, markers, RViz, and items over all runs."""

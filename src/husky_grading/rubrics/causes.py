@@ -1,4 +1,4 @@
-"""Causes for which a robot stands or stops, by a drive's recording, and hints by their kind."""
+"""Causes for which a robot stands or stops, from the recording of a run, and hints by their kind."""
 
 from __future__ import annotations
 
@@ -9,48 +9,48 @@ from husky_grading.notes import Kind, Note
 from husky_grading.recording import Recording
 from husky_grading.records import Item
 
-SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
+SILENT = 5.0  # [s] simulated time without a command, after which the submission has stopped sending
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
-MOVES_NOTHING = 1e-3  # [m/s, rad/s], a command that is smaller moves nothing
-LOGS = "read what your node prints, and see whether your launch file starts it"
-ENDS = "the last line of its output says why"
-MEMBER = "keep it in a member: in C++ a local one ends with its function"
+MOVES_NOTHING = 1e-3  # [m/s, rad/s] size of a command up to which the robot does not move
+LOGS = "read the output of your node, and check that your launch file starts it"
+ENDS = "the last line of its output gives the reason"
+MEMBER = "keep it in a member, because in C++ a local one ends with its function"
 HINTS = {
     Kind.OWN_NODE: "start a node of your own package",
     Kind.SILENT_TOPIC: "compare your topic's name with `rostopic list`, and look for a missing remap",
     Kind.NO_SCANS: f"subscribe to the scans in the constructor, and {MEMBER}",
     Kind.NO_PUBLISHER: f"advertise geometry_msgs/Twist on /cmd_vel in the constructor, and {MEMBER}",
     Kind.NO_COMMANDS: (
-        "publish the velocity in each callback of the scans: see what keeps yours from it (a condition, "
-        "something it waits for, an exception that is caught, a service that must be called first)"
+        "publish the velocity in each callback of the scans; look for a condition, a wait, an exception that "
+        "is caught, or a service that must be called first"
     ),
     Kind.UNREAD_COMMANDS: "publish on /cmd_vel, or remap your topic to it",
     Kind.ZERO_COMMANDS: (
-        "a gain of 0, or cut to 0 by a whole number; a parameter that is not loaded; a branch that always "
-        "stops; or a service that must be called first"
+        "look for a gain of 0, or one that an int cuts to 0; a parameter that is not loaded; a branch that "
+        "always stops; or a service that must be called first"
     ),
-    Kind.EXCEPTION: "the line named is where it happens",
+    Kind.EXCEPTION: "it happens in the line that is named here",
     Kind.NOT_STARTED: "compare pkg and type in the launch file with the programs that your package has",
     Kind.NODE_FAILED: ENDS,
     Kind.NODE_CRASHED: (
-        "it ends without a word: look for an index out of range, an empty vector, a pointer to nothing, or a "
+        "it ends without a message: look for an index out of range, an empty vector, a null pointer, or a "
         'function without its return; launch-prefix="gdb -ex run --args" shows the line'
     ),
-    Kind.LIMIT: "see what takes so much: a vector, a log or a list that grows with each scan",
+    Kind.LIMIT: "look for a vector, a log or a list that grows with each scan",
     Kind.NODE_ENDED: ENDS,
-    Kind.COMMANDS_CEASE: "the branch that your callback takes at that moment, and what it waits for",
-    Kind.BUILD: "mend this error first: nothing can be started without it; others may follow from it",
-    Kind.LAUNCH_FILE: "mend this in the launch file: roslaunch says the same, and starts nothing without it",
+    Kind.COMMANDS_CEASE: "check which branch your callback takes at that moment, and for what it waits",
+    Kind.BUILD: "fix this error first, because nothing can be started before; others may follow from it",
+    Kind.LAUNCH_FILE: "fix this in the launch file; roslaunch prints the same error and starts nothing",
     Kind.MISSING_INCLUDE: "hand in the file that is named, or take its <include> out of the launch file",
     Kind.MISSING_PACKAGE: "hand in the package that is named, or do without it",
 }
-# of these nothing comes of its own: they are causes only where nothing of the submission is up
+# notes that are a cause only if no node of the submission runs
 OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
-# notes that are no cause
+# notes that are never a cause
 HARMLESS = {
     Kind.ROBOT, Kind.UNANSWERED_SCANS, Kind.FLOOD, Kind.LAUNCH_PREFIX, Kind.SKIPPED, Kind.UNREADABLE,
 }  # fmt: skip
-# ends of a drive until which another node ran than one that had ended without an error
+# ends of a run at which another node still ran, if one had ended without an error
 RAN_ON = {
     Kind.TOUCHES, Kind.AT_PILLAR, Kind.NEVER_MOVED, Kind.STOOD_STILL, Kind.SLOW, Kind.NO_PUBLISHER,
     Kind.CUT_OFF, Kind.LEAVES,
@@ -58,17 +58,17 @@ RAN_ON = {
 
 
 def with_cause(item: Item, loss: str, cause: Note) -> Item:
-    """The item with what was lost and its cause as evidence, and the hint for that cause."""
+    """Return an item with the loss and its cause as evidence, and the hint for this cause."""
     return replace(item, evidence=f"{loss}: {cause.text}", hint=hint_on(cause))
 
 
 def hint_on(cause: Note) -> str:
-    """Hint for a cause, by its kind."""
+    """Return the hint for a cause, by its kind."""
     return HINTS.get(cause.kind, LOGS)
 
 
 def causes(recording: Recording) -> List[Note]:
-    """Notes on what went wrong; that it sleeps, sends too much or starts without a terminal is no cause."""
+    """Return the notes that can be the cause of a loss, so none on robot, flood or prefixes."""
     harmless = HARMLESS | OF_OTHERS
     if recording.ended and recording.ended.kind in RAN_ON:
         harmless.add(Kind.NODE_ENDED)
@@ -76,30 +76,35 @@ def causes(recording: Recording) -> List[Note]:
 
 
 def is_nothing(largest: Optional[float]) -> bool:
-    """Whether the largest of all commands [m/s, rad/s] moves nothing; not if it is unknown."""
+    """Return whether the largest of all commands [m/s, rad/s] moves nothing; False if it is unknown."""
     return largest is not None and largest <= MOVES_NOTHING
 
 
 def is_up(recording: Recording) -> bool:
-    """Whether a node of the submission was seen: it listens, or sends."""
+    """Return whether a node of the submission subscribed or published."""
     topics = (*recording.silent_topics, *recording.unread_topics, *recording.marker_topics)
     return recording.subscribed or bool(recording.command_count or topics)
 
 
 def cause_of_silence(recording: Recording) -> Optional[Note]:
-    """Cause for which a callback of the scans sends no marker: it raises, or never runs; None if unknown."""
+    """Return why a callback of the scans sends no marker: it raises, or never runs; None if unknown."""
     reasons = causes(recording)
     if reasons:
         return reasons[0]
     return None if recording.subscribed else first_cause(recording)
 
 
+def silent_text(topics: str) -> str:
+    """Return a sentence on topics without a publisher to which a submission subscribes."""
+    return f"it subscribes to {topics}, where nothing is published"
+
+
 def first_cause(recording: Recording) -> Note:
-    """Cause for which the robot stands: the first broken link of the chain node, scan, command."""
+    """Return why the robot stands: the first broken link of the chain node, scan, command."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
     reasons = causes(recording)
     if not recording.subscribed and silent and not reasons:
-        return Note(Kind.SILENT_TOPIC, f"it listens to {silent}, where nothing is sent")
+        return Note(Kind.SILENT_TOPIC, silent_text(silent))
     if reasons:
         return reasons[0]
     if not is_up(recording) and (others := [note for note in recording.notes if note.kind in OF_OTHERS]):
@@ -122,7 +127,7 @@ def first_cause(recording: Recording) -> Note:
 
 
 def cause_of_stop(recording: Recording) -> Optional[Note]:
-    """Cause for which a robot stops on its way: its node ends, raises, or is silent; None: not known."""
+    """Return why a robot stops on its way: its node ends, raises, or is silent; None if unknown."""
     reasons = causes(recording)
     if reasons:
         return reasons[0]
@@ -131,11 +136,11 @@ def cause_of_stop(recording: Recording) -> Optional[Note]:
     last = float(recording.commands[-1])
     text = (
         f"{recording.command_count} commands, the last at {last:.2f} s, then none: its callback waits (for a "
-        "service, in a loop or a sleep), takes a branch without one, or gets no scan"
+        "service, in a loop or a sleep), takes a branch without a command, or gets no scan"
     )
     return Note(Kind.COMMANDS_CEASE, text, last)
 
 
 def behind(cause: Optional[Note]) -> str:
-    """A cause as the end of a sentence; empty: it is not known."""
+    """Return a cause as the end of a sentence; empty if it is unknown."""
     return f"; {cause.text}" if cause else ""

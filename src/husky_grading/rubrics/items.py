@@ -1,4 +1,4 @@
-"""Items of several drives: their mean, and none of their points for a submission that interfered."""
+"""Items over all runs: their mean, items that are graded by hand, and no points after an interference."""
 
 from __future__ import annotations
 
@@ -9,17 +9,23 @@ import numpy as np
 
 from husky_grading.notes import Subject
 from husky_grading.recording import Recording
-from husky_grading.records import Item, Rules
+from husky_grading.records import Item, ResultState, Rules
 
 INITIALISE = "give each member a value in the constructor"
 
 
+def by_hand(why: str = "") -> str:
+    """Return the evidence of an item that the teacher grades, with a reason."""
+    text = ResultState.GRADED_BY_HAND.value
+    return f"{text}: {why}" if why else text
+
+
 def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
-    """Points of all drives together, with the evidence of the worst; a person's where one drive is.
+    """Return one item for all runs, with the evidence of the worst; graded by hand if the item of one run is.
 
     Args:
-        items: of each drive; the first is in the course's world.
-        other_worlds: what the further drives weigh together, 0 to 1.
+        items: items of the runs; the first run is in the course's world.
+        other_worlds: weight of all further runs together, 0 to 1.
     """
     scores = [-1.0 if item.points is None else item.points for item in items]
     number = scores.index(min(scores))
@@ -29,22 +35,23 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     first, *further = scores
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
-    evidence = f"{worst.evidence}; likewise in {len(further)} other worlds"
+    worlds = "another world" if len(further) == 1 else f"{len(further)} other worlds"
+    evidence = f"{worst.evidence}; the same points in {worlds}"
     if max(scores) > min(scores):
         evidence = (
-            f"{worst.evidence} (drive {number + 1}; of {worst.max_points:g} points {first:g} in the course's"
+            f"{worst.evidence} (run {number + 1}; of {worst.max_points:g} points it has {first:g} in the"
         )
-        evidence += f" world, {round(mean, 1):g} in {len(further)} others)"
+        evidence += f" course's world and {round(mean, 1):g} in {worlds})"
     return replace(worst, points=points, evidence=evidence, drive=number + 1)
 
 
 def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[Item]:
-    """Without points where a submission interfered with the simulator or the recording."""
+    """Return items without points if a submission interfered with the simulator or the recording."""
     violations = list(dict.fromkeys(each for recording in recordings for each in recording.violations))
     if not violations:
         return list(items)
     evidence = f"no points: {'; '.join(violations)}"
-    hint = "read scans and TF, and send commands, markers and services: nothing else is a controller's"
+    hint = "a controller may read scans and TF, and send commands, markers and services, and nothing else"
     return [
         item if item.points is None else replace(item, points=0.0, evidence=evidence, hint=hint)
         for item in items
@@ -52,11 +59,11 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
 
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
-    """Items of a submission whose behaviour is chance: a person judges what was driven."""
-    judged, reason, first = [], f"{cause}, so that it drives by chance", [INITIALISE]
+    """Return the items of a submission that behaves by chance: those of its runs are graded by hand."""
+    judged, reason, first = [], f"{cause}, so it drives by chance", [INITIALISE]
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
-            evidence = f"for a person: {reason}; in our drive: {item.evidence} ({item.points:g} points)"
+            evidence = by_hand(f"{reason}; in our run: {item.evidence} ({item.points:g} points)")
             hint = "; then ".join(filter(None, [*first, item.hint]))
             item = replace(item, points=None, evidence=evidence, hint=hint)
             reason, first = "by chance, as above", []
@@ -65,20 +72,23 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
 
 
 def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[Item]:
-    """Items of which a person judges those that lost points by the first of several equal launch files."""
+    """Return items: if they lost points, they are graded by hand, because other launch files fit as well.
+
+    The first of `launch_files` was started.
+    """
     started, *others = launch_files
-    reason = f"its launch files {started} and {', '.join(others)} fit alike, and {started} was started"
+    reason = f"its launch files {started} and {', '.join(others)} fit equally well, and {started} was started"
     judged = []
     for item in items:
         if item.points is not None and not item.full:
-            evidence = f"for a person: {reason}: {item.evidence} ({item.points:g} points)"
-            item, reason = replace(item, points=None, evidence=evidence), "by this choice"
+            evidence = by_hand(f"{reason}: {item.evidence} ({item.points:g} points)")
+            item, reason = replace(item, points=None, evidence=evidence), "the same choice of launch file"
         judged.append(item)
     return judged
 
 
 def told_once(items: Sequence[Item]) -> List[Item]:
-    """Items, of which a later one with an earlier one's hint refers to that one."""
+    """Return items in which a hint that an earlier item has is replaced by a reference to that item."""
     first: Dict[str, str] = {}
     return [
         replace(item, hint=f"the same as for '{first[item.hint]}'")
@@ -89,17 +99,17 @@ def told_once(items: Sequence[Item]) -> List[Item]:
 
 
 def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
-    """Items with the teacher's weights, without points where a person judges."""
-    return [
-        replace(each, hint="") if each.full and each.points is not None else each
-        for each in (_weighted(item, rules) for item in items)
-    ]
+    """Return items with the teacher's weights, without points for those that the teacher grades.
 
-
-def _weighted(item: Item, rules: Rules) -> Item:
-    weight = rules.weights.get(item.name, item.max_points)
-    if item.name in rules.by_person:
-        return replace(item, points=None, max_points=weight, evidence=f"for a person: {item.evidence}")
-    if item.points is None or weight == item.max_points:
-        return replace(item, max_points=weight)
-    return replace(item, points=round(item.points * weight / item.max_points, 1), max_points=weight)
+    An item with all points needs no hint.
+    """
+    judged = []
+    for item in items:
+        weight = rules.weights.get(item.name, item.max_points)
+        if item.name in rules.by_person:
+            item = replace(item, points=None, evidence=by_hand(item.evidence))
+        elif item.points is not None and weight != item.max_points:
+            item = replace(item, points=round(item.points * weight / item.max_points, 1))
+        item = replace(item, max_points=weight)
+        judged.append(replace(item, hint="") if item.full and item.points is not None else item)
+    return judged

@@ -1,4 +1,4 @@
-"""Faults of wrong markers: which way they are off, seen from the robot, and what in the code does that."""
+"""Faults of wrong markers: the direction of the error, seen from the robot, and hints on its cause."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from husky_grading.records import Rules
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-FEW = 3  # markers or moments that decide nothing about points yet
-MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
-IMAGE_SLOPE = 0.1  # [m/m], error by distance at which a marker is still at an image of the pillar
-EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
-THERE = 0.15  # [m], from a place at which a marker is
-OUT_OF_THE_WORLD = 1e6  # [m], of a coordinate: a number of no meaning
-HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
-HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
+FEW = 3  # number of markers or moments from which on points depend on them
+MOSTLY = 0.8  # fraction of the wrong markers off the axis that must have a fault
+IMAGE_SLOPE = 0.1  # [m/m] error by distance up to which a marker is at a mirrored or swapped position
+EXACT = 0.05  # [m] tolerance of a coordinate that is 0, or a whole number of metres
+THERE = 0.15  # [m] tolerance of "at this position"
+OUT_OF_THE_WORLD = 1e6  # [m] coordinate beyond which a number has no meaning
+HEIGHT_MARGIN = 0.3  # [m] error in height, above and below the pillar, that costs no points
+HEIGHT_FADE = 0.7  # [m] error beyond the margin that costs all points
 FAULTS = {
     Kind.Y_IS_ZERO: "y is always 0",
     Kind.WHOLE_METRES: "its coordinates are whole metres",
@@ -31,47 +31,47 @@ FAULTS = {
 }
 CHECK = "check header.frame_id and header.stamp, and the pillar's position in that frame"
 HINTS = {
-    Kind.MIRRORED: "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the "
+    Kind.MIRRORED: "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id, so publish the "
     "marker in it, or transform the point by TF, and change no sign",
     Kind.Y_IS_ZERO: "give the marker a y, too: y = r sin(angle)",
-    Kind.WHOLE_METRES: "compute the position in double: a whole number cuts the metres",
+    Kind.WHOLE_METRES: "compute the position in double, because an int cuts it to whole metres",
     Kind.SWAPPED: "x = r cos(angle) and y = r sin(angle): x is ahead, y to the left",
     Kind.OTHER_BEAM: "angle = angle_min + index * angle_increment, with the index of the nearest valid range",
-    Kind.IN_BASE_LINK: f"{CHECK}: the lidar is not in base_link's origin",
+    Kind.IN_BASE_LINK: f"{CHECK}, because the lidar is not in base_link's origin",
     Kind.NOT_A_NUMBER: "leave out ranges that are inf or NaN before you compute the position",
     Kind.AT_ORIGIN: "set pose.position from the nearest valid range and its angle before you publish it",
-    Kind.NO_RETURN: "where no beam has a return the marker sits on the lidar: publish none then",
+    Kind.NO_RETURN: "if no beam has a return, the marker sits on the lidar, so publish none then",
     Kind.WRONG_HEIGHT: "check pose.position.z and scale.z: z is 0 at the height of header.frame_id",
-    Kind.INVISIBLE: "RViz draws no such marker: mend what is named here",
+    Kind.INVISIBLE: "RViz draws no such marker, so fix the fault that is named here",
     Kind.DELETED: "give it a longer lifetime, or do not delete it before the next one comes",
-    Kind.OLD_ONES: "send each marker with the same ns and id: with another one the old markers stay in RViz",
+    Kind.OLD_ONES: "send each marker with the same ns and id, because otherwise the old markers stay in RViz",
 }
 
 
 class Seen(NamedTuple):
-    """Wrong marker, seen from base_link."""
+    """Wrong marker, and the pillar, seen from base_link."""
 
-    x: float  # [m], ahead
-    y: float  # [m], to the left
-    distance: float  # [m], of the pillar
-    bearing: float  # [rad], of the pillar
-    slack: float  # [m]
+    x: float  # [m] marker's coordinate ahead
+    y: float  # [m] marker's coordinate to the left
+    distance: float  # [m] distance of the pillar
+    bearing: float  # [rad] bearing of the pillar
+    slack: float  # [m] tolerance of `is_near`
 
     def is_near(self, x: float, y: float) -> bool:
-        """Whether it is at a place [m]."""
+        """Return whether the marker is at a position [m]."""
         return hypot(self.x - x, self.y - y) <= self.slack
 
 
 def find_fault(
     recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
 ) -> Optional[Kind]:
-    """The kind of fault that most wrong markers have; None if none is known.
+    """Return the kind of fault that most wrong markers have; None if unknown.
 
     Args:
-        recording: of the drive.
-        wrong: markers, at least one.
-        share: of all markers that came, 0 to 1.
-        rules: of the rubric.
+        recording: recording of the run.
+        wrong: wrong markers, at least one.
+        share: fraction of all markers that are wrong, 0 to 1.
+        rules: rules of the rubric.
     """
     if _mostly([not marker.finite for marker in wrong]):
         return Kind.NOT_A_NUMBER
@@ -92,14 +92,14 @@ def find_fault(
             Kind.MIRRORED: lambda each: each.is_near(
                 each.distance * cos(each.bearing), -each.distance * sin(each.bearing)
             ),
-            # in the frame of a lidar that hangs upside down, both signs change
+            # in the frame of a lidar that is mounted upside down, both signs change
             Kind.SWAPPED: lambda each: any(
                 each.is_near(
                     sign * each.distance * sin(each.bearing), sign * each.distance * cos(each.bearing)
                 )
                 for sign in (1.0, -1.0)
             ),
-            # one that is right for most of the time takes the nearest beam, but places it at a wrong moment
+            # a marker that is right most of the time has the nearest beam, but at a wrong moment
             Kind.OTHER_BEAM: lambda each: (
                 share >= 0.5 and _is_on_another_beam(each, recording.pillar_size.radius)
             ),
@@ -117,16 +117,22 @@ def find_fault(
 
 
 def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> List[Seen]:
-    """Wrong markers that are drawn while the pillar is off the robot's axis: only these show which way."""
-    return [
-        _seen(recording, marker, rules)
-        for marker in wrong
-        if not marker.problem and is_off_axis(recording, marker.at, rules)
-    ]
+    """Return the wrong markers that are drawn while the pillar is off the robot's axis.
+
+    On the axis a mirrored marker and a correct one are at the same position.
+    """
+    seen = []
+    for marker in wrong:
+        if not marker.problem and is_off_axis(recording, marker.at, rules):
+            at = marker.stamp or marker.at
+            distance, bearing = pillar_from_robot(recording, at)
+            slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
+            seen.append(Seen(*_from_robot(recording, marker.position, at), distance, bearing, slack))
+    return seen
 
 
 def _is_on_another_beam(seen: Seen, radius: float) -> bool:
-    """Return whether a marker is as far away as a pillar of this radius [m], but rather aside."""
+    """Return whether a marker has the distance of a pillar of this radius [m], but not its angle."""
     distance = hypot(seen.x, seen.y)
     along = max(abs(distance - seen.distance) - radius, 0.0)
     across = abs(seen.y * cos(seen.bearing) - seen.x * sin(seen.bearing))
@@ -138,7 +144,7 @@ def _mostly(tests: Sequence[bool]) -> bool:
 
 
 def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> bool:
-    """Whether a marker is on the lidar, `mount` [m] ahead of base_link, or at the origin of its frame."""
+    """Return whether a marker is on the lidar, `mount` [m] ahead of base_link, or at its frame's origin."""
     x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
     start = recording.start
     dx, dy = marker.position[0] - start.x, marker.position[1] - start.y
@@ -149,13 +155,13 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> b
 
 
 def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
-    """The smallest valid range [m] of the scan before a marker came; inf if no beam had a return."""
+    """Return the smallest valid range [m] of the scan before a marker came; inf if no beam had a return."""
     before = recording.nearest[recording.nearest[:, 0] <= marker.at + 1e-6]
     return float(before[-1, 1]) if len(before) else 0.0
 
 
 def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
-    """Whether a marker in base_link were right if it was as far ahead as the lidar is."""
+    """Return whether a marker in base_link would be right in the frame of the lidar, `mount` [m] ahead."""
     if marker.frame != "base_link" or abs(mount) <= EXACT:
         return False
     at = marker.stamp or marker.at
@@ -165,15 +171,8 @@ def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: fl
     return off <= rules.marker_full + slack_of(recording, distance, rules)
 
 
-def _seen(recording: Recording, marker: MarkerSample, rules: Rules) -> Seen:
-    at = marker.stamp or marker.at
-    distance, bearing = pillar_from_robot(recording, at)
-    slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
-    return Seen(*_from_robot(recording, marker.position, at), distance, bearing, slack)
-
-
 def _from_robot(recording: Recording, position: Sequence[float], at: float) -> Tuple[float, float]:
-    """A place in the world (x, y) in base_link at a moment [s]."""
+    """Return a position (x, y) in the world [m] as its position in base_link at a moment [s]."""
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
     dx, dy = position[0] - x, position[1] - y
@@ -185,43 +184,46 @@ def _fraction(coordinate: float) -> float:
 
 
 def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
-    """Whether the pillar is so far off the robot's x axis that a marker with the wrong sign of y scores 0."""
+    """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0."""
     distance, bearing = pillar_from_robot(recording, at)
-    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] from the axis of a thin, near pillar
+    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] error that scores 0, without slack
     return 2.0 * distance * abs(sin(bearing)) > nothing + slack_of(recording, distance, rules)
 
 
 def slack_of(recording: Recording, distance: float, rules: Rules) -> float:
-    """Tolerance [m] that a robot's distance [m] and a thick pillar add: its near side is as right."""
+    """Return the tolerance [m] that a robot's distance [m] and a thick pillar add.
+
+    A marker on the pillar's near side is as right as one on its axis.
+    """
     return rules.marker_per_metre * distance + recording.pillar_size.radius - PILLAR_RADIUS
 
 
 def height_score(marker: MarkerSample, height: float) -> float:
-    """1 for a marker at the pillar's height, less above it and below the ground."""
+    """Return 1 for a marker at the pillar's height, and less for one above it or below the ground."""
     gap = max(marker.low - height, -marker.high, 0.0)
     return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
 
 
 def distance_to_pillar(recording: Recording, marker: MarkerSample) -> float:
-    """Distance of a marker from the pillar's axis [m]."""
+    """Return the distance of a marker from the pillar's axis [m]."""
     x, y = recording.pillar
     return hypot(marker.position[0] - x, marker.position[1] - y)
 
 
 def pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
-    """Distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
+    """Return distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
     ahead, left = _from_robot(recording, recording.pillar, at)
     return hypot(ahead, left), atan2(left, ahead)
 
 
 def fault_text(recording: Recording, marker: MarkerSample) -> str:
-    """Fault of a marker: which way it is off, seen from the robot."""
+    """Return the error of a marker in a sentence, with its direction seen from the robot."""
     if marker.problem:
-        return f"not to be seen: {marker.problem}"
+        return f"not visible: {marker.problem}"
     x, y = recording.pillar
     px, py, pz = marker.position
     if max(abs(px), abs(py), abs(pz)) > OUT_OF_THE_WORLD:
-        return f"at ({px:.1e}, {py:.1e}, {pz:.1e}): has each coordinate been given a value?"
+        return f"at ({px:.1e}, {py:.1e}, {pz:.1e}); give each coordinate a value"
     text = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
     height = recording.pillar_size.height
     if height_score(marker, height) < 1.0:

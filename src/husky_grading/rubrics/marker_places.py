@@ -1,4 +1,4 @@
-"""Judges markers: whether what RViz draws for a topic and namespace is at the pillar, at each moment."""
+"""Scores of markers: for each topic and namespace, how long RViz draws its markers at the pillar."""
 
 from __future__ import annotations
 
@@ -32,36 +32,37 @@ from husky_grading.rubrics.marker_faults import (
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farther away
+LARGEST = 1.0  # [m] largest distance of the middle of a shape that touches the pillar
 TOUCHING = 0.5  # score of such a shape
-MOST = 0.5  # of what is drawn in a namespace must be right at a moment
-MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
-ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
-LONGEST = 0.2  # [s], the most that one moment counts: two scans of the slowest lidar
+MOST = 0.5  # fraction of the markers drawn in a namespace that must be right at a moment
+MAX_SERIES = 6  # topics and namespaces that are judged separately; more of them are judged as one
+ALWAYS, NEVER = 0.8, 0.2  # fractions of the time that give all points and none; linear in between
+LONGEST = 0.2  # [s] longest time that one moment counts: two scans of the slowest lidar
 
 
 class Moment(NamedTuple):
     """Moment at which a marker came."""
 
-    at: float  # [s]
-    seconds: float  # [s] until the next moment, at most LONGEST
-    score: float  # score that most of what is drawn has, 0 to 1
+    at: float  # [s] simulated time
+    seconds: float  # [s] time until the next moment, at most LONGEST
+    score: float  # score that most drawn markers reach, 0 to 1
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Score of one namespace's markers over a drive, and a sentence about it."""
+    """Score of one namespace's markers over a run, and a sentence about it."""
 
     score: float  # 0 to 1
     evidence: str
-    at: float  # [s], when it was first right, or first wrong
-    fault: Optional[Kind] = None  # of the markers that were wrong
+    at: float  # [s] simulated time of the first wrong marker, otherwise of the first one
+    fault: Optional[Kind] = None  # fault of the wrong markers
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
-    """Placement of each topic and namespace that sent markers before a moment [s].
+    """Return the placement of each topic and namespace that sent markers before a moment [s].
 
-    One of many guesses is right by chance: beyond MAX_SERIES there is one score, of all that is drawn.
+    If there are more than MAX_SERIES, they get one score together, because one of many guesses is right by
+    chance.
     """
     markers = [marker for marker in recording.markers if marker.at < until]
     series: Dict[Tuple[str, str], List[MarkerSample]] = defaultdict(list)
@@ -84,13 +85,13 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
-        evidence = f"{name}: not to be seen: {invisible[0].problem}"
+        evidence = f"{name}: not visible: {invisible[0].problem}"
         kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
         return Placement(0.0, evidence, invisible[0].at, kind)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
     if not moments:
-        return Placement(0.0, f"{name}: deleted as soon as it comes", first.at, Kind.DELETED)
+        return Placement(0.0, f"{name}: deleted as soon as it has come", first.at, Kind.DELETED)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
     full = _share(moments, 1.0)
@@ -108,7 +109,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     if fault is Kind.MIRRORED:
         score = min(score, 0.5) if len(off_axis(recording, all_wrong, rules)) >= FEW else score
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
-        why = ", for this laser hangs upside down" if upside_down else ""
+        why = ", because this lidar is mounted upside down" if upside_down else ""
         evidence = f"mirrored: y has the wrong sign{why}; {evidence}"
     elif fault in FAULTS:
         evidence = f"{FAULTS[fault]}; {evidence}"
@@ -119,12 +120,12 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         if len(all_wrong) <= (1.0 - MOST) * len(added):
             fault = fault or Kind.OLD_ONES
         holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
-        evidence += f"; {crowd} markers in {holder}, half of those drawn must be right"
+        evidence += f"; {crowd} markers in {holder}, and half of the drawn ones must be right"
     return Placement(score, evidence, wrong.at, fault)
 
 
 def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Moment]:
-    """Return each moment at which something came and something is drawn.
+    """Return each moment at which a marker came and a marker is drawn.
 
     A moment counts for its time, because a busy machine loses some markers and delays others.
     """
@@ -140,9 +141,10 @@ def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[
 
 
 def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndarray:
-    """Begin and end [s] of what RViz draws, (3, N), ordered by the score in the third row.
+    """Return begin [s], end [s] and score of each marker that RViz draws, (3, N), ordered by the score.
 
-    A marker is drawn until it is too old, deleted, or replaced by one of its topic, namespace and id.
+    A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
+    topic, namespace and id.
     """
     rows: List[List[float]] = []
     topics: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
@@ -158,7 +160,10 @@ def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndar
 
 
 def _by_axis(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
-    """Moments with the pillar ahead, on the robot's axis, and all others; a few make no group."""
+    """Return the moments with the pillar ahead, on the robot's axis, and all others.
+
+    A group of fewer than FEW moments does not count; if both are so small, all moments are one group.
+    """
     aside: List[Moment] = []
     ahead: List[Moment] = []
     for moment in moments:
@@ -170,7 +175,7 @@ def _by_axis(recording: Recording, moments: Sequence[Moment], rules: Rules) -> D
 
 
 def _share(moments: Sequence[Moment], at_least: float = 0.0) -> float:
-    """Share of the time with a score of `at_least`, which is above 0 by default."""
+    """Return the fraction of the time with a score of `at_least`; by default, above 0."""
     right = [each.seconds for each in moments if each.score > 0.0 and each.score >= at_least]
     return sum(right) / _seconds(moments)
 
@@ -180,9 +185,9 @@ def _seconds(moments: Sequence[Moment]) -> float:
 
 
 def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
-    """Mean score of the markers, times the share of the time.
+    """Return the mean score of the markers, times the fraction of the time.
 
-    The moments with the pillar ahead, in which no sign of y is wrong, count half of it at most.
+    The time with the pillar ahead counts half at most, because there no sign of y is wrong.
     """
     right = [moment for group in groups.values() for moment in group if moment.score > 0.0]
     if not right:
@@ -196,7 +201,7 @@ def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
 
 
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
-    """Score of one marker, 0 to 1: 1 at the pillar, 0.5 at `marker_half`, linear in between and beyond."""
+    """Return the score of one marker: 1 at the pillar, 0.5 at `marker_half`, linear between and beyond."""
     if marker.problem:
         return 0.0
     size = recording.pillar_size

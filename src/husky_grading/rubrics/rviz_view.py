@@ -1,4 +1,4 @@
-"""View of RViz, as far as several rubrics judge it: its configuration, and its displays."""
+"""View of RViz, for the judges of several exercises: its configuration, and its displays."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Tuple
 from husky_grading.displays import ROBOT, SCAN, TF, RvizView
 from husky_grading.notes import Kind
 from husky_grading.records import Item, Rules
+from husky_grading.rubrics.items import by_hand
 
 NO_VIEW = "no RViz configuration was handed in"
 # hints
 SAVE = (
-    "save RViz's configuration into your package (File, Save Config As) and name it in the launch file, by -d"
+    "save RViz's configuration in your package (File, Save Config As), and name it in the launch file by -d"
 )
 DISPLAYS = "add the displays that are missing, with the fixed frame odom, and save the configuration"
 SAVED = "and save the configuration (File, Save Config)"
@@ -20,36 +21,36 @@ NAMES = {TF: "frames", ROBOT: "robot model", SCAN: "laser scan"}
 
 
 def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
-    """The item of a submission without a configuration of RViz, by the rubric."""
+    """Return the item of a submission without a configuration of RViz, by the rubric."""
     seen = NO_VIEW
     if view.missing:
-        seen += f": its launch file names {view.missing}, which is not in the hand-in"
+        seen += f": its launch file names {view.missing}, which is not in the submission"
     item = replace(item, evidence=seen, hint=SAVE)
     if rules.no_rviz_config == "zero":
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
-        return replace(item, points=None, evidence=f"for a person: {seen}", reason=Kind.NO_RVIZ_FILE)
+        return replace(item, points=None, evidence=by_hand(seen), reason=Kind.NO_RVIZ_FILE)
     evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
     return replace(item, points=item.max_points * view.started, evidence=evidence)
 
 
 def hint_on_view(view: RvizView) -> str:
-    """Hint for a configuration that shows nothing."""
-    return f"set the fixed frame to odom, {SAVED}" if view.fixed_frame else "save RViz's configuration anew"
+    """Return the hint for a configuration that shows nothing."""
+    return f"set the fixed frame to odom, {SAVED}" if view.fixed_frame else "save RViz's configuration again"
 
 
 def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str, str]:
-    """Return the reason for which a display is not to be seen, and the hint."""
+    """Return the reason for which a display is not visible, and the hint."""
     name, what = kind.partition("/")[2], NAMES[kind]
     sources = [display.source for display in view.displays if display.kind == kind]
     wanted = {SCAN: f"the topic of the display {name} to {scan_topic}"}
     wanted[ROBOT] = f"the Robot Description of the display {name} to robot_description"
     if (sources or (kind == SCAN and view.scan)) and kind in wanted:
         return (
-            f"{what} not to be seen: its display shows {', '.join(sources) or 'another topic'}",
+            f"{what} not visible: its display shows {', '.join(sources) or 'another topic'}",
             f"set {wanted[kind]}",
         )
     if kind in [display.kind for display in view.off]:
-        evidence = f"{what} not to be seen: its display is there, but switched off or transparent"
+        evidence = f"{what} not visible: its display is switched off or transparent"
         return evidence, f"tick the display {name}, with an alpha and a size above 0"
-    return f"{what} not to be seen: there is no display {name}", f"add the display {name}"
+    return f"{what} not visible: there is no display {name}", f"add the display {name}"

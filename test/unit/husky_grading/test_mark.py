@@ -72,7 +72,7 @@ def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driv
     approach, arrival, _, place, _ = result.items
     for item in (approach, arrival, place):
         assert error in item.evidence
-    assert "mend this error first" in approach.hint
+    assert "fix this error first" in approach.hint
     assert arrival.hint == place.hint == "the same as for 'drives towards the pillar'"
     assert result.cause == approach
 

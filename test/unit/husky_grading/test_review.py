@@ -44,7 +44,7 @@ def review(tmp_path):
         )
         (out / "drive_1").mkdir()
         (out / "drive_1" / "recording.json").write_text(recording_to_json(DRIVE))
-        left = [Item(item, None, 20.0, "for a person: none", subject=Subject.DISPLAYS) for item in items]
+        left = [Item(item, None, 20.0, "by hand: none", subject=Subject.DISPLAYS) for item in items]
         write_result(
             MarkingResult(name, "a.launch", {}, (Item("reaches the pillar", 30.0, 30.0, "stands"), *left)),
             out,

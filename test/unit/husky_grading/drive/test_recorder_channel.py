@@ -41,7 +41,7 @@ def channel(network):
 
 
 def test_the_task_comes_first_then_what_marking_says(network, channel):
-    channel.tell(GoOn())
+    channel.send(GoOn())
     assert network.recorder.recv().truth_socket == "/truth"
     assert network.recorder.recv() == GoOn()
 
@@ -64,7 +64,7 @@ def test_a_recorder_that_has_ended_tells_what_it_still_told_and_is_asked_for_not
     network.recorder.close()
     channel.update()
     assert (channel.now, channel.is_open, channel.recording) == (3.0, False, None)
-    channel.tell(GoOn())
+    channel.send(GoOn())
 
 
 def test_a_recorder_that_ends_within_a_message_has_told_none(network, channel):

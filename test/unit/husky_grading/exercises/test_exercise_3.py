@@ -89,8 +89,8 @@ HUNG = replace(drive((3.0, 0.5), (9.0, 0.0)), commands=np.array([0.02, 0.04]), c
         (short_by(0.34), 30.0, None, "stands"),
         (short_by(0.36), 0.0, None, "stops short: nearest 0.36 m from the pillar"),
         (HUNG, 0.0, None, "2 commands, the last at 0.04 s, then none: its callback waits"),
-        # who is on its way at the deadline is for a person, not who is too slow, stands, or ended before it
-        (drive((6.0, 0.1)), None, 60.0, "on its way, at the deadline of 60 s"),
+        # who is on its way at the deadline is graded by hand, not who is too slow, stands, or ended before it
+        (drive((6.0, 0.1)), None, 60.0, "on its way at the deadline of 60 s"),
         (drive((3.5, 0.0585)), 0.0, None, "nearest 5.81 m"),
         (drive((5.8, 0.1), (2.0, 0.0)), 0.0, None, "stops short: nearest 3.51 m"),
         (drive((6.0, 0.15)), 0.0, None, "nearest 3.31 m"),
@@ -127,7 +127,7 @@ def shown(view, position=RIGHT, rules=DEFAULT_RULES):
         ({"scan": False}, 13.0),
         ({"topics": ("/scan",)}, 13.0),  # points of another topic
         ({"problem": "RViz ends"}, 0.0),
-        ({"source": ""}, None),  # for a person
+        ({"source": ""}, None),  # graded by hand
     ],
 )
 def test_each_display_has_its_points(change, points):

@@ -115,7 +115,7 @@ def test_an_item_is_worth_what_is_right_of_it_and_no_other_changes(item, change,
     [
         (
             {"lidar": (0.0, 0.0, 0.5), "view": (0.02, 0.0, 2.0)},
-            ("view is 2 m above", "frame view is there, but"),
+            ("view is 2 m above", "frame view is at the right place, but"),
         ),
         ({"lidar": (0.0, 0.0, 0.5)}, ("from base_link to smb_top_view", "publish it by static_transform")),
     ],
@@ -139,9 +139,12 @@ def test_a_long_way_may_be_off_by_2_percent_and_one_that_never_began_has_no_poin
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"silent_topics": ("/set_pose", "/wrong/odom")}, "it listens to /wrong/odom, where nothing is sent"),
+        (
+            {"silent_topics": ("/set_pose", "/wrong/odom")},
+            "it subscribes to /wrong/odom, where nothing is published",
+        ),
         ({"notes": (Note(Kind.NODE_FAILED, "node ekf ends"),), "silent_topics": ("/a",)}, "node ekf ends"),
-        ({}, "nothing listens to the bag's wheel odometry"),
+        ({}, "no node subscribes to the bag's wheel odometry"),
     ],
 )
 def test_it_is_told_why_no_estimate_came(more, words):

@@ -69,7 +69,7 @@ STANDS = [(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)]
             "neither value stops it: 0.50 m/s after false",
         ),
         (STANDS, (0.0, 99.0), 0.0, 0.0, ""),  # it never drives
-        (STANDS, (0.4, 99.0), None, None, "stood already before each call: for a person"),
+        (STANDS, (0.4, 99.0), None, None, "the robot already stood before each call"),
         (STOPS, (0.0, 5.5), 50.0, 50.0, ""),  # it waits for its first start
     ],
 )
@@ -85,9 +85,9 @@ def test_the_service_stops_and_starts_again_and_again(pairs, still, stop, start,
         (
             {"/other": 212, "/waits": 2},
             "/other has looked it up 212 times, as each call",
-            "what that node sends",
+            "check the calls of that node",
         ),
-        ({"/waits": 2}, "0.50 m/s after true", "see that no other node of yours calls the service"),
+        ({"/waits": 2}, "0.50 m/s after true", "check that no other node of yours calls the service"),
     ],
 )
 def test_another_node_that_calls_a_service_which_stops_nothing_is_named(callers, evidence, hint):
@@ -120,7 +120,7 @@ def test_a_call_after_which_the_drive_ends_is_not_judged():
     assert "drives after 1 of 1 calls" in judge_calls(started)[1].evidence
     only = recording(0.5, ServiceCalls(("/start_stop",), (), (Call(at, False, True, "", at),)))
     assert [item.points for item in judge_calls(only)] == [None, None]
-    assert "the drive ended before its effect" in judge_calls(only)[0].evidence
+    assert "the run ended before the effect" in judge_calls(only)[0].evidence
 
 
 SLOW = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
@@ -142,7 +142,7 @@ def test_no_service_is_told(notes, evidence):
 def test_a_service_of_another_type_is_left_to_a_person(speed):
     items = judge_exercise_5([recording(speed, ServiceCalls((), ("/go (std_srvs/Empty)",)))], VIEW, SCAN)
     assert [item.points for item in items[:2]] == [None, None]
-    assert items[0].evidence == "no std_srvs/SetBool service, but /go (std_srvs/Empty): for a person"
+    assert items[0].evidence == "to be graded by hand: no std_srvs/SetBool service, but /go (std_srvs/Empty)"
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_dr
     assert made[0][0] in (4.1, 4.2)
     assert all(4.9 <= b[0] - a[0] <= 5.2 for a, b in zip(made, made[1:]))
     assert plan.reason(30.0, offered=True).kind is Kind.PLAN_DONE
-    assert CallPlan().reason(26.0, offered=False).text == "no start/stop service for 25 s"
+    assert CallPlan().reason(26.0, offered=False).text == "it offered no start/stop service for 25 s"
     waits = CallPlan()
     assert [waits.due(now, 0.0) for now in (7.9, 8.0)] == [None, False], "it may wait for a call to drive"
 

@@ -21,7 +21,7 @@ SETTINGS = {"exercise": 3, "seed": 0}
 def result(name, points, open_points=0.0, **more):
     items = (
         Item("drives", points, 50.0, "half of the way <b>after</b> 10.20 s", 10.2),
-        Item("RViz", None if open_points else 20.0, 20.0, "for a person"),
+        Item("RViz", None if open_points else 20.0, 20.0, "by hand"),
     )
     return MarkingResult(name, "controller.launch", SETTINGS, more.pop("items", items), **more)
 
@@ -40,7 +40,7 @@ def test_the_class_is_sorted_and_each_has_points_sum_state_and_logs():
     assert "open / 20" in page
     assert "70 / 70" in page  # Zoe's sum
     assert "could not be marked: it does not build: no &#39;foo.h&#39;" in page
-    for state in ("marked", "for a person", "could not be marked"):
+    for state in ("marked", "to be graded by hand", "could not be marked"):
         assert f"<b>1</b><span>{state}</span>" in page
     assert '<a href="anna/ws/%22%3E%3Cscript%3E.log">build log</a>' in page
 
@@ -55,7 +55,7 @@ def test_the_headline_is_what_is_decided_and_another_robot_is_coloured():
     assert "<b>100 of 140</b><span>points decided</span>" in page
     assert '<td class="">husky</td>' in page
     assert '<td class="person">husky_melodic</td>' in page
-    nothing = class_page([replace(husky, items=(Item("style", None, 30.0, "for a person"),))], {}, {})
+    nothing = class_page([replace(husky, items=(Item("style", None, 30.0, "by hand"),))], {}, {})
     assert 'full">0 / 0' not in nothing
 
 
@@ -76,11 +76,11 @@ def test_a_row_that_could_not_be_marked_says_why_and_the_histogram_has_a_unit():
 
 
 def test_the_headline_tells_how_many_wait_only_for_want_of_an_rviz_file():
-    lacks = Item("RViz", None, 20.0, "for a person", reason=Kind.NO_RVIZ_FILE)
-    by_hand = Item("style", None, 30.0, "for a person")
+    lacks = Item("RViz", None, 20.0, "by hand", reason=Kind.NO_RVIZ_FILE)
+    by_hand = Item("style", None, 30.0, "by hand")
     of_class = [result("a", 0.0, items=(lacks,)), result("b", 0.0, items=(lacks, by_hand)), result("c", 50.0)]
-    assert "1 of 3 hand-ins wait for a person only because no RViz" in class_page(of_class, {}, {})
-    assert "wait for a person" not in class_page(CLASS, {}, {})
+    assert "1 of 3 submissions wait only because no RViz" in class_page(of_class, {}, {})
+    assert "wait only because" not in class_page(CLASS, {}, {})
 
 
 def test_an_option_in_a_hint_is_not_broken_after_its_hyphen():
@@ -90,7 +90,7 @@ def test_an_option_in_a_hint_is_not_broken_after_its_hyphen():
 
 
 def test_the_median_and_the_histogram_are_of_those_that_were_marked():
-    open_only = result("Eve", 0.0, items=(Item("RViz", None, 20.0, "for a person"),))
+    open_only = result("Eve", 0.0, items=(Item("RViz", None, 20.0, "by hand"),))
     page = class_page([*CLASS, open_only], {}, {})
     assert "<b>75 %</b><span>median of the points decided</span>" in page  # 70 of 70, 25 of 50
     assert all("median" not in class_page(results, {}, {}) for results in ([], [CLASS[2]]))

@@ -27,7 +27,7 @@ from husky_highlevel_controller.config import ConfigError, load, to_json
 ITEMS = (
     Item("drives", 20.0, 20.0, "half of the way after 10.20 s", 10.2),
     Item("arrives", 12.5, 30.0, "stops | <short> & far", 17.0),
-    Item("style", None, 30.0, "for a person"),
+    Item("style", None, 30.0, "by hand"),
 )
 RESULT = MarkingResult(
     "=ann", "--launch ann a.launch", {"seed": 0}, ITEMS, ("<b>package</b> 'x' is missing",)
@@ -96,7 +96,16 @@ def test_csv_has_a_line_each_that_a_spreadsheet_reads_as_no_formula():
     notes = tuple(texts(Note(Kind.EXCEPTION, f"{number} {'x' * 2000}") for number in range(10_000)))
     heading, broken, row = rows_of(to_csv([BROKEN, RESULT]))
     assert heading == ["submission", "drives", "arrives", "style", "total", "of", "state", "notes"]
-    assert row == ["'=ann", "20", "12.5", "", "32.5", "50", "for a person", "<b>package</b> 'x' is missing"]
+    assert row == [
+        "'=ann",
+        "20",
+        "12.5",
+        "",
+        "32.5",
+        "50",
+        "to be graded by hand",
+        "<b>package</b> 'x' is missing",
+    ]
     assert broken == ["bob", "", "", "", "", "", "could not be marked: it does not build", ""], "no zero"
     row = rows_of(to_csv([replace(RESULT, items=(*ITEMS, late), notes=notes)]))[1]
     assert (float(row[4]), float(row[5])) == (-4.0, 28.5), "numbers for a teacher's sum"
@@ -116,7 +125,7 @@ def test_junit_has_a_case_for_each_item_and_an_error_for_what_could_not_be_marke
 
 def test_a_table_for_a_browser_is_broken_by_no_text():
     text = to_markdown([RESULT, BROKEN])
-    assert "| =ann | 32.5 / 50 | for a person |" in text
+    assert "| =ann | 32.5 / 50 | to be graded by hand |" in text
     assert "| bob |  | could not be marked |" in text
     assert "| arrives | 12.5/30 | stops &#124; &#60;short&#62; &#38; far &#91;17.00 s&#93; |" in text
 

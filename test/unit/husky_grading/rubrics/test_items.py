@@ -27,7 +27,7 @@ def test_what_lost_points_by_one_of_equal_launch_files_is_for_a_person_and_full_
     items = left_to_choice(judge_exercise_3([GOOD], FULL_VIEW, SCAN), ("a.launch", "b.launch"))
     assert [item.points for item in items] == [20.0, 30.0, 20.0, None, None]
     assert (
-        "its launch files a.launch and b.launch fit alike, and a.launch was started: no topic"
+        "its launch files a.launch and b.launch fit equally well, and a.launch was started: no topic"
         in items[3].evidence
     )
 
@@ -36,7 +36,7 @@ def test_a_cause_is_told_once_and_the_same_result_of_all_drives_has_no_sums():
     short = [drive((3.0, 0.0)), drive((3.0, 0.0))]
     items = told_once(judge_exercise_3(short, FULL_VIEW, SCAN))
     assert items[1].hint == "the same as for 'drives towards the pillar'"
-    assert items[3].evidence.endswith("; likewise in 1 other worlds")
+    assert items[3].evidence.endswith("; the same points in another world")
 
 
 def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
@@ -47,13 +47,15 @@ def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
 
     item = over_arrivals([GOOD, short, GOOD], third)
     assert item.points == 25.0
-    assert item.evidence.endswith("(drive 2; of 30 points 30 in the course's world, 15 in 2 others)")
+    assert item.evidence.endswith(
+        "(run 2; of 30 points it has 30 in the course's world and 15 in 2 other worlds)"
+    )
     assert item.drive == 2
     for drives, weight, points in (
         ([GOOD, short, short], third, 20.0),
         ([short, GOOD, GOOD], third, 10.0),
         ([GOOD, short, short], 0.0, 30.0),
         ([short], third, 0.0),
-        ([drive((TO_PILLAR, 0.5)), drive((6.0, 0.1))], 0.3, None),  # one is for a person
+        ([drive((TO_PILLAR, 0.5)), drive((6.0, 0.1))], 0.3, None),  # one is graded by hand
     ):
         assert over_arrivals(drives, weight).points == points

@@ -34,7 +34,9 @@ def test_a_mirrored_marker_gets_half_at_most_and_is_named():
     assert judge_place(turning(lambda x, y: (x, y))).points == 20.0
     item = judge_place(turning(mirrored))
     assert 9.0 <= item.points <= 10.0
-    assert item.evidence.startswith("mirrored: y has the wrong sign, for this laser hangs upside down; ")
+    assert item.evidence.startswith(
+        "mirrored: y has the wrong sign, because this lidar is mounted upside down; "
+    )
     assert "0 % with the pillar to the side, 100 % with it ahead" in item.evidence
     assert "upside down" not in judge_place(replace(turning(mirrored), robot="smb")).evidence
 

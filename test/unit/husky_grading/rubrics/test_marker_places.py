@@ -19,10 +19,10 @@ LOST = '"map" passed to lookupTransform does not exist'
     [
         (GOOD, "no topic of type visualization_msgs/Marker"),
         (replace(GOOD, marker_topics=("/marker",)), "nothing came on /marker"),
-        (markers(GOOD, (nan, nan, nan), problem=LOST), f"not to be seen: {LOST}"),
+        (markers(GOOD, (nan, nan, nan), problem=LOST), f"not visible: {LOST}"),
         (
             markers(GOOD, (10.0, 0.0, -1.5e33)),
-            "at (1.0e+01, 0.0e+00, -1.5e+33): has each coordinate been giv",
+            "at (1.0e+01, 0.0e+00, -1.5e+33); give each coordinate a value",
         ),
     ],
 )
@@ -126,7 +126,7 @@ def test_what_is_deleted_too_old_or_in_another_namespace_is_not_drawn_in_its_pla
     ):
         assert judge_place(with_samples([*others, *right])).points == points
     gone = judge_place(with_samples([right[0], replace(right[0], action="delete")]))
-    assert (gone.points, "deleted as soon as it comes" in gone.evidence) == (0.0, True)
+    assert (gone.points, "deleted as soon as it has come" in gone.evidence) == (0.0, True)
 
 
 def lines_run(function):
