@@ -192,4 +192,4 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
     assert (out / "index.html").read_text().count("data:image/png;base64,") == len(names)
     notes = second.stdout + (out / "results.csv").read_text()
     assert "not installed: no_such_package (not in Debian)" in notes
-    assert "publish(true) and its like are made to compile" in notes
+    assert "publish(true) and the like were made to compile" in notes

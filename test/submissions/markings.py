@@ -51,7 +51,7 @@ DESERVED = {
     ),
     "never_advertises": (NOTHING, ["never moves: it advertises no cmd_vel", "advertise geometry_msgs/Twist"]),
     "floods": (UNMARKED, ["it floods cmd_vel: "]),
-    "sends_junk": (UNMARKED, [" messages on /viz are not of its type, and count as nothing"]),
+    "sends_junk": (UNMARKED, [" messages on /viz are not of its type, so they are ignored"]),
     "drives_away": (
         (0, 0, None, 20, None),
         ["drives away: ", "it drives backwards", "check the sign of linear.x"],
@@ -75,8 +75,8 @@ DESERVED = {
     "listens_elsewhere": (NOTHING, ["it subscribes to /scan, where nothing is published", "`rostopic list`"]),
     # attacks
     "teleports": (NOTHING, ["no points: the simulator was asked to interfere", "the robot jumps "]),
-    "forges_the_truth": (NOTHING, ["no points: node /rosout publishes on /ground_truth/odom, as the "]),
-    "steers_by_the_truth": (NOTHING, ["/controller subscribes to /husky_simulator/world/update_full, where"]),
+    "forges_the_truth": (NOTHING, ["no points: node /rosout publishes on /ground_truth/odom, "]),
+    "steers_by_the_truth": (NOTHING, ["/controller subscribes to /husky_simulator/world/update_full, "]),
     "marks_a_grid": (UNMARKED, ["196 markers in namespace 'grid'"]),
     "blocks_readers": ((0, 0, 0, 0, 0), ["the robot never moves: all "]),
     "breaks_readers": ((0, 0, 0, 0, 0), ["'xterm -e' of node controller is dropped", " cannot be started"]),

@@ -18,7 +18,7 @@ WORLD = (
     '<include file="$(find husky_gazebo)/launch/husky_empty_world.launch">'
     '<arg name="world_name" value="$(find {})/worlds/singlePillar.world"/></include>'
 )
-LARGE = "left out, because larger than 100 MB, or 500 MB together: "
+LARGE = "files larger than 100 MB, or 500 MB together are left out: "
 
 
 def package(folder, name, *depends, **more):

@@ -1,1 +1,1 @@
-"""Hand-ins: archives, packages, the launch file that is meant, the build."""
+"""Preparation of submissions: archives, packages, choice of the launch file, build."""

@@ -1,7 +1,7 @@
-"""Unpacks zip and tar archives of hand-ins: nothing outside the folder, no links, no devices, bounded size.
+"""Unpacking of zip and tar archives: nothing outside the folder, no links, no devices, bounded size.
 
-A program of its own reads the archive, within limits of memory and time: modules of Python's library read
-headers whole, whatever size these claim to have.
+A separate program reads the archive, within limits of memory and time, because modules of Python's library
+read headers whole, and a header may claim any size.
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ from husky_highlevel_controller.datatypes import HuskyError
 PROGRAM = "husky_grading.hand_in.archives"
 
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
-UNREAD = (".7z", ".rar", ".tar.zst")  # hand-ins that cannot be opened
-MAX_FILES, MAX_BYTES = 20_000, 500_000_000  # of all archives of one hand-in, unpacked; of a folder, copied
-MAX_FILE = 100_000_000  # [bytes] of one file; a larger one, such as a rosbag, is left out
+UNREAD = (".7z", ".rar", ".tar.zst")  # archives that cannot be opened
+MAX_FILES, MAX_BYTES = (
+    20_000,
+    500_000_000,
+)  # files and bytes of all archives of a submission, or of its folder
+MAX_FILE = 100_000_000  # [bytes] size of one file; a larger one, such as a rosbag, is left out
 MAX_NAMED = 5  # files that a note names
 UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes]
-MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes], [s] of CPU and wall time, of unpacking one archive
+MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes] memory, [s] CPU and wall time, for one archive
 _Member = Tuple[str, bool, bool, Optional[IO[bytes]]]  # name, executable, to be left out, content
 
 
 class ArchiveError(HuskyError):
-    """An archive that is broken, encrypted, too large, or that leads out of its folder."""
+    """An archive is broken, encrypted or too large, or leads out of its folder."""
 
 
 @dataclass
@@ -49,50 +52,52 @@ class Allowance:
 
 
 def suffix_of(name: str) -> str:
-    """The ending that makes a file an archive; empty: it is none."""
+    """Return the suffix that makes a file an archive; empty if it is not an archive."""
     return next((suffix for suffix in (*SUFFIXES, *UNREAD) if name.lower().endswith(suffix)), "")
 
 
 def large_files_note(names: Sequence[str]) -> List[str]:
-    """A sentence on files that are left out because of their size, if there are any."""
+    """Return a sentence on files that are left out because of their size, if there are any."""
     if not names:
         return []
     shown = ", ".join(names[:MAX_NAMED])
     if len(names) > MAX_NAMED:
         shown += ", ..."
     size = f"{MAX_FILE / 1e6:g} MB, or {MAX_BYTES / 1e6:g} MB together"
-    return [f"left out, because larger than {size}: {shown}"]
+    return [f"files larger than {size} are left out: {shown}"]
 
 
 def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
-    """Unpack a regular file into an existing, empty folder, and use up the allowance; what was left out.
+    """Unpack a regular file into an existing, empty folder, and return notes on members that were left out.
+
+    The allowance is reduced by the unpacked files.
 
     Raises:
-        ArchiveError: see there; the folder may then hold a part of it.
+        ArchiveError: the archive cannot be unpacked; the folder may then hold a part of it.
     """
     if suffix_of(archive.name) in UNREAD:
-        raise ArchiveError(f"{archive.name} is not opened: only {', '.join(SUFFIXES)} are")
+        raise ArchiveError(f"{archive.name} cannot be opened; hand in one of {', '.join(SUFFIXES)}")
     command = [sys.executable, "-m", PROGRAM, *map(str, (archive, folder, allowance.files, allowance.size))]
     try:
         process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
         links, large, allowance.files, allowance.size, error = json.loads(process.stdout)
     except subprocess.TimeoutExpired:
-        error = f"{archive.name} cannot be unpacked: no end after {DEADLINE} s"
-    except (ValueError, TypeError):  # it died
+        error = f"{archive.name} cannot be unpacked within {DEADLINE} s"
+    except (ValueError, TypeError):  # the program died
         error = f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
     if error:
         raise ArchiveError(error)
     notes = large_files_note(large)
     if links:
-        notes.insert(0, f"{archive.name} holds links, which are left out")
+        notes.insert(0, f"links in {archive.name} are left out")
     return notes
 
 
 def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, List[str]]:
-    """Unpack in this program; the number of links and special files, and names of large files, left out.
+    """Unpack in this program, and return what is left out: number of links, names of large files.
 
     Raises:
-        ArchiveError: see there.
+        ArchiveError: the archive cannot be unpacked.
     """
     left_out, names = 0, set()
     large: List[str] = []
@@ -113,7 +118,7 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
         raise
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a password is needed
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
-    except Exception as error:  # of zipfile, tarfile, zlib, lzma, bz2, struct
+    except Exception as error:  # any error of zipfile, tarfile, zlib, lzma, bz2, struct
         raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
     return left_out, large
 
@@ -132,7 +137,11 @@ def main(archive: str, folder: str, files: str, size: str) -> None:
 
 
 def _inside(name: str, archive: Path) -> PurePosixPath:
-    """A member's name as a path below the folder."""
+    """Return a member's name as a path below the folder.
+
+    Raises:
+        ArchiveError: the name leads out of the folder.
+    """
     path = PurePosixPath(name.replace("\\", "/"))
     if (
         path.is_absolute()
@@ -146,7 +155,11 @@ def _inside(name: str, archive: Path) -> PurePosixPath:
 
 
 def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path) -> bool:
-    """Copy a member, unless it is larger than MAX_FILE; whether it was."""
+    """Copy a member if it has at most MAX_FILE bytes, and return whether it was copied.
+
+    Raises:
+        ArchiveError: the allowance is used up.
+    """
     allowance.files -= 1
     size = 0
     with target.open("xb") as file:
@@ -161,7 +174,7 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
     allowance.size -= size
     if allowance.files < 0 or allowance.size < 0:
         raise ArchiveError(
-            f"{archive.name} is too large: more than {MAX_FILES} files or {MAX_BYTES} bytes, unpacked"
+            f"{archive.name} is too large: unpacked it has more than {MAX_FILES} files or {MAX_BYTES} bytes"
         )
     return True
 
@@ -177,7 +190,7 @@ def _zip_members(archive: Path) -> Iterator[_Member]:
 
 
 def _zip_name(info: zipfile.ZipInfo) -> str:
-    """Name of a member: Info-ZIP and macOS write UTF-8 without its flag, Windows by backslashes."""
+    """Return the name of a member; Info-ZIP and macOS omit the flag of UTF-8, Windows writes backslashes."""
     name = info.filename
     if not info.flag_bits & UTF_8:
         with contextlib.suppress(UnicodeError):
@@ -192,21 +205,8 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
             yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
 
 
-def _packed(path: Path) -> bytes:
-    """Tar archive of a file or folder: permissions are kept, links and large files are not in it."""
-    content, room = io.BytesIO(), MAX_BYTES
-    with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
-        archive.add(path, path.name, recursive=False)
-        for file in walk(path) if path.is_dir() else ():
-            size = file.stat().st_size
-            if size <= min(MAX_FILE, room):
-                room -= size
-                archive.add(file, Path(path.name, file.relative_to(path)), recursive=False)
-    return content.getvalue()
-
-
 class PackedPath:
-    """A file or folder that is read when it is sent, so that a class need not fit into memory.
+    """A file or folder that is read when it is sent, so a class need not fit into memory.
 
     Links and large files, which marking leaves out, are not sent.
     """
@@ -216,14 +216,24 @@ class PackedPath:
         self._content = b""
 
     def __getstate__(self) -> Dict[str, Any]:
-        """State that is sent: a tar archive of the files in place of their path.
+        """Return the state to send: a tar archive of the files, with their permissions, instead of the path.
 
         Pickle calls it while it sends the object, so the files are read then and not before.
         """
-        return {"path": None, "_content": self._content if self.path is None else _packed(self.path)}
+        if self.path is None:
+            return {"path": None, "_content": self._content}
+        path, content, room = self.path, io.BytesIO(), MAX_BYTES
+        with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
+            archive.add(path, path.name, recursive=False)
+            for file in walk(path) if path.is_dir() else ():
+                size = file.stat().st_size
+                if size <= min(MAX_FILE, room):
+                    room -= size
+                    archive.add(file, Path(path.name, file.relative_to(path)), recursive=False)
+        return {"path": None, "_content": content.getvalue()}
 
     def unpack(self, folder: Path) -> Path:
-        """Lay it into an empty folder, with permissions as they were; its path."""
+        """Unpack it into an empty folder, with the same permissions, and return its path."""
         with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
             names = archive.getnames()
             keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}

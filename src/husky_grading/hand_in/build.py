@@ -1,4 +1,4 @@
-"""Builds a hand-in: its packages in a catkin workspace of its own, in the sandbox."""
+"""Build of a submission: its packages in a catkin workspace of its own, in the sandbox."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ from husky_grading.isolation.ros_network import MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 
-BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
-MAX_TEXT = 1_000_000  # [bytes] of a launch file
-MAX_MISSING = 10  # packages that CMake misses one after the other
-MAX_STAND_INS = 50  # for packages that it misses in all: a build can print any number of names
+BUILD_DEADLINE = 600.0  # [s] wall time for each attempt
+MAX_TEXT = 1_000_000  # [bytes] size of a launch file
+MAX_MISSING = 10  # attempts to build, because CMake reports missing packages one after the other
+MAX_STAND_INS = 50  # empty packages in place of missing ones, because a build can print any number of names
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
 # header before each C++ source; a repair changes it, so CMake need not run again
 PRELUDE = "marking_prelude.h"
-# publish(true) and its like compile, as in a Release build of Noetic and older
+# headers with which publish(true) and the like compile, as in a Release build of Noetic and older
 PLAIN_TYPES = "\n".join(
     ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
     + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]
@@ -51,12 +51,12 @@ PLAIN_TYPES = "\n".join(
 OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
 _PLACEHOLDER = re.compile(r"\b_[1-9]\b")
 OLD_BOOST_NOTE = (
-    "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1"
+    "_1 of boost::bind was made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
-# a function of a program: Publisher::publish of a built-in type
+# symbol of a program: Publisher::publish of a built-in type
 PLAIN_PUBLISH = re.compile(rb"_ZNK3ros9Publisher7publishI[abcdfhijlmstxy]EEvRKT_")
 PLAIN_PUBLISH_NOTE = (
-    "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
+    "publish(true) and the like were made to compile; newer versions of ROS need a message, such as "
     "std_msgs::Bool"
 )
 _OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
@@ -68,11 +68,13 @@ _RETURN = re.compile(
     r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
     re.MULTILINE,
 )
-_NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")  # it may be generated too late
+_NO_HEADER = re.compile(
+    r"fatal error: \S+: No such file or directory"
+)  # the header may be generated too late
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
-_Outcome = Tuple[str, Optional[int]]  # output and exit code of a build; None: it did not end in time
-_STAND_IN = """# {name} is not installed; whatever uses nothing of it builds without it
+_Outcome = Tuple[str, Optional[int]]  # output and exit code of a build; None if it did not end in time
+_STAND_IN = """# {name} is not installed; code that uses nothing of it builds without it
 set({name}_FOUND TRUE)
 set({name}_FOUND_CATKIN_PROJECT TRUE)
 set({name}_INCLUDE_DIRS "")
@@ -88,10 +90,10 @@ endfunction()
 
 @dataclass(frozen=True)
 class Build:
-    """Result of building a hand-in."""
+    """Result of the build of a submission."""
 
     workspace: Workspace
-    notes: Tuple[Note, ...] = ()  # of kind BUILD: why something was not built
+    notes: Tuple[Note, ...] = ()  # notes; a note of kind BUILD has the reason of a failed build
 
 
 @dataclass(frozen=True)
@@ -103,22 +105,22 @@ class Folders:
 
     @property
     def setup(self) -> Path:
-        """Written by the build."""
+        """Return the setup file that the build writes."""
         return self.root / "devel" / "setup.bash"
 
     @property
     def stand_ins(self) -> Path:
-        """Empty CMake packages, for those that are not installed."""
-        return self.root.with_name("stand_ins") / "prefix"  # where the build cannot write
+        """Return the folder of empty CMake packages in place of missing ones; the build cannot write it."""
+        return self.root.with_name("stand_ins") / "prefix"
 
     @property
     def log(self) -> Path:
-        """Output of the build."""
-        return self.root.with_name("build.log")  # where the build cannot write
+        """Return the file with the output of the build, which the build itself cannot write."""
+        return self.root.with_name("build.log")
 
 
 def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
-    """Copy packages into a new workspace, without links, special files and what was built; and notes."""
+    """Copy packages into a new workspace, without links, special files or build folders, and return notes."""
     remove_tree(root)
     (root / "src").mkdir(parents=True)
     notes: List[str] = []
@@ -130,7 +132,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
         scripts: List[str] = []
         older: List[str] = []
         target.mkdir()
-        # not its blocks on the disk: a sparse file would be written as the zeros that it stands for
+        # the size, and not the blocks on the disk, because copying fills the holes of a sparse file
         sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
         for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
             if size > min(MAX_FILE, room):
@@ -149,20 +151,28 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
                 scripts.append(path.name)
             copy.chmod(0o755 if executable or is_script else 0o644)
         if scripts:
-            notes.append(f"made executable, which a copy through an archive may undo: {', '.join(scripts)}")
+            notes.append(
+                f"scripts were made executable, because an archive may lose this: {', '.join(scripts)}"
+            )
         if older:
-            notes.append(f"run by Python 3, in place of what their first lines name: {', '.join(older)}")
+            notes.append(
+                f"scripts run by Python 3 instead of the program in their first line: {', '.join(older)}"
+            )
         notes += _repair_manifest(target, package)
     notes += large_files_note(large)
     paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
     if paths:
-        notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(paths))}")
+        shown = ", ".join(dict.fromkeys(paths))
+        notes.append(f"paths of another computer were replaced by files of the submission: {shown}")
     (root / "src" / ".catkin_workspace").touch()
     return Folders(root, copies), notes
 
 
 def _repair_interpreter(script: Path) -> bool:
-    """Let Python 3 run a script whose first line names python or python2, or ends as on Windows."""
+    """Let Python 3 run a script whose first line names python or python2 or ends as on Windows.
+
+    Return whether the script was changed.
+    """
     line, _, code = script.read_bytes().partition(b"\n")
     if _OTHER_PYTHON.fullmatch(line):
         script.write_bytes(b"#!/usr/bin/env python3\n" + code)
@@ -171,7 +181,10 @@ def _repair_interpreter(script: Path) -> bool:
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
-    """Put $(find PACKAGE) into a package's launch files for /home/... of files in the packages; the paths."""
+    """Replace paths below /home in launch files by $(find PACKAGE)/... if the packages have such a file.
+
+    Return the paths that were replaced.
+    """
     paths: List[str] = []
 
     def local_path(match: Match[str]) -> str:
@@ -190,12 +203,12 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
 
 
 def _repair_manifest(folder: Path, package: Package) -> List[str]:
-    """Replace a package.xml that catkin refuses, such as one without an e-mail address."""
+    """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes."""
     manifest = folder / "package.xml"
-    try:  # its XML has been read before, by a parser that refuses entities
+    try:  # `read_manifest` has read it before, with a parser that rejects entities
         parse_package(str(manifest), warnings=[])
         return []
-    except Exception as error:  # catkin's parser was written for authors, not against them
+    except Exception as error:  # any error, because catkin's parser does not expect hostile files
         refusal = str(error)
     depends = "".join(f"<depend>{escape(name)}</depend>" for name in sorted(package.needs) if name)
     manifest.write_text(
@@ -204,17 +217,17 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
         f"<license>unknown</license><buildtool_depend>catkin</buildtool_depend>{depends}</package>\n"
     )
     reason = " ".join((refusal.strip().splitlines() or ["unknown"])[-1].split())[:200]
-    return [f"catkin refuses the package.xml of {package.name} ({reason}); marked with a corrected copy"]
+    return [f"catkin rejects the package.xml of {package.name} ({reason}); a corrected copy was used"]
 
 
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
-    """Build the packages of a hand-in that are needed; the others serve without a build.
+    """Build the needed packages of a submission; the other ones are used without a build.
 
-    A build fails on another machine for reasons that are no fault of the student's. So it is tried again with
-    stand-ins for packages that are not installed, and then with a repair for an old version of Boost.
+    A build may fail on another machine without a fault of the student. So it is repeated with stand-ins for
+    packages that are not installed, and then with a repair for an old version of Boost.
 
     Raises:
-        NotMarkableError: its build leads out of the workspace.
+        NotMarkableError: the build leads out of the workspace.
         MarkingError: nothing can be built here.
     """
     import_early()  # while the compiler waits for the disk
@@ -234,9 +247,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
 def _make_with_stand_ins(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace
 ) -> Tuple[_Outcome, Set[str]]:
-    """Build until CMake misses no further package; the outcome, and names of the packages that it missed.
+    """Build until CMake misses no further package, and return the outcome and the missing packages.
 
-    CMake stops at a package that it misses, so that package gets an empty stand-in before the next attempt.
+    CMake stops at a missing package, so that package gets an empty stand-in before the next attempt.
     """
     missing: Set[str] = set()
     output, code = "", None
@@ -257,63 +270,63 @@ def _make_with_stand_ins(
 def _make_again(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace, outcome: _Outcome
 ) -> Tuple[_Outcome, bool]:
-    """Build again if a header was generated too late, or for _1 and its like of an old Boost.
+    """Build again if a header was generated too late, or if _1 and the like of an old Boost need a repair.
 
     Returns:
-        The outcome of the last build, and whether _1 and its like were repaired.
+        The outcome of the last build, and whether _1 and the like were repaired.
     """
     output, code = outcome
     repair = OLD_BOOST if code and needs_old_boost(output) else ""
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # for an error that headers which were generated too late had hidden
+        repair = OLD_BOOST  # before, the missing header had hidden the errors on _1
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 
 
 def _notes_on_missing(missing: Set[str]) -> List[Note]:
-    """Notes on packages that are not installed, by their names."""
+    """Return notes on packages that are not installed."""
     notes = []
     if missing:
         notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
     if len(missing) == MAX_STAND_INS:
-        text = f"{MAX_STAND_INS} packages or more are missing; none is stood in for beyond these"
+        text = f"{MAX_STAND_INS} packages or more are missing; further ones got no stand-in"
         notes.append(Note(Kind.MISSING_PACKAGE, text))
     return notes
 
 
 def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note]:
-    """Notes on why a build failed, and on a function in it that returns nothing."""
+    """Return notes on a failed build, and on a function without its return."""
     notes = []
     if code is None:
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
         notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, root)}"))
     if without := _RETURN.search(output.replace(f"{root}/src/", "")):
-        text = f"{without['where']}: {without['what']}; a node ends there by a signal, or goes on somewhere"
+        text = f"{without['where']}: {without['what']}; a node crashes there, or continues anywhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
     return notes
 
 
 def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
-    """Workspace of the hand-in's packages on top of the underlay, after a build.
+    """Return the workspace of the submission's packages on top of the underlay, after a build.
 
     Raises:
-        NotMarkableError: the build has put a link in a place that marking uses.
+        NotMarkableError: the build has put a link into a place that marking uses.
     """
     places = [folders.root / "src"]
     if folders.setup.exists():
         places.append(folders.setup)
-    # the sandbox would show a link's target, and marking would write into it
+    # through a link the sandbox would show its target, and marking would write into it
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
-        raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
+        raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
     setups = (*underlay.setups, *places[1:])
     return Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, Own.NOTHING)
 
 
 def _check_builds(folder: Path, underlay: Workspace) -> None:
-    """Build an empty workspace, after CMake has failed: where that fails too, no hand-in is to blame.
+    """Build an empty workspace after CMake has failed, because if that fails, too, it is not the submission.
 
     Raises:
         MarkingError: nothing can be built here.
@@ -323,19 +336,17 @@ def _check_builds(folder: Path, underlay: Workspace) -> None:
     output, code = _catkin_make(empty, frozenset(), underlay, "")
     remove_tree(folder)
     if code != 0:
-        raise MarkingError(
-            f"catkin_make does not even build an empty workspace: {build_error(output, folder)}"
-        )
+        raise MarkingError(f"catkin_make cannot build even an empty workspace: {build_error(output, folder)}")
 
 
 def needs_old_boost(output: str) -> bool:
-    """Whether an error of a build's output is about _1 and its like."""
+    """Return whether an error in a build's output is about _1 and the like."""
     errors = [line for line in output.splitlines() if "error:" in line or "was not declared" in line]
     return any(map(_PLACEHOLDER.search, errors))
 
 
 def _publishes_plain_values(libraries: Path) -> bool:
-    """Whether a built program publishes a bool or a number in place of a message."""
+    """Return whether a built program publishes a bool or a number instead of a message."""
     with contextlib.suppress(UnreadableFileError):  # too many files
         for path in walk(libraries):
             with contextlib.suppress(UnreadableFileError):
@@ -345,7 +356,7 @@ def _publishes_plain_values(libraries: Path) -> bool:
 
 
 def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> _Outcome:
-    """Outcome of one build, whose sources begin with the text of a repair."""
+    """Build once, with the text of a repair before each C++ source, and return the outcome."""
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
@@ -357,7 +368,7 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
-        "--make-args", "-k", f"-j{os.cpu_count()}",  # without -l: make would wait until others' load falls
+        "--make-args", "-k", f"-j{os.cpu_count()}",  # no -l, because make would wait while others compute
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
     in_time = ends(process, BUILD_DEADLINE, 0.2)
@@ -366,17 +377,17 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
 
 
 def is_built(node: str, folders: Folders) -> bool:
-    """Whether a node, package/type, can be started: a built program, a script, none of its own."""
+    """Return whether a node, package/type, can be started, as a built program, script, or other's node."""
     package, _, name = node.partition("/")
     if package not in folders.packages:
-        return True  # it is none of the hand-in's
+        return True  # the node is not the submission's
     candidates = [folders.root / "devel" / "lib" / package / name]
     candidates += [path for path in walk(folders.packages[package]) if path.name == name]
     return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
 
 
 def build_error(output: str, root: Path) -> str:
-    """The compiler's first error, or the line of a build's output that says most."""
+    """Return the compiler's first error, or the most informative line of a build's output."""
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
     match = _ERROR.search(output)
     if match:
@@ -386,7 +397,7 @@ def build_error(output: str, root: Path) -> str:
         return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
-        if number and _EXECUTED.search(line):  # a program that catkin ran; its last line is the cause
+        if number and _EXECUTED.search(line):  # catkin ran a program, whose last line is the cause
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
             place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
             return f"{place}{lines[number - 1]}"[:300]

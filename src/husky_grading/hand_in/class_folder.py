@@ -1,9 +1,9 @@
-"""Folder of a class: one first-level entry is one student's hand-in; names for people, and names for paths.
+"""Folder of a class: each first-level entry is one submission, with a name for people and a name for paths.
 
-In: a folder whose entries are called as students, browsers and Moodle call them. Out: `HandIn`s.
+In: a folder with entries as students, browsers and Moodle name them. Out: `HandIn` records.
 
 CMake, make, catkin's setup files, roslaunch's `launch-prefix` and `args` and ROS_PACKAGE_PATH take no quotes,
-blanks or colons in a path. So a student's name is for people only, and `HandIn.folder` stands in paths.
+blanks or colons in a path. So a student's name is for people only, and paths use `HandIn.folder`.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from typing import Dict, List, Sequence
 
 from husky_grading.hand_in.archives import suffix_of
 
-MAX_FOLDER = 200  # [bytes] of the name of a folder of results
-DIGITS = 8  # of the hash in it
+MAX_FOLDER = 200  # [bytes] length of the name of a folder of results
+DIGITS = 8  # digits of the hash in it
 SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # name that a path can have everywhere
 
 
 @dataclass(frozen=True)
 class HandIn:
-    """Hand-in of one student."""
+    """Submission of one student, as it was delivered."""
 
-    name: str  # the student's, printable, as pages show it and marking.yaml names it
+    name: str  # printable name of the student, as pages and marking.yaml show it
     path: Path  # folder or archive
-    folder: str  # name of the folder of its results, which a path can have everywhere
+    folder: str  # name of the folder of its results, which can be part of any path
     problem: str = ""  # reason why it cannot be marked, in a sentence; empty if it can
 
 
 def is_package(folder: Path) -> bool:
-    """Whether a folder of a class is itself a package, and so a single hand-in."""
+    """Return whether a folder of a class is itself a package, and so a single submission."""
     return (folder / "package.xml").is_file()
 
 
 def find_hand_ins(folder: Path) -> List[HandIn]:
-    """Return the hand-ins in a folder, by their paths: each folder and archive in it is one.
+    """Return the submissions in a folder, by their paths: each folder and archive in it is one.
 
-    A folder that is itself a package is one hand-in. Where two entries are one student's, such as `bob` and
-    `bob.zip`, the hand-in has a problem: nobody but the teacher knows which one counts.
+    A folder that is itself a package is one submission. If a student has two entries, such as `bob` and
+    `bob.zip`, the submission has a problem, because only the teacher can decide which one counts.
     """
     if is_package(folder):
         return _named({folder.name: [folder]})
-    entries: Dict[str, List[Path]] = {}  # by the student's name, as the file system has it
+    entries: Dict[str, List[Path]] = {}  # paths by the student's name, as the file system has it
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)
         is_archive = bool(suffix) and path.is_file()
@@ -64,7 +64,7 @@ def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
         problem = ""
         if len(paths) > 1:
             which = " and ".join(path.name for path in paths)
-            problem = f"{which} are both the hand-in of {names[entry]}: leave one of them in the folder"
+            problem = f"{which} are both the submission of {names[entry]}; leave one of them in the folder"
         hand_ins.append(HandIn(names[entry], paths[0], folders[entry], problem))
     return hand_ins
 
@@ -72,11 +72,14 @@ def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
 def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     """Return a printable name for each entry, all different.
 
-    An umlaut is one letter, whether it came as one, as two (macOS), or as a byte of Latin-1. Where two
-    entries would look alike, the one that is written otherwise has escapes in place of its umlauts.
+    An umlaut is one character, also if the entry has it as two (macOS) or as a byte of Latin-1. If two
+    entries would look the same, the entry that is written differently has escapes in place of its umlauts.
     """
     names: Dict[str, str] = {}
-    as_shown = {entry: _printable(_decoded(entry)) for entry in entries}
+    as_shown = {}
+    for entry in entries:  # line feeds, changes of direction and the like become escapes
+        shown = [c if c.isprintable() else c.encode("unicode_escape").decode() for c in _decoded(entry)]
+        as_shown[entry] = "".join(shown)
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
         name = as_shown[entry]
         if name in names.values():
@@ -97,16 +100,11 @@ def _decoded(entry: str) -> str:
     return unicodedata.normalize("NFC", text)
 
 
-def _printable(text: str) -> str:
-    """Return a text in which line feeds, changes of direction and the like are escapes."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
 def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
-    """Return the name of a folder for each entry, all different: the entry's own wherever a path can have it.
+    """Return the name of a folder for each entry, all different: the entry's own name if a path can have it.
 
-    In other names each letter that a path cannot have is an underscore. A hash follows where two names meet
-    and where a name is too long, so that a folder's name depends on no other student as far as possible.
+    In other names, characters that a path cannot have become underscores. A hash is added only if two names
+    are equal or a name is too long, so a folder's name rarely depends on other students.
     """
     folders = {entry: entry for entry in entries if SAFE.fullmatch(entry) and len(entry) <= MAX_FOLDER}
     plain = {entry: _underscored(entry) for entry in entries if entry not in folders}
@@ -114,7 +112,7 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
     for entry, folder in plain.items():
         if counts[folder] > 1 or len(folder) > MAX_FOLDER:
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(entry)}"
-        while folder in folders.values():  # of a student who is called like that
+        while folder in folders.values():  # a student may have this name
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(folder)}"
         folders[entry] = folder
     return folders

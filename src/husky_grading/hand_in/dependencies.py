@@ -1,4 +1,4 @@
-"""Packages that a build needs and that are not installed, with their names in Debian."""
+"""Missing packages of a build, with their names in Debian."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import subprocess
 from itertools import chain
 from typing import Collection, Dict
 
-APT_DEADLINE = 20.0  # [s] of wall time
-_DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # of a ROS package in Debian
+APT_DEADLINE = 20.0  # [s] wall time
+_DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # possible names of a ROS package
 
 
 def debian_packages(names: Collection[str]) -> Dict[str, str]:
-    """Debian packages that have ROS packages for building, by the ROS package's name, where one is known."""
+    """Return the Debian packages of ROS packages, by the name of the ROS package, as far as they exist."""
     candidates = {
         name: [pattern.format(name.replace("_", "-")) for pattern in _DEBIAN_NAMES] for name in names
     }
@@ -27,10 +27,10 @@ def debian_packages(names: Collection[str]) -> Dict[str, str]:
 
 
 def missing_note(names: Collection[str]) -> str:
-    """A sentence on packages that are not installed, all at once."""
+    """Return one sentence on all packages that are not installed."""
     debian = debian_packages(names)
     packages = [
         f"{name} ({f'apt install {debian[name]}' if name in debian else 'not in Debian'})"
         for name in sorted(names)
     ]
-    return f"not installed: {', '.join(packages)}; what needs them may not build"
+    return f"not installed: {', '.join(packages)}; code that needs them may not build"

@@ -1,4 +1,4 @@
-"""Facts that an exercise needs of a hand-in: which nodes are the student's, for which robot they are."""
+"""Facts of a submission that an exercise needs, such as the robot and the nodes that are the student's."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def no_facts(_: Plan) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts that an exercise needs; by default those of a node that the student wrote."""
+    """Facts that an exercise needs; the defaults fit a node that the student wrote."""
 
-    parts: Parts = STUDENTS_OWN  # nodes that count as the student's, though their packages are the robot's
-    node: str = "a node of the hand-in"  # that a launch file has to start, in a sentence
-    by_content: bool = False  # a launch file is known by what it starts rather than by the number in its name
-    own: Own = Own.NOTHING  # use that its nodes make of the grading package
+    parts: Parts = STUDENTS_OWN  # packages of the robot whose nodes count as the student's
+    node: str = "a node of the submission"  # node that a launch file has to start, as part of a sentence
+    by_content: bool = False  # content of a launch file counts more than the number in its name
+    own: Own = Own.NOTHING  # files of the grading package that its nodes may use
     robot: Callable[[Plan], NamedRobot] = named_robot
-    read: Callable[[Plan], Mapping[str, Any]] = no_facts  # what the judge needs of its files, by name
+    read: Callable[[Plan], Mapping[str, Any]] = no_facts  # reads facts for the judge from the files, by name

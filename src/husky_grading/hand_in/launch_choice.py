@@ -1,4 +1,4 @@
-"""Launch file of a hand-in, found by its content: it starts a node of the hand-in, in the pillar's world."""
+"""Choice of a submission's launch file by its content: its nodes, its world and its names."""
 
 from __future__ import annotations
 
@@ -33,37 +33,37 @@ from husky_grading.records import Launchable, Override
 from husky_grading.submission import OWN_RVIZ, STUDENTS_OWN, Parts, Plan
 from husky_highlevel_controller.paths import share_folder
 
-MAX_LAUNCH = 1_000_000  # [bytes]
-TEMPLATE = share_folder() / "examples" / "first_node"  # that `./dev new` copies
+MAX_LAUNCH = 1_000_000  # [bytes] size of a file that is read
+TEMPLATE = share_folder() / "examples" / "first_node"  # package that `./dev new` copies
 TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
-BESIDE = ".beside"  # folder of a workspace's sources: no package can have this name
-MAX_READ = 300  # launch files of one hand-in
-OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on localization
+BESIDE = ".beside"  # folder in a workspace's sources, with a name that no package can have
+MAX_READ = 300  # launch files of one submission
+OTHER_USE = re.compile(  # names of trials, leftovers, and the course's exercise on localization
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")
-MOTION = re.compile(r"LaserScan|PointCloud2|Twist")  # what names none of them does no exercise of a robot
+MOTION = re.compile(r"LaserScan|PointCloud2|Twist")  # types of which a solution of an exercise names one
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 
 
 @dataclass(frozen=True)
 class LaunchFile:
-    """A launch file of a hand-in, and what it starts."""
+    """A launch file of a submission, and the nodes that it starts."""
 
-    path: Path  # of its copy in the workspace
-    place: PurePosixPath  # in the hand-in
-    package: str  # that it lies in; else of the first node it starts that is the hand-in's
+    path: Path  # path of its copy in the workspace
+    place: PurePosixPath  # path in the submission
+    package: str  # its package, otherwise the package of the first node of the submission that it starts
     plan: Plan
-    nodes: Tuple[str, ...] = ()  # package/type, of the hand-in's packages
+    nodes: Tuple[str, ...] = ()  # package/type of nodes of the submission's packages
     scans: bool = False  # a package of its nodes names the lidar's messages
-    able: FrozenSet[str] = frozenset()  # the hand-in's packages that name scans or velocities
-    is_template: bool = False  # with its node it is what `./dev new` has written
+    able: FrozenSet[str] = frozenset()  # packages of the submission that name scans or velocities
+    is_template: bool = False  # file and node are unchanged since `./dev new` has written them
 
     @property
     def able_nodes(self) -> Tuple[str, ...]:
-        """Its nodes of able packages."""
+        """Return its nodes of able packages."""
         return tuple(node for node in self.nodes if node.partition("/")[0] in self.able)
 
 
@@ -76,19 +76,19 @@ def read_launch_files(
     override: Override,
     parts: Parts = STUDENTS_OWN,
 ) -> List[LaunchFile]:
-    """Launch files of a hand-in, read as roslaunch would.
+    """Return the launch files of a submission, read as by roslaunch.
 
     Args:
-        contents: of the hand-in.
-        packages: of these, those of the exercise, and known ones of which there are copies.
-        ws: its packages' copies.
-        copies: likewise, of known packages, which are not the student's.
-        workspace: in which they would be started.
-        override: with the only one that counts, where it names one, and their arguments.
-        parts: of the robot, whose nodes count in place of the hand-in's own, if there are any.
+        contents: all packages of the submission.
+        packages: packages of the exercise, and known packages that are copied.
+        ws: copies of the packages of the exercise.
+        copies: copies of known packages, which are not the student's.
+        workspace: workspace in which the launch files would be started.
+        override: settings of the teacher, which may name one launch file and its arguments.
+        parts: packages of the robot whose nodes count instead of the submission's own, if there are any.
 
     Raises:
-        NotMarkableError: none, or more than one, fits the name.
+        NotMarkableError: no file, or more than one, fits the launch file that the teacher names.
     """
     folders = ws.packages
     found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
@@ -97,8 +97,10 @@ def read_launch_files(
         end = PurePosixPath(override.launch).parts
         files = [(path, place) for path, place in files if place.parts[-len(end) :] == end]
         if len(files) != 1:
-            fit = f"{override.launch!r}: {len(files)} fit it"
-            raise NotMarkableError(f"marking.yaml names the launch file {fit}")
+            raise NotMarkableError(
+                f"marking.yaml names the launch file {override.launch!r}, which fits {len(files)} files; "
+                "give the path of one file"
+            )
     texts = {
         name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
         for name, folder in folders.items()
@@ -126,14 +128,14 @@ def read_launch_files(
 
 
 def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts) -> List[LaunchFile]:
-    """Launch files that start what the exercise needs, the one that fits best first.
+    """Return the launch files that start a node that the exercise needs, the best one first.
 
     Raises:
-        NotMarkableError: there is none.
+        NotMarkableError: there is no such file.
     """
     fitting = [file for file in files if file.nodes]
     able = files[0].able if files and not facts.parts.by_submission else frozenset()
-    if able:  # a tutorial's node never stands in for the controller
+    if able:  # the node of a tutorial must not replace the controller
         fitting = [file for file in fitting if file.able_nodes]
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
@@ -142,22 +144,22 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         raise NotMarkableError(f"no launch file starts {what}; {''.join(off[:3])}launch files: {names}")
 
     def rank(file: LaunchFile) -> Tuple[Any, ...]:
-        """Smaller is better; of equals the one whose place is shorter, then the first by name."""
+        """Return the key of a file, smaller is better; then the shorter path counts, then the name."""
         return *_merits(file, exercise, facts), len(file.place.parts), str(file.place)
 
     return sorted(fitting, key=rank)
 
 
 def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
-    """A sentence that says why a launch file was chosen."""
+    """Return a sentence on the reasons why a launch file was chosen."""
     merits = [f"starts {', '.join(launch.nodes)}"]
     if fits_exercise(launch.place, exercise) == 2:
-        merits.append(f"is named for exercise {exercise}")
+        merits.append(f"has the number of exercise {exercise} in its path")
     if launch.plan.pillar:
         merits.append("uses the world singlePillar")
     if any(node.name not in OWN_RVIZ for node in launch.plan.rviz):
         merits.append("starts RViz")
-    choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
+    choice = f" (chosen from {len(candidates)})" if len(candidates) > 1 else ""
     return f"launch file {launch.place}: {', '.join(merits)}{choice}"
 
 
@@ -178,7 +180,7 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
 def equal_launch_files(
     launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int, facts: Facts
 ) -> List[str]:
-    """Places of other launch files that fit as well as the chosen one, and start something else."""
+    """Return the paths of other launch files that fit as well as the chosen one and start something else."""
     best = _merits(launch, exercise, facts)
     return [
         str(other.place)
@@ -190,7 +192,10 @@ def equal_launch_files(
 def _launch_files(
     contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Launch files in the copies of packages; and copies of those beside the packages, in folders above."""
+    """Yield launch files in the copies of packages, and copies of launch files in the folders above them.
+
+    Each file comes with its path in the submission.
+    """
     for package in packages:
         for path in walk(folders[package.name]):
             if file_suffix(path) == ".launch":
@@ -205,14 +210,14 @@ def _launch_files(
                     inside = any(each.path in path.parents for each in contents.packages)
                     is_new = not inside and not target.exists() and is_below(path, top)
                     if is_new and file_suffix(path) == ".launch":
-                        with contextlib.suppress(UnreadableFileError):  # a link, a FIFO
+                        with contextlib.suppress(UnreadableFileError):  # it may be a link or FIFO
                             target.parent.mkdir(parents=True, exist_ok=True)
                             copy(path, target)
                             yield target, launch_place
 
 
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[bool, ...]:
-    """Smaller is better."""
+    """Return criteria for a launch file, the most important one first; smaller is better."""
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
     order = (content, -fits) if facts.by_content else (-fits, content)

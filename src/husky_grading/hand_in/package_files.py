@@ -1,4 +1,4 @@
-"""Names in the files of a submission's package: its RViz configuration, its robot, its plots."""
+"""Facts from the files of a submission's package: its RViz configuration, and the robot that it names."""
 
 from __future__ import annotations
 
@@ -29,14 +29,19 @@ _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
 def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
-    """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
+    """Return the RViz configuration of a submission.
 
-    A file that only another launch file than `launch_file` names is that one's; where `launch_file` starts no
-    RViz, those of launch files without recordings and nodes of the package belong to it, and where it starts
-    one without a configuration, the package's only file does, unless it shows recordings.
+    It is the configuration of the first rviz node. If that was not handed in, it is the package's .rviz file
+    with most of the needed displays. Then these rules hold:
 
-    An empty one where none was handed in: a node without one shows what is in the student's ~/.rviz.
-    A hand-in's configuration lies below `root`, whatever its launch file names.
+    - A file that another launch file names belongs to that launch file.
+    - But if `launch_file` starts no RViz, only launch files that play recordings or start nodes of the
+      package own their files.
+    - If `launch_file` starts RViz without a configuration, the package's only .rviz file counts, unless its
+      launch file plays recordings.
+
+    It is empty if no configuration was handed in, because a node without one shows the student's ~/.rviz. The
+    configuration of a submission must be below `root`.
     """
     planned = _without_the_simulators(planned)
     remaps: Sequence[Tuple[str, str]] = ()
@@ -53,7 +58,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
         elsewhere = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
         owner = elsewhere.get(files[0].name) if planned.rviz and len(files) == 1 else None
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
-            source = f"{files[0].name}, the package's only one, of {owner.name}"
+            source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
             return _config(source, files[0], remaps)
         files = [path for path in files if path.name not in elsewhere]
     configs = [_config(path.name, path, remaps) for path in files]
@@ -61,9 +66,9 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
 
 
 def _without_the_simulators(planned: Plan) -> Plan:
-    """A plan without the rviz node of this package's simulator.launch, unless this package is marked."""
+    """Return a plan without the rviz node of our simulator.launch, unless our own package is graded."""
     share = share_folder()
-    # by a file: in ./dev's workspace the package is a folder of links
+    # compared by a file, because in the workspace of ./dev the package is a folder of links
     if planned.package_path and is_below(planned.package_path / "package.xml", share):
         return planned
     paths = [(node, _display_config(node.args)) for node in planned.rviz]
@@ -75,21 +80,19 @@ def _wanted_displays(config: RvizConfig) -> int:
 
 
 def files_of_others(planned: Plan, launch_file: str) -> List[str]:
-    """Sentences on .rviz files of a package that belong to other launch files than this one."""
+    """Return sentences on .rviz files of a package that belong to other launch files than this one."""
     folder = planned.package_path
     named = _named_by_others(folder, launch_file, not planned.rviz) if folder else {}
     there = {path.name for path in walk(folder)} if folder else set()
     return [
-        f"{name} belongs to {path.name}, and is not looked at"
-        for name, path in named.items()
-        if name in there
+        f"{name} belongs to {path.name}, so it is not graded" for name, path in named.items() if name in there
     ]
 
 
 def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
-    """Return the rviz nodes that the text of a launch file names, where roslaunch cannot load it.
+    """Return the rviz nodes in the text of a launch file, because roslaunch cannot load it.
 
-    The folder of a package has its name.
+    `package` is the package's folder, which has the name of the package.
     """
     try:
         text = _COMMENT.sub("", read_text(launch_file, MAX_FILE))
@@ -105,7 +108,11 @@ def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
 
 
 def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[str, Path]:
-    """Launch file by name of the .rviz file in it, of those other than one of this name, and than viewers."""
+    """Return the launch files that name .rviz files, by the names of these files.
+
+    The launch file of this name does not count. With `but_viewers`, neither do launch files that play no
+    recordings and start no node of the package.
+    """
     names: Dict[str, Path] = {}
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
         is_other = path.name != launch_file
@@ -117,7 +124,7 @@ def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[
 def _display_config(arguments: str) -> Optional[Path]:
     try:
         options = shlex.split(arguments)
-    except ValueError:  # a quote that is not closed
+    except ValueError:  # the closing quote is missing
         options = arguments.replace('"', " ").replace("'", " ").split()
     for flag, value in zip(options, options[1:]):
         if flag in ("-d", "--display-config"):
@@ -128,35 +135,37 @@ def _display_config(arguments: str) -> Optional[Path]:
 def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
-    except (UnreadableFileError, ValueError, OverflowError):  # numbers of hundreds of digits
+    except (UnreadableFileError, ValueError, OverflowError):  # a number may have hundreds of digits
         return read_rviz_config(source, {})
 
 
-MAX_FILE = 1_000_000  # [bytes] of a launch file
-MAX_TEXT = 200_000  # [bytes] of a file that is read
-# in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
-# (as a key in RViz's file it is one of the frames that were seen once, as in this package's own view)
+MAX_FILE = 1_000_000  # [bytes] size of a launch file
+MAX_TEXT = 200_000  # [bytes] size of another file
+# names in a package that is made for the SMB: its launch file, its frame, its sensors. As a key in an .rviz
+# file, `rslidar` is only a frame that was seen once, as in this package's own view
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
-# topic of scans in a package whose nodes are not started
+# topics of scans in a package
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
 def named_robot(planned: Plan) -> NamedRobot:
-    """Robot that a submission names by its nodes and topics; the SMB's names are certain."""
+    """Return the robot that a submission names by its nodes and topics; the SMB's names are certain."""
     reason, version = "its launch file starts the SMB's nodes", SMB
     if not any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         mention = first_mention(planned, SMB_NAMES)
         if not mention:
             mention = first_mention(planned, SCANS)
             version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT_ROBOT
-        reason = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
+        reason = "its package names no topic of scans"
+        if mention:
+            reason = f"{mention[0].name} names {mention[1].group()}"
     sentence = f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
     return NamedRobot(version, sentence, is_certain=version == SMB)
 
 
 def first_mention(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
-    """The first file of a submission's package that a pattern matches, and the match."""
+    """Return the first file of a submission's package that a pattern matches, and the match."""
     folder = planned.package_path
     with suppress(UnreadableFileError):  # too many files
         for path, text in texts_in(folder, TEXTS, MAX_TEXT) if folder else ():

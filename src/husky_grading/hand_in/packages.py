@@ -1,4 +1,4 @@
-"""Packages of a hand-in: unpacked, found by their manifests, and those that belong to an exercise."""
+"""Packages of a submission: unpacked, found by their manifests, and chosen for an exercise."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from husky_grading.isolation.files import (
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.dependencies import dependencies_of
 
-MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # inside of one hand-in
+MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # archives and packages in one submission
 MAX_MANIFEST = 1_000_000  # [bytes]
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
-# packages that courses hand out or that Debian and the robot bring: a copy of one is not the student's work
+# packages of courses, of Debian and of the robot; a copy of one is not the student's work
 KNOWN = frozenset({
     "teleop_twist_keyboard", "teleop_twist_joy", "ros_package_template", "rqt_multiplot", "joy",
     "husky_base", "husky_bringup", "husky_control", "husky_description", "husky_desktop", "husky_gazebo",
     "husky_msgs", "husky_navigation", "husky_robot", "husky_simulator", "husky_viz",
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
-COPIED = {"husky_gazebo", "smb_gazebo"}  # to put one's own worlds and launch files into
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")  # it becomes the name of folders and files
+COPIED = {"husky_gazebo", "smb_gazebo"}  # packages to which students add their own worlds and launch files
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")  # valid name of a package, because folders get it
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
-# also as it is misspelt
+# words for an exercise, also misspelt
 _WORD = (
     r"(?:exc?er[cs]i[cs]es?|exo|exe?|course|session|uebung|\u00fcbung|aufgabe|task|homework|hw|lab|tp|sheet)"
 )
 _COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
-# exercise_3, Ex3, 5th_ex, or a number alone; but ENSTA's session 2 is the pillar's
+# names such as exercise_3, Ex3, 5th_ex, or a number alone; except ENSTA's session 2, which has the pillar
 _EXERCISE = re.compile(
     rf"(?<![a-z])(?!session[ _.-]*0*2(?!\d)){_WORD}[ _.-]*(?:no|nr|n)?[ _.-]*{_COUNT}"
     rf"|(?<!\d)([1-9]\d?)(?:st|nd|rd|th)[ _.-]*{_WORD}(?![a-z])|\A{_COUNT}\Z"
@@ -48,25 +48,25 @@ _EXERCISE = re.compile(
 
 
 class NotMarkableError(HuskyError):
-    """A hand-in that cannot be marked; it gets no points, and is not 0 points either."""
+    """A submission cannot be marked, so it gets no points, not even 0."""
 
 
 @dataclass(frozen=True)
 class Package:
-    """Catkin package of a hand-in."""
+    """Catkin package of a submission."""
 
     name: str
     path: Path
-    place: PurePosixPath  # in the hand-in, through archives; "." is the hand-in itself
+    place: PurePosixPath  # path in the submission and its archives; "." is the submission itself
     needs: FrozenSet[str] = frozenset()  # names of packages that its manifest depends on
 
 
 @dataclass(frozen=True)
 class Contents:
-    """Packages of a hand-in, and notes."""
+    """Packages of a submission, and notes."""
 
     packages: Tuple[Package, ...]
-    # of its folder, or that of the unpacked archive, and of those of archives in it
+    # paths in the submission of its own folder and of the folders of unpacked archives
     places: Mapping[Path, PurePosixPath] = field(default_factory=dict)
     notes: Tuple[str, ...] = ()
 
@@ -75,7 +75,7 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
     """Unpack a folder's archives, or an archive, into an existing, empty folder, and find every package.
 
     Raises:
-        NotMarkableError: it cannot be read.
+        NotMarkableError: the submission cannot be read.
     """
     allowance = Allowance()
     notes: List[str] = []
@@ -87,7 +87,7 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
             notes += unpack(path, root, allowance)
         places = {root: PurePosixPath(".")}
         folders = [root]
-        for folder in folders:  # which grow: archives hold archives
+        for folder in folders:  # the list grows, because archives may contain archives
             for archive in (path for path in walk(folder, BUILT) if suffix_of(path.name)):
                 if len(folders) > MAX_ARCHIVES:
                     break
@@ -101,14 +101,16 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
                 folders.append(unpacked)
         packages = [each for folder, place in places.items() for each in _packages(folder, place, notes)]
     except (ArchiveError, UnreadableFileError, OSError) as error:
-        raise NotMarkableError(f"it cannot be read: {error}") from error
+        raise NotMarkableError(f"the submission cannot be read: {error}") from error
     if len(packages) > MAX_PACKAGES:
-        raise NotMarkableError(f"it holds {len(packages)} packages, more than {MAX_PACKAGES}")
+        raise NotMarkableError(
+            f"the submission has {len(packages)} packages, at most {MAX_PACKAGES} are read"
+        )
     return Contents(tuple(packages), places, tuple(notes))
 
 
 def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
-    """Packages below a folder, outer ones first; what lies inside of one belongs to it."""
+    """Return the packages below a folder, outer ones first, without packages inside of another one."""
     manifests = [path for path in walk(folder, BUILT) if path.name == "package.xml"]
     packages: Dict[Path, Package] = {}
     for manifest in sorted(manifests, key=lambda path: (len(path.parts), path)):
@@ -119,7 +121,7 @@ def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Pack
         try:
             name, needs = read_manifest(manifest)
         except NotMarkableError as error:
-            # a student reads it: by the place in the hand-in, not by this machine's path
+            # a student reads the note, so it has the path in the submission, not the path on this machine
             notes.append(str(error).replace(str(manifest), str(package_place / "package.xml")))
             continue
         packages[path] = Package(name, path, package_place, needs)
@@ -127,10 +129,10 @@ def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Pack
 
 
 def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
-    """Name and dependencies in a package.xml.
+    """Return name and dependencies of a package.xml.
 
     Raises:
-        NotMarkableError: it cannot be read, or its name is not the name of a package.
+        NotMarkableError: it cannot be read, or its name is not a valid name of a package.
     """
     try:
         root = read_xml(path, MAX_MANIFEST)
@@ -138,27 +140,32 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         raise NotMarkableError(str(error)) from error
     name = str(root.findtext("name") or "").strip()
     if not _NAME.fullmatch(name):
-        shown = f"{name[:80]!r}" + (f" and {len(name) - 80} more letters" if len(name) > 80 else "")
+        shown = f"{name[:80]!r}"
+        if len(name) > 80:
+            shown += f" and {len(name) - 80} more characters"
         raise NotMarkableError(
-            f"{path}: <name> is {shown}, which is not a valid name of a package: a letter, and at most 99 "
-            "more letters, digits, _ and -"
+            f"{path}: <name> is {shown}, which is not a valid name of a package; it needs a letter, and at "
+            "most 99 more letters, digits, _ and -"
         )
     return name, frozenset(dependencies_of(root))
 
 
 def exercise_numbers(name: str) -> Set[int]:
-    """Numbers of exercises in the name of a file or folder: ex3.launch, course_03, 5th_exercise, 3.
+    """Return the exercise numbers in the name of a file or folder: ex3.launch, course_03, 5th_exercise, 3.
 
-    A number counts only beside a word for exercise, or alone: tb3, ur3 and 5ro14 are names of other things.
+    A number counts only next to a word for exercise, or alone. So tb3, ur3 and 5ro14 have none.
     """
-    name = unicodedata.normalize("NFC", name)  # macOS writes an umlaut as two letters
+    name = unicodedata.normalize("NFC", name)  # macOS writes an umlaut as two characters
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
     numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(text)]
     return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
 
 
 def fits_exercise(place: PurePosixPath, exercise: int) -> int:
-    """2: the innermost number in the place is the exercise's; 1: there is none; 0: it is another one's."""
+    """Return how well a path fits an exercise, by the innermost number in it.
+
+    2 if it is the number of the exercise, 1 if there is no number, 0 if it is another one.
+    """
     for part in reversed(place.parts):
         numbers = exercise_numbers(part)
         if numbers:
@@ -169,12 +176,13 @@ def fits_exercise(place: PurePosixPath, exercise: int) -> int:
 def choose_packages(
     packages: Sequence[Package], exercise: int, attempt: int = 0
 ) -> Tuple[List[Package], List[str]]:
-    """The packages that belong to an exercise, each name once; and notes on what is left aside.
+    """Return the packages that belong to an exercise, each name once, and notes on those that are left out.
 
-    Known packages are left aside; of several with the same name the one of the exercise stays, of equals the
-    one with a launch file that starts its node, then the one with more files; at a further attempt the next
-    one, unless it is another exercise's. Packages of other exercises stay only if one that stays depends on
-    them.
+    - Known packages are left out.
+    - If several packages have the same name, the one of the exercise stays. If that is ambiguous, the one
+      with a launch file that starts its node stays, then the one with more files. Attempt n takes the n-th
+      further one, unless it belongs to another exercise.
+    - Packages of other exercises stay only if one that stays depends on them.
     """
     notes: List[str] = []
     by_name: Dict[str, List[Package]] = {}
@@ -182,7 +190,7 @@ def choose_packages(
         by_name.setdefault(package.name, []).append(package)
     known_names = sorted(set(by_name) & KNOWN)
     if known_names:
-        notes.append(f"left aside, because not the student's own: {', '.join(known_names)}")
+        notes.append(f"packages that are not the student's own are left out: {', '.join(known_names)}")
     package_by_name: Dict[str, Package] = {}
     for name in sorted(set(by_name) - KNOWN):
         namesakes = by_name[name]
@@ -191,20 +199,22 @@ def choose_packages(
             fitting = sum(fits_exercise(each.place, exercise) > 0 for each in namesakes) or len(namesakes)
             namesakes.insert(0, namesakes.pop(min(attempt, fitting - 1)))
             places = ", ".join(str(each.place) for each in namesakes[1:])
-            notes.append(f"package {name} is taken from {namesakes[0].place}; left aside: {places}")
+            notes.append(
+                f"package {name} is taken from {namesakes[0].place}; these copies are left out: {places}"
+            )
         package_by_name[name] = namesakes[0]
     names = {name for name, package in package_by_name.items() if fits_exercise(package.place, exercise)}
     names = with_dependencies(names or set(package_by_name), package_by_name)
     aside = sorted(set(package_by_name) - names)
     if aside:
-        notes.append(f"left aside, because of other exercises: {', '.join(aside)}")
+        notes.append(f"packages of other exercises are left out: {', '.join(aside)}")
     return [package_by_name[name] for name in sorted(names)], notes
 
 
 def copies_of_known(packages: Sequence[Package]) -> List[Package]:
-    """Known packages that a hand-in puts its own into, each name once: not built, but their files are found.
+    """Return the known packages with files of the student, each name once, which are not built but are found.
 
-    These are COPIED, and those with a launch file that starts a node of the hand-in.
+    They are the packages of COPIED, and packages with a launch file that starts a node of the submission.
     """
     own = {each.name for each in packages} - KNOWN
     copies = [
@@ -214,13 +224,13 @@ def copies_of_known(packages: Sequence[Package]) -> List[Package]:
 
 
 def _launched(package: Package) -> Set[str]:
-    """Names of the packages whose nodes the launch files of a package start, by their texts."""
+    """Return the names of the packages whose nodes the launch files of a package start, by their texts."""
     files = [path for path in walk(package.path, BUILT) if file_suffix(path) == ".launch"]
     return {node.partition("/")[0] for path in files for node in nodes_in(path)}
 
 
 def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:
-    """Names of packages, and of all packages of the hand-in that they depend on."""
+    """Return names of packages with the names of all packages of the submission on which they depend."""
     members, waiting = set(names), list(names)
     while waiting:
         needs = packages[waiting.pop()].needs & set(packages) - members
@@ -230,7 +240,7 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
 
 
 def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
-    """Smaller is better: folders come before archives, outer ones before inner."""
+    """Return criteria for a package, the most important one first; smaller is better."""
     in_archive = any(suffix_of(part) for part in package.place.parts)
     fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
     return (
@@ -244,7 +254,7 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
 
 
 def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:
-    """Nodes, package/type, that the text of a launch file names; or that its comments name."""
+    """Return the nodes, package/type, that the text of a launch file names, or that its comments name."""
     try:
         text = read_text(launch_file, MAX_MANIFEST)
     except UnreadableFileError:

@@ -1,4 +1,4 @@
-"""Plan of a launchable: nodes that it would start, by roslaunch's own reading of its launch file."""
+"""Plan of a launchable: the nodes that it would start, because roslaunch itself reads its launch file."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from husky_grading.submission import (
 from husky_highlevel_controller.dependencies import dependency_sentence, unknown_dependencies
 
 DEBIAN = Path("/usr/share")  # folder of Debian's packages, which need not be in ROS_PACKAGE_PATH
-LOAD_DEADLINE = 120.0  # [s] of wall time for launch files to be read
+LOAD_DEADLINE = 120.0  # [s] wall time in which launch files must be read
 
 
 def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
-    """Sentences on dependencies of a package that are misspelt names of packages of the workspace.
+    """Return sentences on dependencies of a package that are misspelt names of packages of the workspace.
 
-    A name that is like no package is left to the build, because marking needs few packages of a course.
+    A name that is similar to no package is left to the build, because marking needs few packages of a course.
     """
     try:
         name, needs = read_manifest(package / "package.xml")
@@ -52,21 +52,21 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
 
 
 def _roots(workspace: Workspace) -> List[Path]:
-    """Folders with packages."""
+    """Return the folders with packages."""
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if root]
     roots += [root for s in workspace.setups for root in (s.parent / "share", s.parents[1] / "src")]
     return [*roots, *workspace.packages]
 
 
 def with_stand_ins(workspace: Workspace, own: Own) -> Workspace:
-    """A workspace with the stand-ins of packages that are not installed; `own` is what these use."""
+    """Return a workspace with stand-ins of packages that are not installed; `own` has files that they use."""
     roots = _roots(workspace)
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
     return replace(workspace, packages=(*workspace.packages, *stand_ins), own=own)
 
 
 def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN) -> Plan:
-    """The plan of one launchable; see `plans`."""
+    """Return the plan of one launchable; see `plans`."""
     (planned,) = plans([launchable], workspace, folder, parts)
     return planned
 
@@ -74,7 +74,7 @@ def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Part
 def plans(
     launchables: Sequence[Launchable], workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN
 ) -> List[Plan]:
-    """Read launch files, or look nodes up, without starting anything."""
+    """Read launch files, or look nodes up, without starting anything, and return a plan of each."""
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()
@@ -84,16 +84,28 @@ def plans(
     for event in read_events(events_file):
         number += event.event == "launchable"
         events.get(number, []).append(event)
-    return [_plan(each, workspace, problem) for each in events.values()]
+    planned = []
+    for each in events.values():
+        read = next((event.plan for event in each if event.plan), None)
+        notes = notes_on(each, "")
+        if read is None:
+            notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
+        elif not read.nodes:
+            notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
+        package = package_path(each, workspace)
+        planned.append(
+            replace(read or Plan(), is_read=read is not None, package_path=package, notes=tuple(notes))
+        )
+    return planned
 
 
 def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
-    """Let a program write down the events of launchables; its last output, where it says what is wrong."""
+    """Let a program write the events of launchables to a file, and return the end of its output."""
     folder = events.parent
     nowhere = "http://127.0.0.1:1"  # no master is needed to read a launch file
     env = {**clean_environment(), "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
-    env["DISPLAY"] = ":0"  # a launch file may start RViz only where there is a screen; nothing is started now
+    env["DISPLAY"] = ":0"  # a launch file may start RViz only if there is a screen; nothing is started now
     process = Process(
         starter(events, "describe", launchables, parts, workspace.own),
         folder / "plan.log",
@@ -102,22 +114,11 @@ def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: P
         workspace,
     )
     in_time = ends(process, LOAD_DEADLINE)
-    return process.output.strip()[-300:] if in_time else f"no end after {LOAD_DEADLINE:g} s"
-
-
-def _plan(events: Sequence[Event], workspace: Workspace, problem: str) -> Plan:
-    notes = notes_on(events, "")
-    planned = next((event.plan for event in events if event.plan), None)
-    if planned is None:
-        notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
-    elif not planned.nodes:
-        notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
-    package, is_read = package_path(events, workspace), planned is not None
-    return replace(planned or Plan(), is_read=is_read, package_path=package, notes=tuple(notes))
+    return process.output.strip()[-300:] if in_time else f"it did not end within {LOAD_DEADLINE:g} s"
 
 
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:
-    """Folder of the package, by the events; one outside of the workspace is the submission's invention."""
+    """Return the folder of the package, by the events; a folder outside of the workspace would be forged."""
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
     roots += [*workspace.packages, *(setup.parents[1] for setup in workspace.setups)]
     paths = [Path(os.path.normpath(event.path)) for event in events if event.event == "package"]

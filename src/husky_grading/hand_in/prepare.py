@@ -1,4 +1,4 @@
-"""First stage of marking: a hand-in, or a launchable of a sourced workspace, becomes a `Submission`."""
+"""First stage of marking: delivered files, or a launchable of a sourced workspace, become a `Submission`."""
 
 from __future__ import annotations
 
@@ -43,25 +43,26 @@ from husky_grading.records import Job, Launchable
 from husky_grading.submission import WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
-FILES = (WORKSPACE, "plan", "build.log")  # that this stage writes; what tells that all are there goes first
-FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # likewise, of a hand-in
-MAX_TRIED = 3  # copies of a package, and launch files, the next one where no node of one is built
+# files of this stage; the first one is written last, so it is removed first
+FILES = (WORKSPACE, "plan", "build.log")
+FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # folders of this stage, for delivered files
+MAX_TRIED = 3  # attempts with another copy of a package, or another launch file, if no node is built
 Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
 
 def prepare(job: Job, facts: Facts) -> Submission:
-    """Prepare the job's submission: unpacked, chosen, read and built; it is written to workspace.json, too.
+    """Unpack, choose, read and build the job's submission, write workspace.json, and return it.
 
     Args:
-        job: with a hand-in, or a launchable of a sourced workspace.
-        facts: that its exercise needs of it.
+        job: job with delivered files, or with a launchable of a sourced workspace.
+        facts: facts that its exercise needs.
 
     Raises:
-        NotMarkableError: there is nothing in it that could be started.
+        NotMarkableError: nothing in the submission can be started.
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    names = FILES if job.launchable else (*FILES, *FOLDERS)  # `ws` may be anybody's
+    names = FILES if job.launchable else (*FILES, *FOLDERS)  # otherwise a folder `ws` may be the teacher's
     for earlier in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(earlier)
     workspace = Workspace(
@@ -103,7 +104,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
 
 
 def _check_starts(workspace: Workspace, folder: Path) -> None:
-    """Start the program that reads launch files, without any: where that fails, no hand-in is to blame.
+    """Start the program that reads launch files without a launch file, to find faults of this machine.
 
     Raises:
         MarkingError: no program can be started here.
@@ -113,45 +114,45 @@ def _check_starts(workspace: Workspace, folder: Path) -> None:
     env = {**clean_environment(), "ROS_LOG_DIR": str(folder), "HOME": str(folder)}
     process = Process(command, folder / "check.log", env, folder, workspace)
     if not ends(process, START_DEADLINE) or process.popen.returncode:
-        said = process.output.strip()[-300:]
-        setups = f" or {', '.join(map(str, workspace.setups))} cannot be sourced" if workspace.setups else ""
-        raise MarkingError(
-            f"no program can be started in the sandbox{setups}: {said or 'it printed nothing'}"
-        )
+        output = process.output.strip()[-300:] or "it printed nothing"
+        setups = ""
+        if workspace.setups:
+            setups = f", or {', '.join(map(str, workspace.setups))} cannot be sourced"
+        raise MarkingError(f"no program can be started in the sandbox{setups}: {output}")
 
 
 def _check_is_there(launchable: Launchable, planned: Plan) -> None:
-    """Check the names of the command line: a slip of them is not a fault of the submission.
+    """Check the names of the command line, because a wrong name is not a fault of the submission.
 
     Raises:
         NotMarkableError: there is no such package, or no such launch file in it.
     """
-    is_read = launchable.kind == "launch" and planned.is_read  # it may be a path, beside any package
+    is_read = launchable.kind == "launch" and planned.is_read  # a path may lead outside of any package
     if not planned.package_path and not is_read:
         raise NotMarkableError(
-            f"there is no package '{launchable.package}': check the name, stand in its workspace, or name "
-            "the workspace by --underlay SETUP.bash"
+            f"there is no package '{launchable.package}'. Check the name, source its workspace, or give the "
+            "workspace by --underlay SETUP.bash"
         )
     if launchable.kind == "launch" and not is_read:
         files = walk(planned.package_path.resolve()) if planned.package_path else ()
         names = {path.name for path in files if file_suffix(path) == ".launch"}
         if launchable.name not in names:
             raise NotMarkableError(
-                f"there is no launch file '{launchable.name}' in the package '{launchable.package}', which "
-                f"has {', '.join(sorted(names)) or 'no launch files'}"
+                f"there is no launch file '{launchable.name}' in the package '{launchable.package}'; it has "
+                f"{', '.join(sorted(names)) or 'no launch files'}"
             )
 
 
 def _ready_for(workspace: Workspace, facts: Facts) -> Workspace:
-    """Add stand-ins of the robot's packages that a submission has to start itself, if there are any."""
+    """Return a workspace with stand-ins of the robot's packages if the submission starts their nodes."""
     return with_stand_ins(workspace, facts.own) if facts.parts.by_submission else workspace
 
 
 def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submission, Plan]:
-    """Unpack, choose and build the job's hand-in on a workspace; its folder gets `unpacked/`, `ws/` and logs.
+    """Unpack, choose and build the job's delivered files on a workspace; writes `unpacked/`, `ws/` and logs.
 
     Raises:
-        NotMarkableError: there is nothing in it that could be started.
+        NotMarkableError: nothing in the submission can be started.
     """
     out, path = Path(job.out), Path(job.hand_in)
     (out / "unpacked").mkdir(parents=True)
@@ -182,11 +183,11 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
 def _prepare_choice(
     contents: Contents, choice: Choice, job: Job, underlay: Workspace, facts: Facts
 ) -> Tuple[Submission, Plan]:
-    """Choose a launch file of chosen packages, and build them."""
+    """Choose a launch file from chosen packages, and build them."""
     packages, aside = choice
     out, override, exercise = Path(job.out), job.override, job.override.exercise or 0
     if not packages:
-        raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
+        raise NotMarkableError("; ".join(["the submission has no catkin package", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]
     by_name = {package.name: package for package in packages}
     folders, repairs = copy_packages(packages, out / "ws")
@@ -207,7 +208,7 @@ def _prepare_choice(
             raise NotMarkableError("; ".join([str(error), *notes])) from error
     launch = candidates[0] if candidates else None
     if launch and override.launch:
-        notes.append(f"launch file {launch.place}, by marking.yaml")
+        notes.append(f"launch file {launch.place}: named in marking.yaml")
     notes += repairs
     needed = set(launch.plan.uses if launch else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
@@ -217,7 +218,7 @@ def _prepare_choice(
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
         if _is_any_built(other, folders):
-            notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
+            notes.append(f"launch file {launch.place} is not used: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
     workspace = replace(built.workspace, packages=(*built.workspace.packages, *copies.packages.values()))
     workspace = _ready_for(workspace, facts)
@@ -227,10 +228,12 @@ def _prepare_choice(
         equals = equal_launch_files(launch, candidates, exercise, facts)
     if launch and equals:
         lines = ", ".join(f"`launch: {place}`" for place in equals)
-        notes.append(f"other launch files fit as well; to mark one of them, write into marking.yaml: {lines}")
+        notes.append(
+            f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
+        )
         equals.insert(0, str(launch.place))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
-        notes.append("RViz's configuration lies beside the packages")
+        notes.append("RViz's configuration was found outside of the packages")
     if launch is None:
         package, node = (override.node or "").split()
         launchable = Launchable("node", package, node, override.arguments)
@@ -238,7 +241,7 @@ def _prepare_choice(
         title = " ".join([str(launch.place), *override.arguments])
         launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
     planned = launch.plan if launch else Plan()
-    if not planned.is_read:  # it may need what was built
+    if not planned.is_read:  # the launch file may need files of the build
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
     node_is_built = is_built(f"{launchable.package}/{launchable.name}", folders)
@@ -253,12 +256,15 @@ def _prepare_choice(
 
 
 def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
-    """Whether a node that may drive the robot is built; where the hand-in has none, any node."""
+    """Return whether a node that may drive the robot is built, or any node if none may."""
     return any(is_built(node, folders) for node in launch.able_nodes or launch.nodes)
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
-    """Copy .rviz files beside the packages, such as ~/.rviz/default.rviz, into one that has none."""
+    """Copy .rviz files outside of the packages, such as ~/.rviz/default.rviz, into a package without any.
+
+    Return whether there were such files.
+    """
     if any(path.suffix == ".rviz" for path in walk(package)):
         return False
     added = False
@@ -267,6 +273,6 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
             inside = any(other.path in path.parents for other in contents.packages)
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fits and not inside:
-                copy(path, package / path.name)  # the build may have laid a link there
+                copy(path, package / path.name)  # follows no link that the build may have made
                 added = True
     return added

@@ -1,1 +1,1 @@
-"""Nodes that record and exercise a submission while it is graded."""
+"""ROS programs of grading: the recorder and its parts, a master, and the starter of submissions."""

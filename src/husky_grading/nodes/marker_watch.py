@@ -1,4 +1,4 @@
-"""Records the markers of a drive, and places them in the world by TF and the robot's true poses."""
+"""Recording of a run's markers, with positions in the world by TF and the robot's true poses."""
 
 from __future__ import annotations
 
@@ -27,80 +27,80 @@ from husky_highlevel_controller.ros import conversions
 BASE = "base_link"
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
-PERIOD = 0.019  # [s], simulated, between two moments of a namespace that are recorded
-CROWD = 10  # markers at a moment; where more came, the next moment is recorded so much later
-MAX_SAMPLES = 50_000  # of a drive
-MAX_ALL_POINTS = 500_000  # of all markers of a drive
+PERIOD = 0.019  # [s] simulated time between two recorded moments of a namespace
+CROWD = 10  # markers at one moment; for more of them the period grows in proportion
+MAX_SAMPLES = 50_000  # markers of a run
+MAX_ALL_POINTS = 500_000  # points of all markers of a run
 MAX_MESSAGE = 2_000_000  # [bytes]
 MAX_TOPICS = 50
 MAX_FRAMES = 5000
-MAX_NAME = 200  # letters of a topic, namespace or frame
-RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
+MAX_NAME = 200  # characters of a topic, namespace or frame
+RETRY_STEP, RETRY_END = 0.05, 1.0  # [s] step and end of the simulated time in which a late frame is awaited
 
 _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
 
 
 class MarkerWatch:
-    """Callbacks only append; `samples` places everything at the end, when all transforms are known."""
+    """Records markers by callbacks; `samples` places them in the end, when all transforms are known."""
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now
         self._packages = packages  # folders of packages that the ROS environment does not name
-        self._samples: List[Tuple[MarkerSample, Marker]] = []  # not placed yet
+        self._samples: List[Tuple[MarkerSample, Marker]] = []  # markers that are not placed yet
         self._points_left = MAX_ALL_POINTS
         self._closed = False
-        # [s] of the last moment of a namespace that was recorded, and how many markers came then
+        # [s] time of the last recorded moment of each topic and namespace, and its number of markers
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
-        self._unreadable: Dict[str, int] = {}  # messages that are not of their topic's type
+        self._unreadable: Dict[str, int] = {}  # number of messages that are not of their topic's type
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
         self._listener = tf2_ros.TransformListener(self._buffer)
 
     @property
     def topics(self) -> Tuple[str, ...]:
-        """Topics of markers that were published."""
+        """Return the topics of markers that were published."""
         return tuple(sorted(self._topics))
 
     @property
     def notes(self) -> Tuple[Note, ...]:
-        """Notes on topics whose messages cannot be read."""
+        """Return notes on topics with messages that cannot be read."""
         return tuple(
-            Note(Kind.UNREADABLE, f"{count} messages on {topic} are not of its type, and count as nothing")
+            Note(Kind.UNREADABLE, f"{count} messages on {topic} are not of its type, so they are ignored")
             for topic, count in sorted(self._unreadable.items())
         )
 
     @property
     def frames(self) -> Dict[str, str]:
-        """Parent of each frame of TF."""
+        """Return the parent of each frame of TF."""
         pairs = _FRAME.findall(self._buffer.all_frames_as_yaml())
         return {frame[:MAX_NAME]: parent[:MAX_NAME] for frame, parent in pairs[:MAX_FRAMES]}
 
     @property
     def subscribers(self) -> Tuple[rospy.Subscriber, ...]:
-        """Subscribers of the topics."""
+        """Return the subscribers of the topics."""
         return tuple(self._topics.values())
 
     def close(self) -> None:
-        """Keep no further markers: there is no pose of the robot to place them by."""
+        """Keep no further markers, because no more poses of the robot are recorded to place them."""
         self._closed = True
 
     def place(self, frame: str) -> Optional[Vector3]:
-        """Place of a frame in base_link by the newest transforms [m]; None: none connect them."""
+        """Return the position of a frame in base_link [m] by the newest transforms; None if it has none."""
         with suppress(tf2_ros.TransformException):
             transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time())
             return conversions.pose_from_transform(transform).position
         return None
 
     def places(self) -> Dict[str, Vector3]:
-        """Place in base_link of each frame [m] that transforms connect with it."""
+        """Return the positions in base_link [m] of all frames that transforms connect with it."""
         places = {frame: self.place(frame) for frame in self.frames}
         return {frame: place for frame, place in places.items() if place is not None}
 
     def follow(self, topic: str, kind: str) -> None:
-        """Subscribe to a topic, if its type is one of markers."""
+        """Subscribe to a topic, if its type is a type of markers."""
         is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS
-        if kind in KINDS and is_new and len(topic) <= MAX_NAME:  # a picture of a longer one takes minutes
-            # raw messages: a large one is refused before it is taken apart
+        if kind in KINDS and is_new and len(topic) <= MAX_NAME:  # a longer name takes minutes to draw
+            # raw messages, so a large one is rejected before it is deserialised
             self._topics[topic] = rospy.Subscriber(
                 topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True
             )
@@ -108,18 +108,19 @@ class MarkerWatch:
     def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
-            large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)  # not seen
+            # a marker that is not visible, so the note has its namespace
+            large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)
             self.add([large], topic)
             return
         try:
             message = kind().deserialize(raw._buff)
-        except Exception:  # of whatever kind: bytes of a submission, each of which would fill the log
+        except Exception:  # any error, because a submission sends any bytes; logged, they would fill the log
             self._unreadable[topic] = self._unreadable.get(topic, 0) + 1
             return
         self.add(message.markers if kind is MarkerArray else [message], topic)
 
     def add(self, markers: Sequence[Marker], topic: str) -> None:
-        """Keep the markers that came on a topic now."""
+        """Keep the markers that have come on a topic now."""
         now = self._now()
         for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
@@ -155,9 +156,9 @@ class MarkerWatch:
         return True
 
     def _has(self, mesh: str) -> bool:
-        """Whether RViz finds a mesh, file://PATH or package://NAME/PATH; for http there is no network.
+        """Return whether RViz finds a mesh, file://PATH or package://NAME/PATH; not http, without a network.
 
-        Only packages are looked into: a submission learns nothing of other files of this machine.
+        Only files of packages count, so a submission cannot learn which other files this machine has.
         """
         scheme, _, place = mesh.partition("://")
         if scheme == "file":
@@ -171,9 +172,9 @@ class MarkerWatch:
     def samples(
         self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
     ) -> Tuple[MarkerSample, ...]:
-        """All recorded markers in the world, by times (N,) [s] and N poses of base_link in the world.
+        """Return all recorded markers in the world, by times (N,) [s] and N poses of base_link in the world.
 
-        `pillar` is x, y of its axis in the world [m].
+        `pillar` is the position of its axis in the world, x and y [m].
         """
         samples = list(self._samples) if len(times) else []
         return tuple(
@@ -192,7 +193,7 @@ class MarkerWatch:
     ) -> MarkerSample:
         try:
             moment, frame_in_base = self._frame_in_base(sample)
-        except (tf2_ros.TransformException, ValueError) as error:  # ValueError: a frame's name with a NUL
+        except (tf2_ros.TransformException, ValueError) as error:  # ValueError for a frame's name with a NUL
             return replace(sample, problem=str(error).split(". ")[0].strip())
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
@@ -202,12 +203,13 @@ class MarkerWatch:
         return replace(sample, **shape._asdict())
 
     def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
-        """The marker's frame seen from base_link, and at which moment [s]; so drift of odom does no harm.
+        """Return the moment [s] that counts for a marker, and its frame in base_link at that moment.
 
-        With stamp 0 that is the moment it was sent, and, where its frame is not known yet, soon afterwards.
+        With stamp 0 the moment is the time of sending, or up to RETRY_END later if the frame is unknown.
+        The robot's true pose is known, so the drift of odom does no harm.
 
         Raises:
-            TransformException: no transform connects the two.
+            TransformException: no transform connects the two frames.
         """
         if sample.frame == BASE:
             return sample.stamp or sample.at, Pose()
@@ -221,7 +223,7 @@ class MarkerWatch:
             except tf2_ros.TransformException as error:
                 refusal = refusal or error
         latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
-        if latest < sample.at:  # the end of the drive, or a frame that is no longer sent
+        if latest < sample.at:  # the run is at its end, or the frame is no longer sent
             return latest, self._lookup(sample.frame, latest)
         raise tf2_ros.TransformException(str(refusal))
 
@@ -231,8 +233,8 @@ class MarkerWatch:
 
 
 def _is_file_of(folder: Path, place: str) -> bool:
-    """Whether a place, absolute or in a folder, is a file below it, also by way of links."""
-    with suppress(OSError, ValueError):  # a loop of links, a NUL
+    """Return whether a path, absolute or in a folder, leads to a file below it, also through links."""
+    with suppress(OSError, ValueError):  # it may have a loop of links or a NUL
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
 
@@ -240,14 +242,14 @@ def _is_file_of(folder: Path, place: str) -> bool:
 def _pose(marker: Marker) -> Pose:
     p, q = marker.pose.position, marker.pose.orientation
     length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
-    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # RViz, too, takes zeros for no rotation
+    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # RViz also treats zeros as no rotation
     if length > 0.0:
         quat = (q.x / length, q.y / length, q.z / length, q.w / length)
     return Pose((p.x, p.y, p.z), quat)
 
 
 def _invisible(marker: Marker) -> str:
-    """Reason why RViz would draw nothing of a marker."""
+    """Return why RViz would draw nothing of a marker; empty if it draws it."""
     scale = marker.scale
     if marker.action != Marker.ADD:
         return ""
@@ -260,24 +262,19 @@ def _invisible(marker: Marker) -> str:
     colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
     if not any(color.a > 0.0 for color in colors):
         return "its alpha is 0"
-    return _empty(marker)
+    if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
+        return f"its type {marker.type} is not a type of visualization_msgs/Marker"
+    if marker.type in LISTS and len(marker.points) < (2 if marker.type in LINES else 1):
+        return "it has no points"
+    if marker.type == Marker.TEXT_VIEW_FACING and not marker.text.strip():
+        return "its text is empty"
+    return ""
 
 
 def _is_finite(marker: Marker) -> bool:
     p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
     points = [number for point in marker.points for number in (point.x, point.y, point.z)]
     return all(map(isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w, scale.x, scale.y, scale.z, *points)))
-
-
-def _empty(marker: Marker) -> str:
-    """Reason why a marker of its type has nothing to draw."""
-    if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
-        return f"its type {marker.type} is none of visualization_msgs/Marker"
-    if marker.type in LISTS and len(marker.points) < (2 if marker.type in LINES else 1):
-        return "it has no points"
-    if marker.type == Marker.TEXT_VIEW_FACING and not marker.text.strip():
-        return "its text is empty"
-    return ""
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Records one drive for grading: true motion, commands, markers, the ROS graph."""
+"""Recorder of one run for grading: true motion, commands, markers, the ROS graph."""
 
 from __future__ import annotations
 
@@ -56,22 +56,22 @@ from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
-LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
-CONNECTING = 2.0  # [s] of wall time for the submission's publishers to connect before time begins
-# to the robot's mux, or past it
+LOOK_PERIOD = 0.2  # [s] wall time between two looks at the graph
+CONNECTING = 2.0  # [s] wall time for the submission's publishers to connect before simulated time begins
+# topics of velocity commands, through the robot's mux and past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
-MEMORY = 2_000_000_000  # [bytes] of the recorder; its threads' stacks are some hundred million
-MAX_VIOLATIONS = 5  # that are named
+MEMORY = 2_000_000_000  # [bytes] memory of the recorder; the stacks of its threads take some hundred million
+MAX_VIOLATIONS = 5  # violations that are reported
 MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000  # topics that the exercise's watch follows; messages of each
-HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for a picture
+HITS_PERIOD = 1.0  # [s] simulated time between two scans whose points are kept for a picture
 
 
 class DriveRecorder:
-    """Callbacks append, `run` waits for the end and hands the recording over."""
+    """Node whose callbacks record a run, while `run` waits for the end and sends the recording."""
 
     def __init__(self, channel: Connection) -> None:
-        """Wait for the assignment on the channel to marking, which is this end's first message."""
-        self._channel, self._channel_lock = channel, threading.Lock()  # callbacks and shutdown tell, too
+        """Wait for the assignment, which is the first message of marking on the channel."""
+        self._channel, self._channel_lock = channel, threading.Lock()  # several threads send
         self._task: Assignment = channel.recv()
         self._known = self._task.recording
         self._lock = threading.Lock()
@@ -84,14 +84,14 @@ class DriveRecorder:
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
         self._followed: Set[str] = set()  # topics whose messages the watch gets
         self._subscribed = self._listens = self._advertises = False
-        self._joined_at = inf  # [s] of wall time
+        self._joined_at = inf  # [s] wall time
         self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic
-        self._services: Tuple[str, ...] = ()  # of the submission
+        self._services: Tuple[str, ...] = ()  # services of the submission
         self._is_over = self._handed_over = False
-        self._types: Dict[str, str] = {}  # of topics
+        self._types: Dict[str, str] = {}  # types by topic
         self._silent: List[str] = []
         self._unread: List[str] = []
-        self._violations: Dict[str, None] = {}  # in order
+        self._violations: Dict[str, None] = {}  # sentences, in order and each once
         self._unanswered = ""
         self._go_on, self._abandoned = threading.Event(), threading.Event()
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
@@ -105,39 +105,37 @@ class DriveRecorder:
         self._watch = EXERCISES[self._task.exercise].watch(self._known, self._access)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         threading.Thread(target=self._listen, daemon=True).start()
-        self._tell(Ready())
+        self._send(Ready())
 
     def run(self) -> None:
-        """Record until the drive is over.
+        """Record until the run is over.
 
         Raises:
-            Exception: of a callback. Nothing is handed over then: a part of a drive would cost points.
+            Exception: the error of a callback. Then no recording is sent, because a part of a run would cost
+                points.
         """
+        cause: Optional[Note] = None
         try:
-            self._record()
+            while cause is None and not rospy.is_shutdown():
+                joined_at = self._joined_at
+                self._look_at_graph()
+                self._begin(joined_at)
+                self._send(Now(self._now, self._subscribed))
+                if self._feed.failure is not None:
+                    raise self._feed.failure
+                cause = self._watch.look(self._state)
+                time.sleep(LOOK_PERIOD)
+            self._is_over = True
+            self._markers.close()
+            if cause is not None:  # otherwise the shutdown has sent the recording
+                self._send(Over())
+                self._hand_over(cause)
         except Exception:
             self._handed_over = self._handed_over or not rospy.core.is_shutdown_requested()
             raise
 
-    def _record(self) -> None:
-        cause: Optional[Note] = None
-        while cause is None and not rospy.is_shutdown():
-            joined_at = self._joined_at
-            self._look_at_graph()
-            self._begin(joined_at)
-            self._tell(Now(self._now, self._subscribed))
-            if self._feed.failure is not None:
-                raise self._feed.failure
-            cause = self._watch.look(self._state)
-            time.sleep(LOOK_PERIOD)
-        self._is_over = True
-        self._markers.close()
-        if cause is not None:  # otherwise the shutdown has handed it over
-            self._tell(Over())
-            self._hand_over(cause)
-
     def _listen(self) -> None:
-        """Do what marking says, in a thread of its own: the other one may wait for the master."""
+        """Obey messages of marking, in a thread of its own, because `run` may wait for the master."""
         with suppress(EOFError, OSError):  # marking has ended, and this program ends with it
             while True:
                 message = self._channel.recv()
@@ -146,7 +144,7 @@ class DriveRecorder:
                 elif isinstance(message, Abandoned):
                     self._abandoned.set()
                 elif isinstance(message, HandOver):
-                    rospy.signal_shutdown("the drive is cut off")
+                    rospy.signal_shutdown("the run is cut off")
 
     @property
     def _now(self) -> float:
@@ -215,7 +213,8 @@ class DriveRecorder:
         try:
             published, subscribed, services = self._master.getSystemState()
             publishers, subscribers = dict(published), dict(subscribed)
-            if any(self._types.get(topic, "*") == "*" for topic in publishers):  # "*": of a subscriber to any
+            # a topic has the type "*" while its only node subscribes to any type
+            if any(self._types.get(topic, "*") == "*" for topic in publishers):
                 self._types = dict(self._master.getTopicTypes())
         except UNANSWERED:
             return
@@ -231,9 +230,9 @@ class DriveRecorder:
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         simulator_topics = (TRUTH, "/clock", input_topic)
         for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
-            self._violate(f"node {node} publishes on {topic}, as the simulator does")
+            self._violate(f"node {node} publishes on {topic}, on which only the simulator may publish")
         for topic, node in topics_of_truth(subscribers, self._our_nodes):
-            self._violate(f"node {node} subscribes to {topic}, where the simulator tells where things are")
+            self._violate(f"node {node} subscribes to {topic}, which has the true poses of the simulator")
         self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
         topics = map(rospy.resolve_name, VELOCITY_TOPICS)
@@ -242,7 +241,7 @@ class DriveRecorder:
         self._join()
 
     def _follow(self, topic: str, kind: str) -> None:
-        """Subscribe to a topic whose messages the exercise's watch wants."""
+        """Subscribe to a topic if the exercise's watch follows its type."""
         is_new = topic not in self._followed and len(self._followed) < MAX_FOLLOWED
         message = roslib.message.get_message_class(kind) if kind in self._watch.follows and is_new else None
         if message is not None:
@@ -252,14 +251,14 @@ class DriveRecorder:
             )
 
     def _join(self) -> None:
-        """Take part only after the submission, for which lockstep waits, or in its place."""
+        """Take part as soon as the submission does, or in its place, because lockstep waits for commands."""
         is_ready = self._watch.takes_part(self._state)
         if self._joined_at == inf and (is_ready or self._go_on.is_set()):
             self._joined_at = time.monotonic()
-            self._tell(Joined())
+            self._send(Joined())
             if not self._watch.reads_scans:
                 return
-            if not is_ready:  # lockstep would wait for commands
+            if not is_ready:
                 self._access.advertise_commands()
                 self._watch.on_scan(0.0)
             scans = self._known.scan_topic
@@ -268,9 +267,10 @@ class DriveRecorder:
             )
 
     def _begin(self, joined_at: float) -> None:
-        """Let time begin once what is recorded is connected, or cannot be: a drive repeats from its start.
+        """Let simulated time begin after all recorded topics have connected, so a run repeats from its start.
 
-        `joined_at` [s] is of an earlier look: what is advertised a moment after the commands is seen by now.
+        `joined_at` [s] is the time of an earlier look, so topics that were advertised just after the commands
+        are known by now. After CONNECTING time begins without a connection.
         """
         connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
@@ -279,8 +279,8 @@ class DriveRecorder:
         if joined_at < inf and (connected or time.monotonic() > joined_at + CONNECTING):
             self._feed.begin()
 
-    def _tell(self, message: Any) -> None:
-        """Tell marking."""
+    def _send(self, message: Any) -> None:
+        """Send a message to marking."""
         with self._channel_lock:
             self._channel.send(message)
 
@@ -323,10 +323,10 @@ class DriveRecorder:
             estimate=self._watch.estimate,
             watched={**self._known.watched, **self._watch.kept()},
         )
-        self._tell(recording)
+        self._send(recording)
 
 
 def main(channel: Connection) -> None:
-    """Run the node, within a limit: a message of a gigabyte costs its connection."""
+    """Run the node within a limit of memory, so a message of a gigabyte only ends its connection."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     run_node("marking_recorder", partial(DriveRecorder, channel), listen_to_clock=False)

@@ -1,4 +1,4 @@
-"""Access to the ROS network of a drive: commands, services, parameters and frames."""
+"""Access to the ROS network of a run: commands, services, parameters and frames."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from husky_grading.exercises.watch import Answer
 from husky_grading.nodes.marker_watch import MarkerWatch
 from husky_highlevel_controller.datatypes import Vector3
 
-# a master that does not answer, or cannot: a submission's parameter may hold what XML-RPC cannot send, and
-# a submission may end the master and answer in its place
+# errors of a master that does not answer: a submission's parameter may have a value that XML-RPC cannot send,
+# and a submission may end the master and answer in its place
 UNANSWERED = (
     OSError, HTTPException, ExpatError, ValueError, TypeError, rospy.ROSException, rosgraph.MasterException,
     xmlrpc.client.Error,
 )  # fmt: skip
-ANSWER_DEADLINE = 10.0  # [s] of wall time
-TYPE_CALLER = "/rosservice"  # name by which rosservice asks the master
-EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")  # of every ROS node
-MAX_SERVICES = 100  # of a submission that are looked at, each in a thread
-MAX_DESCRIPTION = 2_000_000  # letters of a URDF
+ANSWER_DEADLINE = 10.0  # [s] wall time
+TYPE_CALLER = "/rosservice"  # name with which rosservice asks the master
+EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")  # services of every ROS node
+MAX_SERVICES = 100  # services of a submission that are looked at, each in a thread
+MAX_DESCRIPTION = 2_000_000  # characters of a URDF
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
 
 class DriveAccess:
-    """Access of an exercise's watch to the ROS network of a drive, see `watch.RosAccess`."""
+    """Access of an exercise's watch to the ROS network of a run, see `watch.RosAccess`."""
 
     def __init__(self, our_nodes: Set[str], transforms: MarkerWatch) -> None:
         self._our_nodes, self._transforms = our_nodes, transforms
         self._velocity: Optional[rospy.Publisher] = None
-        self._asked: Set[str] = set()  # services whose types are asked for
+        self._asked: Set[str] = set()  # services whose types were requested
         self._types: List[Tuple[str, str]] = []  # service and type; threads append while others read
-        self._answers: List[Answer] = []  # to the last call
-        self._give_up_at = 0.0  # [s] of wall time
+        self._answers: List[Answer] = []  # answers to the last call, at most one
+        self._give_up_at = 0.0  # [s] wall time
 
     def advertise_commands(self) -> None:
-        """Publish commands from now on; lockstep waits for a node that does."""
+        """Advertise velocity commands; lockstep waits for the commands of such a node."""
         self._velocity = self._velocity or rospy.Publisher("cmd_vel", Twist, queue_size=1)
 
     def command(self, speed: float) -> None:
@@ -58,7 +58,7 @@ class DriveAccess:
             self._velocity.publish(Twist(linear=LinearVelocity(speed, 0.0, 0.0)))
 
     def service_types(self, names: Collection[str]) -> Dict[str, str]:
-        """Types of services as far as they are known; those of new names are asked for in threads."""
+        """Return the types of services as far as they are known; threads ask for the types of new names."""
         for name in names:
             if name.endswith(EVERY_NODES_SERVICES):
                 continue
@@ -70,7 +70,7 @@ class DriveAccess:
     def _ask_type(self, name: str) -> None:
         try:
             kind = rosservice.get_service_type(name)
-        except Exception:  # of whatever kind: the submission answers; it is asked again
+        except Exception:  # any error, because the submission answers; it is asked again
             self._asked.discard(name)
         else:
             if kind:
@@ -85,23 +85,25 @@ class DriveAccess:
             try:
                 response = rospy.ServiceProxy(name, SetBool)(value)
                 answers.append(Answer(bool(response.success), str(response.message)))
-            except Exception as error:  # of whatever kind: the submission answers, and the drive waits
+            except Exception as error:  # any error, because the submission answers, and the run waits
                 answers.append(Answer(False, str(error) or type(error).__name__))
 
         threading.Thread(target=ask, daemon=True).start()
 
     def answer(self) -> Optional[Answer]:
-        """Answer to the last call; None while it is waited for."""
+        """Return the answer to the last call; None while it is awaited."""
         if self._answers:
             return self._answers[0]
-        return None if time.monotonic() < self._give_up_at else Answer(False, "no answer")
+        if time.monotonic() < self._give_up_at:
+            return None
+        return Answer(False, f"no answer within {ANSWER_DEADLINE:g} s")
 
     def callers(self, service: str) -> Dict[str, int]:
-        """Lookups of a service by each node of the submission."""
+        """Return the number of lookups of a service by each node of the submission."""
         return callers(rosgraph.get_master_uri(), service, {*self._our_nodes, TYPE_CALLER})
 
     def parameters(self) -> Dict[str, Any]:
-        """Values of the submission's parameters, as far as the master tells them."""
+        """Return the values of the submission's parameters, as far as the master answers."""
         values: Dict[str, Any] = {}
         with suppress(*UNANSWERED):
             ours = tuple(f"{node}/" for node in self._our_nodes)
@@ -111,15 +113,15 @@ class DriveAccess:
         return values
 
     def place(self, frame: str) -> Optional[Vector3]:
-        """Place of a frame in base_link by the newest transforms [m]; None: none connect them."""
+        """Return the position of a frame in base_link [m] by the newest transforms; None if it has none."""
         return self._transforms.place(frame)
 
     def places(self) -> Dict[str, Vector3]:
-        """Place in base_link of each frame [m] that transforms connect with it."""
+        """Return the positions in base_link [m] of all frames that transforms connect with it."""
         return self._transforms.places()
 
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
-        """Parameters with the URDF of a robot, any of whose links is among these frames."""
+        """Return the parameters with the URDF of a robot that has one of these frames as a link."""
         names = []
         with suppress(*UNANSWERED):
             for name in rospy.get_param_names():

@@ -1,4 +1,4 @@
-"""Parameters and remappings of the simulator by its launch file, as JSON; nothing is started."""
+"""Parameters and remappings of the simulator, read from its launch file, as JSON; nothing is started."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import roslaunch
 
 
 def main() -> None:
-    """Print them: `FILE.launch [name:=value ...]`."""
+    """Print the JSON; arguments are `FILE.launch [name:=value ...]`."""
     config = roslaunch.config.ROSLaunchConfig()
     file, *arguments = sys.argv[1:]
     roslaunch.xmlloader.XmlLoader().load(file, config, argv=["roslaunch", *arguments], verbose=False)

@@ -1,7 +1,7 @@
-"""Starts a submission's launch file or node as roslaunch would, without simulator, RViz and windows.
+"""Program that starts a submission's launch file or node as roslaunch would, but no simulator and no window.
 
-Runs in the submission's environment, where a package of this one's name may hide this package: it imports
-nothing of it. What it leaves out, misses, and sees dying goes to a file, one JSON object a line.
+It runs in the submission's environment, where a submitted package may shadow ours, so it imports nothing of
+our package. It writes events to a file, one JSON object per line, such as missing packages and ends of nodes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ import roslib.packages
 import yaml
 from rospkg import ResourceNotFound, RosPack, rospack
 
-# they bring the robot or its world, which the marking brings, or wait for a person at a desk
+# packages that start the robot or its world, which marking starts, or that wait for a user
 SIMULATION = {
     "gazebo_ros", "husky_gazebo", "husky_control", "husky_description", "husky_navigation", "husky_viz",
     "smb_gazebo", "smb_control", "smb_description", "robot_state_publisher", "joint_state_publisher",
@@ -44,64 +44,64 @@ SIMULATION = {
     "interactive_marker_twist_server", "joy", "pointcloud_to_laserscan", "teleop_twist_joy",
     "teleop_twist_keyboard",
 }  # fmt: skip
-# they want a screen or a keyboard; a prefix whose program is not installed is dropped as well
+# programs that need a screen or a keyboard; a prefix with a program that is not installed is dropped, too
 INTERACTIVE = {
     "gnome-terminal", "xterm", "konsole", "x-terminal-emulator", "terminator", "xfce4-terminal", "lxterminal",
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
-OWN_PACKAGE = "husky_highlevel_controller"  # name of the grading package, and of many hand-ins
-PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # the course's world
-LOAD_DEADLINE = 30  # [s] of wall time for a launch file
-MAX_FILES = 1000  # launch files that one reads, includes counted each time
+OWN_PACKAGE = "husky_highlevel_controller"  # name of the grading package, and of many submissions
+PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # name of the course's world
+LOAD_DEADLINE = 30  # [s] wall time for a launch file
+MAX_FILES = 1000  # includes that one launch file may have
 OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
 
 
 class Reporter(roslaunch.pmon.ProcessListener):
-    """Writes down what happens."""
+    """Writes events to a file."""
 
     def __init__(self, path: str) -> None:
-        self._file = open(path, "a", buffering=1)  # noqa: SIM115 - as long as the process
-        self.packages: Dict[str, str] = {}  # of nodes, by their names
+        self._file = open(path, "a", buffering=1)  # noqa: SIM115 - open as long as the process runs
+        self.packages: Dict[str, str] = {}  # packages of nodes, by the names of the nodes
 
     def close(self) -> None:
-        """Write no more."""
+        """Close the file."""
         self._file.close()
 
-    def tell(self, event: str, **details: Any) -> None:
+    def write(self, event: str, **details: Any) -> None:
         """Write an event."""
         self._file.write(json.dumps({"event": event, **details}) + "\n")
 
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
-        """Roslaunch calls it."""
+        """Write the end of a node; roslaunch calls this."""
         node = process_name.rsplit("-", 1)[0]
-        self.tell("died", node=node, exit_code=exit_code, package=self.packages.get(node, ""))
+        self.write("died", node=node, exit_code=exit_code, package=self.packages.get(node, ""))
 
 
 class MissingIncludeError(Exception):
-    """A launch file that another one includes, and that is not there."""
+    """A launch file includes a file that does not exist."""
 
 
 class TolerantLoader(roslaunch.xmlloader.XmlLoader):
-    """Reads a launch file, and leaves out what needs a package that is not there."""
+    """Reads a launch file, and leaves out tags that need a package that does not exist."""
 
     def __init__(self, reporter: Reporter, simulator_files: List[str]) -> None:
         super().__init__()
-        self.ignore_unset_args = False  # which some versions of roslaunch set only in roslaunch-check
+        self.ignore_unset_args = False  # some versions of roslaunch set it only in roslaunch-check
         self._reporter = reporter
         self._simulator_files = simulator_files
         self._files = 0
-        self.uses: Set[str] = set()  # packages that are named
-        self.pillar = False  # the course's world is named
+        self.uses: Set[str] = set()  # packages that the launch file names
+        self.pillar = False  # it names the course's world
 
     def resolve_args(self, args: Any, context: Any) -> Any:
-        """Roslaunch calls it for each attribute; notes what is named."""
+        """Note the packages and worlds in an attribute; roslaunch calls this for each attribute."""
         self.uses.update(re.findall(r"\$\(find +([^)]+?) *\)", args or ""))
         value = super().resolve_args(args, context)
         self.pillar = self.pillar or bool(PILLAR.search(str(value)))
         return value
 
     def _try(self, tag_name: str, *arguments: Any, **options: Any) -> Any:
-        """Load a tag as roslaunch would; None where it needs a package that is not there."""
+        """Load a tag as roslaunch would, and return None if it needs a package that does not exist."""
         try:
             return getattr(super(), f"_{tag_name}_tag")(*arguments, **options)
         except ResourceNotFound as error:
@@ -112,21 +112,21 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         match = re.search(r"\$\(find +([^)]+)\)", str(error))
         package = match.group(1).strip() if match else str(error).split()[0].strip("':,")
         event = "left_out" if package in SIMULATION or "gazebo" in package else "missing"
-        self._reporter.tell(event, package=package, tag=tag_name)
+        self._reporter.write(event, package=package, tag=tag_name)
         return package
 
     def _include_tag(self, tag: Any, context: Any, *arguments: Any) -> Any:
         self._files += 1
         if self._files > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
-        for argument in tag.getElementsByTagName("arg"):  # also of an include that is left out
+        for argument in tag.getElementsByTagName("arg"):  # also if the include is left out
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))
         package, place = match.groups() if match else ("", tag.getAttribute("file"))
         is_simulators = package in SIMULATION
         if is_simulators and place in self._simulator_files:
-            self._reporter.tell("left_out", package=package, tag="include")
+            self._reporter.write("left_out", package=package, tag="include")
             return None
         shown = f"{package}/{place}" if package else os.path.basename(place)
         try:
@@ -134,10 +134,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         except TimeoutError:
             raise
         except Exception as error:
-            if (
-                is_simulators
-            ):  # marking brings the simulator, so what is wrong with the hand-in's does no harm
-                self._reporter.tell("skipped", path=shown, error=_one_line(error))
+            if is_simulators:  # a fault in it does no harm, because marking starts the simulator
+                self._reporter.write("skipped", path=shown, error=_one_line(error))
                 return None
             if self._is_missing(tag, context):
                 raise MissingIncludeError(shown) from error
@@ -156,7 +154,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # the marking brings robot and simulator; a launch file's own may need programs that are not there
+            # marking sets the robot and the simulator; those of a launch file may need missing programs
             return None
         return self._try("param", tag, *arguments, **options)
 
@@ -169,7 +167,10 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
 
 def tolerant_manifest(element: Any, file: str) -> Any:
-    """ElementTree of a package.xml, or of one without a name where a neighbour's cannot be read."""
+    """Return the ElementTree of a package.xml, or of one without a name if it cannot be read.
+
+    So a broken package.xml of one package does not hide the other packages of a folder.
+    """
     try:
         return ElementTree.ElementTree(element, file)
     except (OSError, ElementTree.ParseError):
@@ -177,12 +178,12 @@ def tolerant_manifest(element: Any, file: str) -> Any:
 
 
 def refuse_aliases() -> None:
-    """Refuse YAML aliases in parameter files: a few of these name billions of values."""
+    """Let YAML reject aliases in parameter files, because a few aliases can expand to billions of values."""
     compose_node = yaml.SafeLoader.compose_node
 
     def compose_plain(loader: Any, parent: Any, index: Any) -> Any:
         if loader.check_event(yaml.AliasEvent):
-            problem = "YAML aliases are refused"
+            problem = "YAML aliases are not allowed; write the value out"
             raise yaml.composer.ComposerError(None, None, problem, loader.peek_event().start_mark)
         return compose_node(loader, parent, index)
 
@@ -192,17 +193,17 @@ def refuse_aliases() -> None:
 def load_launchable(
     launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]
 ) -> roslaunch.config.ROSLaunchConfig:
-    """The configuration of `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
+    """Return the configuration of `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
 
     FILE is a name in the package, or an absolute path. `ours` has the nodes, launch files and places of the
-    grading package, and the packages of the robot whose nodes start by the submission or by marking.
+    grading package, and the packages of the robot whose nodes the submission starts, or marking does.
     """
     config = roslaunch.config.ROSLaunchConfig()
     leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
     loader = TolerantLoader(reporter, ours["files"])
     kind, package, name, *arguments = launchable
     with contextlib.suppress(ResourceNotFound):
-        reporter.tell("package", path=RosPack().get_path(package))
+        reporter.write("package", path=RosPack().get_path(package))
     if kind == "--node":
         text = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
         text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
@@ -217,7 +218,7 @@ def load_launchable(
     own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in ours["rviz"]]
     for node in config.nodes:
         if node.package == "rviz" and node.name in ours["rviz"] and own_rviz:
-            continue  # the hand-in brings one
+            continue  # the submission starts its own RViz
         if node.package == "rviz":
             rviz.append({"name": node.name, "args": node.args, "remap": [list(r) for r in node.remap_args]})
         elif (
@@ -229,7 +230,7 @@ def load_launchable(
             left_out_arguments.append([left_out[-1], node.args or ""])
         elif is_own(node, ours["places"]):
             left_out.append(f"{node.package}/{node.type}")
-            reporter.tell("own", node=left_out[-1])
+            reporter.write("own", node=left_out[-1])
         else:
             node.output = "screen"
             drop_prefix(node, reporter)
@@ -251,15 +252,15 @@ def load_launchable(
     ]
     parameters = [(name, config.params[name].value) for name in sorted(config.params)]
     plan["digest"] = hashlib.sha256(repr((sorted(map(repr, started)), parameters)).encode()).hexdigest()
-    reporter.tell("plan", plan={**plan, "pillar": loader.pillar})
+    reporter.write("plan", plan={**plan, "pillar": loader.pillar})
     return config
 
 
 def is_own(node: Any, places: List[str]) -> bool:
-    """Whether a node is the grading package's own; a hand-in's package may have the same name.
+    """Return whether a node belongs to the grading package; a submitted package may have the same name.
 
     Args:
-        node: of a launch file.
+        node: node of a launch file.
         places: manifest of the grading package, and folders of its programs; empty if its nodes may start.
     """
     if not places or node.package != OWN_PACKAGE:
@@ -269,24 +270,24 @@ def is_own(node: Any, places: List[str]) -> bool:
         found = os.path.join(RosPack().get_path(node.package), "package.xml")
         if os.path.realpath(found) == manifest:
             return True
-    # a name that the hand-in's package has no program for leads to the next package of its name
+    # if the submission's package has no such program, roslaunch takes it from the next package of this name
     found_programs = roslib.packages.find_node(node.package, node.type)
     return any(os.path.dirname(os.path.realpath(path)) in folders for path in found_programs[:1])
 
 
 def drop_prefix(node: Any, reporter: Reporter) -> None:
-    """Without a terminal or debugger in front of a node: roslaunch would start nothing at all."""
+    """Drop a terminal or debugger in front of a node, because with it roslaunch would start nothing."""
     try:
         program, *_ = shlex.split(node.launch_prefix or "") or [""]
-    except ValueError:  # a quote without its end
+    except ValueError:  # the closing quote is missing
         program = node.launch_prefix
     if program and (os.path.basename(program) in INTERACTIVE or shutil.which(program) is None):
-        reporter.tell("prefix", node=node.name, prefix=node.launch_prefix)
+        reporter.write("prefix", node=node.name, prefix=node.launch_prefix)
         node.launch_prefix = None
 
 
 def run_in_valgrind(nodes: List[Any], folder: str) -> None:
-    """Let programs that were compiled run in valgrind, with a log for each in a folder."""
+    """Let compiled programs run in valgrind, with a log of each in a folder."""
     for node in nodes:
         paths = roslib.packages.find_node(node.package, node.type)
         with open(paths[0] if paths else os.devnull, "rb") as file:
@@ -298,13 +299,16 @@ def run_in_valgrind(nodes: List[Any], folder: str) -> None:
 
 
 def tolerate_failed_nodes() -> None:
-    """Keep roslaunch going when one node cannot be started: by its error it would end all of them."""
+    """Let roslaunch continue if a node cannot be started, because otherwise it ends all nodes."""
     launch_node = roslaunch.launch.ROSLaunchRunner.launch_node
 
     def tolerant(runner: Any, node: Any, core: bool = False) -> Any:
         try:
             return launch_node(runner, node, core)
-        except (roslaunch.pmon.FatalProcessLaunch, ValueError) as error:  # args with a quote without its end
+        except (
+            roslaunch.pmon.FatalProcessLaunch,
+            ValueError,
+        ) as error:  # ValueError for an open quote in args
             print(f"ERROR: cannot launch node of type [{node.package}/{node.type}]: {error}", flush=True)
             return None, False
 
@@ -326,17 +330,17 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 
 
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
-    """The configuration of a launchable, written down as events; None: it cannot be loaded."""
-    reporter.tell("launchable")
-    rospack.ElementTree = tolerant_manifest  # by which rospkg reads every package on the search path
+    """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
+    reporter.write("launchable")
+    rospack.ElementTree = tolerant_manifest  # rospkg reads every package on the search path with it
     signal.alarm(LOAD_DEADLINE)
     try:
         return load_launchable(launchable, reporter, ours)
     except MissingIncludeError as error:
-        reporter.tell("no_include", path=str(error))
+        reporter.write("no_include", path=str(error))
         return None
-    except Exception as error:  # an untrusted launch file may raise anything
-        reporter.tell("unloadable", error=_one_line(error))
+    except Exception as error:  # any error, because the launch file is untrusted
+        reporter.write("unloadable", error=_one_line(error))
         return None
     finally:
         signal.alarm(0)
@@ -347,13 +351,13 @@ def _one_line(error: Exception) -> str:
 
 
 def _out_of_time(*_: Any) -> None:
-    raise TimeoutError(f"it is not read within {LOAD_DEADLINE} s")
+    raise TimeoutError(f"it could not be read within {LOAD_DEADLINE} s")
 
 
 def main(arguments: List[str]) -> int:
     """Describe launchables, or start one and wait for it: `EVENTS describe|run|memcheck OURS JSON ...`."""
     events, action, ours, *launchables = arguments
-    os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # our launch file, if it is graded, must not refuse it
+    os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # otherwise our own launch file, if graded, would reject it
     reporter = Reporter(events)
     refuse_aliases()
     signal.signal(signal.SIGALRM, _out_of_time)
@@ -366,7 +370,7 @@ def main(arguments: List[str]) -> int:
         run_in_valgrind(config.nodes, os.path.dirname(events))
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     tolerate_failed_nodes()
-    # the server's address is where nodes register with roslaunch
+    # nodes register with roslaunch at the address of its server
     with contextlib.suppress(KeyboardInterrupt):
         run_id = roslaunch.rlutil.get_or_generate_uuid(None, True)
         parent = Parent(run_id, config, reporter)

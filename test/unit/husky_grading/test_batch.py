@@ -115,7 +115,7 @@ def test_an_entry_that_is_there_twice_costs_nobody_else_anything_and_is_named(tm
     del jobs[:]
     _, bob = mark_all(MarkingConfig(), batch)
     assert [job.name for job in jobs] == ["ann"]
-    assert bob.problem == "bob and bob.zip are both the hand-in of bob: leave one of them in the folder"
+    assert bob.problem == "bob and bob.zip are both the submission of bob; leave one of them in the folder"
     assert not picture.exists()
     assert bob.problem in (tmp_path / "out" / "index.html").read_text()
     (tmp_path / "class" / "bob.zip").unlink()
@@ -191,7 +191,7 @@ def test_a_hand_in_that_cannot_be_marked_shows_no_drive_of_an_earlier_one_and_is
     out = batch.out / "hand_ins" / "ann"
     replay = put(out / "drive_1" / "replay.html", "the drive of yesterday")
     (result,) = mark_all(MarkingConfig(), batch)
-    assert "no catkin package in it" in result.problem
+    assert "has no catkin package" in result.problem
     assert not replay.exists()
     assert "of yesterday" not in (out / "feedback.html").read_text()
     (out / "mark.log").unlink()
@@ -245,7 +245,7 @@ def test_a_result_that_cannot_be_written_again_is_that_of_its_hand_in(marked, mo
     put(batch.folder / "marking.yaml", "students: {ann: {late: {percent: 50, word: a day late}}}")
     ann, bob = mark_all(MarkingConfig(), batch)
     assert "table.txt" in ann.problem
-    assert "no catkin package in it" in bob.problem
+    assert "has no catkin package" in bob.problem
 
 
 def test_another_rubric_or_points_by_hand_judge_again_without_a_drive_and_what_has_not_changed_is_kept(
@@ -295,7 +295,7 @@ def test_a_class_is_marked_whatever_its_files_are_called_or_however_many_and_wha
     assert problems["Eve"] == "marking has failed: RecursionError: too deep"
     assert "more than 10 files and folders" in problems["bob"]
     assert "; caf\\xe9/package.xml: it is no XML" in problems["ann"], "no path of this machine"
-    assert "no catkin package in it" in problems["results.csv"]
+    assert "has no catkin package" in problems["results.csv"]
     assert len((tmp_path / "out" / "results.csv").read_text(encoding="utf-8").splitlines()) == len(names) + 4
     printed = capsys.readouterr()
     told = [line.partition(": ")[0] for line in printed.err.splitlines() if " of 7: " in line]
@@ -345,7 +345,7 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_results_come_back_but_not
     files = run_there(pickle.loads(pickle.dumps((job, PackedPath(ann)))))
     assert not [place for place in files if place.startswith(("unpacked", "ws", "drive_1"))]
     result = batch_module.write_outputs(files, job)
-    assert "no catkin package in it" in result.problem
+    assert "has no catkin package" in result.problem
     assert result.settings["exercise"] == 3
     assert open_items(batch.out)[1] == batch.folder
     assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
@@ -368,7 +368,7 @@ def test_marking_and_reviewing_import_nothing_of_the_folder_they_are_called_in_o
     for folder in (tmp_path, Path(job.out)):
         put(folder / "yaml.py", "raise SystemExit('imported')")
     monkeypatch.chdir(tmp_path)
-    assert "no catkin package in it" in run_program(job).problem
+    assert "has no catkin package" in run_program(job).problem
     command = [sys.executable, Path(__file__).parents[3] / "scripts" / "grade", "--review", "nothing"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -129,7 +129,7 @@ SOME = {"a.rviz": rviz_file("TF, Enabled: false"), "z/b.rviz": rviz_file("LaserS
         (SOME, None, "b.rviz"),  # only what is switched on counts
         (SOME, "-f odom -d {}/a.rviz", "its rviz node, a.rviz"),
         # a file that only another launch file names is that one's, unless that one only shows
-        (BY_VIEWER, "", "slam.rviz, the package's only one, of slam.launch"),
+        (BY_VIEWER, "", "slam.rviz, the package's only .rviz file, used by slam.launch"),
         (BY_BAG, "", ""),
         ({**BY_BAG, "mine.rviz": "{}"}, "", "mine.rviz"),
         (BY_VIEWER, None, "slam.rviz"),
@@ -149,7 +149,7 @@ def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):
     assert setup.source or setup == RvizConfig(started=node == "")
     if "slam.launch" in files and "slam.rviz" not in source:
         assert find_setup(planned, None, "slam.launch").source == "slam.rviz"
-        aside = "slam.rviz belongs to slam.launch, and is not looked at"
+        aside = "slam.rviz belongs to slam.launch, so it is not graded"
         assert files_of_others(planned, "husky.launch") == [aside]
 
 
@@ -176,7 +176,7 @@ def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_rema
         ("view.rviz", "Topic: /scan", "husky_melodic", "/scan"),
         ("view.rviz", "Topic: /front/scan", "husky", "front/scan"),
         ("view.rviz", "Frames:\n  rslidar:\n    Value: true\nTopic: front/scan", "husky", "front/scan"),
-        ("it", "Topic: ''", "husky", "no topic of scans"),
+        ("its package", "Topic: ''", "husky", "no topic of scans"),
     ],
 )
 def test_what_a_package_names_is_a_first_guess_at_its_robot(name, text, robot, why, tmp_path):

@@ -45,6 +45,6 @@ def test_a_package_whose_name_no_file_can_have_is_named_without_a_path(tmp_path)
     folder.mkdir(parents=True)
     (folder / "package.xml").write_text(f"<package><name>{'n' * 300}</name></package>")
     result = mark(Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(folder.parent)))
-    assert "and 220 more letters, which is not a valid name of a package" in result.problem
+    assert "and 220 more characters, which is not a valid name of a package" in result.problem
     for page in ("feedback.html", "table.txt", "junit.xml"):
         assert str(tmp_path) not in (tmp_path / "out" / page).read_text()

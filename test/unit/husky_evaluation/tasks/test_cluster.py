@@ -146,7 +146,7 @@ def test_a_class_is_marked_by_a_cluster_as_it_is_here(cluster, tmp_path):
         cluster.work(f"worker {number}", *WORKER, "--resources", "ROS=1")
     for name, address in (("here", ""), ("there", cluster.address)):
         results = mark_all(MarkingConfig(), Batch(folder, tmp_path / name, cluster=address))
-        assert ["no catkin package in it" in result.problem for result in results] == [True] * 3
+        assert ["has no catkin package" in result.problem for result in results] == [True] * 3
         tables.append((tmp_path / name / "results.csv").read_text())
     assert tables[0] == tables[1]
 

@@ -62,7 +62,7 @@ def test_a_build_that_lays_links_in_place_of_files_writes_nothing_outside_and_is
     command = ["sh", "-c", f"{remove}; {links}; echo '{NO_SUCH.format('stand_in')}'; exit 1"]
     monkeypatch.setattr(process_module, "sandboxed", lambda *_: command)
     monkeypatch.setattr(build_module, "_check_builds", lambda *_: None)
-    with pytest.raises(NotMarkableError, match="links in place of src"):
+    with pytest.raises(NotMarkableError, match="by a link; remove that step"):
         build_module.build(folders, frozenset({"husky"}), Workspace())
     assert [path.name for path in folders.stand_ins.glob("share/*")] == ["no_such_stand_in"]
     assert folders.log.read_text().startswith("Could not find")
@@ -86,7 +86,7 @@ def test_a_script_of_another_python_is_run_by_python_3(line, is_other, ann, tmp_
     folders, notes = copied(ann, tmp_path)
     first = "#!/usr/bin/env python3" if is_other else line
     assert (folders.packages["husky"] / "node").read_bytes().decode() == f"{first}\npass\n"
-    assert ("run by Python 3, in place of what their first lines name: node" in notes) is is_other
+    assert ("scripts run by Python 3 instead of the program in their first line: node" in notes) is is_other
 
 
 def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(ann, tmp_path):
@@ -99,8 +99,8 @@ def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(ann, tmp_pat
     copy = folders.packages["husky"]
     assert sorted(path.name for path in copy.rglob("*") if path.is_file()) == ["node.py", "package.xml"]
     assert os.access(copy / "scripts" / "node.py", os.X_OK)
-    assert "made executable, which a copy through an archive may undo: node.py" in notes
-    assert "catkin refuses the package.xml of husky" in notes[1], "it has no e-mail address"
+    assert "scripts were made executable, because an archive may lose this: node.py" in notes
+    assert "catkin rejects the package.xml of husky" in notes[1], "it has no e-mail address"
     assert 'email="a@b.org"' in (copy / "package.xml").read_text()
 
 
@@ -124,7 +124,9 @@ def test_paths_of_another_computer_are_read_in_the_hand_in(ann, husky, tmp_path)
     text = (folders.packages["husky"] / "a.launch").read_text()
     assert 'default="$(find husky)/config/a.yaml"' in text
     assert f"{home}/b.yaml" in text, "there is no such file"
-    assert notes == [f"paths of another computer, read in the hand-in: {home}/config/a.yaml"]
+    assert notes == [
+        f"paths of another computer were replaced by files of the submission: {home}/config/a.yaml"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -155,8 +157,12 @@ NO_SUCH = 'Could not find a package configuration file provided by\n  "no_such_{
 @pytest.mark.parametrize(
     ("outputs", "flags", "words"),
     [
-        ([NO_HEADER, OLD_CODE, ""], ["", "", build_module.OLD_BOOST], "_1 of boost::bind is made to compile"),
-        ([OLD_CODE, ""], ["", build_module.OLD_BOOST], "_1 of boost::bind is made to compile"),
+        (
+            [NO_HEADER, OLD_CODE, ""],
+            ["", "", build_module.OLD_BOOST],
+            "_1 of boost::bind was made to compile",
+        ),
+        ([OLD_CODE, ""], ["", build_module.OLD_BOOST], "_1 of boost::bind was made to compile"),
         ([NO_HEADER, ""], ["", ""], ""),
         ([NO_HEADER, NO_HEADER], ["", ""], "does not build: a.cpp:1:10: a/b.h: No such file"),
         (["a.cpp:1:2: error: 5"], [""], "does not build: a.cpp:1:2: 5"),

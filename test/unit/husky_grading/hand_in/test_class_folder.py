@@ -97,5 +97,5 @@ def test_two_entries_of_one_student_are_named_and_cost_nobody_else_anything(twin
     problems = {each.name: each.problem for each in find_hand_ins(tmp_path)}
     assert problems == {
         "ann": "",
-        "bob": f"bob and {twin} are both the hand-in of bob: leave one of them in the folder",
+        "bob": f"bob and {twin} are both the submission of bob; leave one of them in the folder",
     }

@@ -272,10 +272,10 @@ def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann)
     assert (str(candidates[0].place), candidates[0].package) == ("exercise3/ex3.launch", "husky")
     assert candidates[0].path.read_text() == (ann / candidates[0].place).read_text()
     assert {file.place.name for file in candidates} == {"ex3.launch", "other.launch.xml"}
-    assert "is named for exercise 3" in launch_choice.reasons(candidates[0], candidates, 3)
+    assert "has the number of exercise 3 in its path" in launch_choice.reasons(candidates[0], candidates, 3)
     (only,) = launch_files(ann, launch="launch/ex3.launch")
     assert str(only.place) == "exercise3/launch/ex3.launch"
-    with pytest.raises(NotMarkableError, match="2 fit it"):
+    with pytest.raises(NotMarkableError, match="which fits 2 files"):
         launch_files(ann, launch="ex3.launch")
 
 
@@ -286,7 +286,7 @@ def test_a_copy_of_a_known_package_may_have_the_launch_file(ann):
     launch(copy / "launch" / "spawn_husky.launch", NODE.format("gazebo_ros"))
     launch(copy / "launch" / "mine.launch", NODE.format("husky"))
     launch(copy / "launch" / "all.launch.xml", '<include file="$(find husky_gazebo)/launch/mine.launch"/>')
-    assert chosen(ann)[2] == ["left aside, because not the student's own: husky_gazebo"]
+    assert chosen(ann)[2] == ["packages that are not the student's own are left out: husky_gazebo"]
     candidates = launch_files(ann)
     assert {file.path.name for file in candidates} == {"mine.launch", "all.launch.xml"}
     assert {file.package for file in candidates} == {"husky"}
@@ -304,7 +304,10 @@ def test_no_launch_file_is_read_through_a_link(ann, husky, tmp_path):
 @pytest.mark.parametrize(
     ("exercise", "words"),
     [
-        (3, r"hand-in; husky/controller is commented out in husky/off\.launch; launch files: husky/broken"),
+        (
+            3,
+            r"submission; husky/controller is commented out in husky/off\.launch; launch files: husky/broken",
+        ),
         (4, r"ekf_localization_node; husky/controller is commented out in husky/off\.launch; launch files: "),
     ],
 )

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 
 def test_an_archive_of_another_kind_is_refused(tmp_path):
     put(tmp_path / "dan.7z")
-    with pytest.raises(NotMarkableError, match=r"dan\.7z is not opened: only \.zip, "):
+    with pytest.raises(NotMarkableError, match=r"dan\.7z cannot be opened; hand in one of \.zip, "):
         open_hand_in(tmp_path / "dan.7z", tmp_path)
 
 
@@ -32,7 +32,7 @@ def test_packages_are_found_by_manifests_that_are_files_in_folders_and_in_archiv
     contents = opened(ann)
     assert [str(each.place) for each in contents.packages] == ["src/c", "src/d", "e.zip/e", "e.zip/g.zip/g"]
     assert contents.notes[0] == "f.zip is broken: File is not a zip file"
-    assert contents.notes[1].startswith("h.rar is not opened: only .zip, ")
+    assert contents.notes[1].startswith("h.rar cannot be opened; hand in one of .zip, ")
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_the_name_of_a_package_is_a_name(name, ann):
 def test_a_hand_in_of_thousands_of_packages_is_refused(ann):
     for number in range(packages_module.MAX_PACKAGES + 1):
         package(ann / f"p{number}", f"p{number}")
-    with pytest.raises(NotMarkableError, match="it holds 201 packages, more than 200"):
+    with pytest.raises(NotMarkableError, match="has 201 packages, at most 200 are read"):
         opened(ann)
 
 
@@ -95,7 +95,7 @@ def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_take
     launch(solved / "launch" / name, NODE.format("husky"))
     _, (taken,), notes = chosen(ann)
     assert taken.path == solved
-    assert "package husky is taken from Solution/husky; left aside: Input/husky" in notes
+    assert "package husky is taken from Solution/husky; these copies are left out: Input/husky" in notes
     put(solved / "launch" / name, f"<launch><!-- {NODE.format('husky')} --></launch>")
     _, (taken,), _ = chosen(ann)
     assert taken.path == full, "it has more files"
@@ -108,5 +108,5 @@ def test_other_exercises_and_known_packages_are_left_aside_unless_needed(ann):
     package(ann / "teleop", "teleop_twist_keyboard")
     _, packages, notes = chosen(ann)
     assert [each.name for each in packages] == ["husky", "messages"]
-    assert "left aside, because not the student's own: teleop_twist_keyboard" in notes
-    assert "left aside, because of other exercises: slam" in notes
+    assert "packages that are not the student's own are left out: teleop_twist_keyboard" in notes
+    assert "packages of other exercises are left out: slam" in notes

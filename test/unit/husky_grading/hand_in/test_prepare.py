@@ -51,7 +51,9 @@ def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, monkeypatch):
     assert any("package husky is taken from first/husky" in note for note in notes)
     for each in ("first", "second"):
         (ann / each / "husky" / "launch" / "a.launch").unlink()
-    with pytest.raises(NotMarkableError, match=r"no launch file starts .*taken from first/husky; left aside"):
+    with pytest.raises(
+        NotMarkableError, match=r"no launch file starts .*taken from first/husky; these copies"
+    ):
         prepared(ann)
 
 
@@ -63,7 +65,7 @@ def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_bui
     monkeypatch.setattr(prepare_module, "build", lambda *_: builds.append(1) or built("it does not build"))
     submission, notes = prepared(ann)
     assert submission.problem == (Note(Kind.BUILD, "it does not build"),)
-    assert "package husky is taken from ex3/husky; left aside: ex5/husky" in notes
+    assert "package husky is taken from ex3/husky; these copies are left out: ex5/husky" in notes
     assert len(builds) == 1
 
 

@@ -57,7 +57,7 @@ def test_messages_that_are_no_markers_are_counted_and_end_nothing(watch):
         watch._on_message(SimpleNamespace(_buff=content), ("/viz", Marker))
     assert len(samples(watch)) == 1
     (note,) = watch.notes
-    assert note.text == "2 messages on /viz are not of its type, and count as nothing"
+    assert note.text == "2 messages on /viz are not of its type, so they are ignored"
 
 
 POINTS = [Point(10.0, 0.0, 0.0)] * 4
