@@ -1,1 +1,1 @@
-"""Grades submissions by driving them. Starts simulator and submission as programs, imports neither."""
+"""Grader of submissions, which it drives. It starts simulator and submission, and imports neither."""

@@ -1,7 +1,7 @@
-"""Marking by a program for each hand-in, some at a time, here or on a cluster; results and tables of a class.
+"""Marking of a class: a program for each submission, several in parallel, here or on a cluster; and tables.
 
-An interrupted marking goes on where it was; what is marked is judged again where only rubric, points by hand
-or penalties have changed.
+The same command resumes an interrupted marking. Kept recordings are judged again if only rubric, points by
+hand or penalties have changed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from husky_grading.isolation.files import (
     write_whole,
 )
 from husky_grading.isolation.process import Process, StoppedError, wait
-from husky_grading.judge import judge_again, unmarked
+from husky_grading.judge import failure_text, judge_again, unmarked
 from husky_grading.records import (
     Job,
     MarkingConfig,
@@ -58,36 +58,36 @@ from husky_grading.submission import SUBMISSION_FOLDER, WORKSPACE
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 
-DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
+DEADLINE = 3600.0  # [s] wall time for one submission, in addition to its runs
 PROGRAM = "husky_grading.mark"
 DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
-CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
-MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
+CLEANUP_DEADLINE = 10.0  # [s] wall time from Ctrl-C until the marking program is killed
+MAX_RETURNED = 50_000_000  # [bytes] size of a file that a cluster sends back
 SEED = "seed"  # file in the folder of results with the class's seed
-SEEDS = 2**30  # their number; the simulator adds a drive's number, and a parameter of ROS has 31 bits
-# folders that are made of the hand-in, or by it
+SEEDS = 2**30  # number of seeds; the simulator adds the number of a run, and a ROS parameter has 31 bits
+# folders that are made from the submission, or by it
 NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content by place in the folder of results
 
 
 @dataclass(frozen=True)
 class Batch:
-    """A class: its hand-ins, and where the results go."""
+    """A class: its submissions, and the folder of results."""
 
-    folder: Path  # of hand-ins
-    out: Path  # hand_ins/ with a folder for each, results.csv, junit.xml and index.html
-    jobs: int = 1  # hand-ins at a time
-    only: Tuple[str, ...] = ()  # hand-ins to mark again; empty: all that are not marked yet
-    setups: Tuple[str, ...] = ()  # setup.bash files that hand-ins are built on
-    cluster: str = ""  # address of a Dask scheduler whose workers mark; empty: this machine
-    time_limit: float = 0.0  # [s] of wall time for one hand-in; 0: DEADLINE and its drives
+    folder: Path  # folder of submissions
+    out: Path  # folder of hand_ins/ with a folder for each, results.csv, junit.xml and index.html
+    jobs: int = 1  # submissions that are marked in parallel
+    only: Tuple[str, ...] = ()  # submissions to mark again; defaults to all that are not marked yet
+    setups: Tuple[str, ...] = ()  # setup.bash files on which submissions are built
+    cluster: str = ""  # address of a Dask scheduler whose workers mark; defaults to this machine
+    time_limit: float = 0.0  # [s] wall time for one submission; 0 for DEADLINE and its runs
 
 
 def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
-    """Mark every hand-in; those that could not be marked have a `problem` and no items.
+    """Mark every submission; a result that could not be marked has a `problem` and no items.
 
     Raises:
-        HuskyError: there is none, marking.yaml is wrong, or marking was interrupted.
+        HuskyError: there is no submission, marking.yaml is wrong, or marking was interrupted.
     """
     hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
     names = [each.name for each in hand_ins]
@@ -95,10 +95,12 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         raise HuskyError(f"no submission in {batch.folder}; it needs folders, zip or tar archives")
     for name in batch.only:
         if name not in names:
-            raise HuskyError(f"--only {name}: not in {batch.folder}; there are: {', '.join(names)}")
+            raise HuskyError(
+                f"--only {name} is not a submission in {batch.folder}; there are: {', '.join(names)}"
+            )
     overrides = _overrides(batch.folder, names)
     batch.out.mkdir(parents=True, exist_ok=True)
-    (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
+    (batch.out / "CATKIN_IGNORE").touch()  # a workspace around the folder must not find unpacked packages
     results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
     installed = installed_packages(batch.setups)
@@ -106,10 +108,10 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
         if hand_in.problem:
-            remove_tree(Path(job.out))  # with the result of the entry that may be the wrong one
+            remove_tree(Path(job.out))  # it may have the result of the wrong entry
             results[job.name] = unmarked(job, hand_in.problem)
             continue
-        if job.name in batch.only:  # all of it again
+        if job.name in batch.only:  # it is also built again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
         if earlier is not None:
@@ -117,7 +119,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         elif not batch.only or job.name in batch.only:
             waiting.append(job)
     jobs = batch.jobs
-    if jobs > 1 and not private_network.can_be_made():  # one could forge another's ROS graph
+    if jobs > 1 and not private_network.can_be_made():  # a submission could forge another one's ROS graph
         jobs = 1
         print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
     try:
@@ -125,7 +127,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             marked = _marked_by(workers, waiting, bool(batch.cluster))
             for number, result in enumerate(marked, 1):
                 results[result.name] = result
-                if result.problem or not sys.stderr.isatty():  # a terminal shows a bar
+                if result.problem or not sys.stderr.isatty():  # a terminal shows a progress bar
                     why = f": {result.problem}" if result.problem else ""
                     tqdm.write(
                         f"{number} of {len(waiting)}: {result.name}: {_sum(result)}{why}", file=sys.stderr
@@ -138,7 +140,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     for result in ordered:
         print(f"{result.name:<40}{_sum(result)}")
     if open_ones := [each.name for each in ordered if each.state is not ResultState.MARKED]:
-        print(f"\nnot decided, and so not in moodle.csv: {', '.join(open_ones)}")
+        print(f"\nnot completely graded, so not in moodle.csv: {', '.join(open_ones)}")
     print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
     return ordered
 
@@ -148,7 +150,7 @@ def _sum(result: MarkingResult) -> str:
 
 
 def _overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
-    """Return the teacher's settings for students; a hand-in's own marking.yaml is not the teacher's."""
+    """Return the teacher's settings for students; the marking.yaml of a submission is not the teacher's."""
     if not is_package(folder):
         return read_overrides(folder, names)
     if (folder / FILE).exists():
@@ -160,12 +162,12 @@ def _overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
 
 
 def class_seed(out: Path) -> int:
-    """Return the seed of a class: drawn once, and kept in its folder of results.
+    """Return the seed of a class, which is drawn once and kept in its folder of results.
 
-    So the class has the same starts whenever it is marked again, and no student knows them.
+    So the class has the same starts if it is marked again, and no student knows them.
 
     Raises:
-        HuskyError: what is kept is not a seed.
+        HuskyError: the file of the seed has no valid seed.
     """
     path = out / SEED
     if not path.exists():
@@ -178,7 +180,7 @@ def class_seed(out: Path) -> int:
 
 
 def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
-    """The job of a student, with fingerprints of what it is made of, and of what decides how it drives."""
+    """Return the job of a student, with fingerprints of everything on which its build and its runs depend."""
     path = hand_in.path
     job = Job(
         hand_in.name, str(batch.out / HAND_INS / hand_in.folder), config, hand_in=str(path),
@@ -187,9 +189,9 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     )  # fmt: skip
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
-    # a class is marked by one version of the simulator
+    # the version of our code counts, so a class is marked by one version of the simulator
     digest = hashlib.sha256(repr(built).encode())
-    with contextlib.suppress(UnreadableFileError, OSError):  # too many files, or one is gone: marking says so
+    with contextlib.suppress(UnreadableFileError, OSError):  # marking reports too many or missing files
         for file in walk(path) if path.is_dir() else [path]:
             status = file.stat()
             line = f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n"
@@ -200,7 +202,7 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
 
 
 def installed_packages(setups: Sequence[str]) -> str:
-    """Fingerprint of the names of the packages of Debian, ROS and Python on this machine."""
+    """Return a fingerprint of the names of the packages of Debian, ROS and Python on this machine."""
     prefixes = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), *map(os.path.dirname, setups)]
     patterns = [f"{DPKG}/*.list", *(f"{glob.escape(prefix)}/share/*" for prefix in prefixes)]
     patterns += [f"{glob.escape(folder)}/*.dist-info" for folder in sys.path]
@@ -208,10 +210,10 @@ def installed_packages(setups: Sequence[str]) -> str:
 
 
 def _earlier(job: Job) -> Optional[MarkingResult]:
-    """The result of an earlier marking of the same files with the same settings, judged again.
+    """Return the result of an earlier marking of the same files with the same settings, judged again.
 
     Raises:
-        PointsError: marking.yaml's points do not fit the rubric.
+        PointsError: points in marking.yaml do not fit the rubric.
     """
     out = Path(job.out)
     try:
@@ -219,27 +221,27 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
             return None
         result = load_result(out / RESULT)
         is_as_before = not (out / WORKSPACE).exists()
-        with contextlib.suppress(HuskyError):  # else it is not known how it was judged
+        with contextlib.suppress(HuskyError):  # otherwise the rules of the earlier judgement are unknown
             before = load(Job, out / JOB)
             same = ("name", "config", "override")
             is_as_before |= all(getattr(before, field) == getattr(job, field) for field in same)
         judged = result if is_as_before else judge_again(job)
     except PointsError:
         raise
-    except Exception:  # of whatever kind: it is marked again, and then that is its result
+    except Exception:  # any error, because it is marked again, and then the error is its result
         return None
     try:
         if judged != result:
             write_result(judged, out)
-        write_whole(out / JOB, to_json(job))  # the class may lie elsewhere by now
-    except OSError:  # as above
+        write_whole(out / JOB, to_json(job))  # the class may have moved since
+    except OSError:  # it is marked again
         return None
     return judged
 
 
 def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[MarkingResult]:
-    """The result of each job, in the order in which they come."""
-    title = f"hand-ins ({len(jobs)} to mark)"
+    """Yield the result of each job as soon as it comes."""
+    title = f"submissions ({len(jobs)} to grade)"
     if not elsewhere:
         for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
             yield result
@@ -257,23 +259,23 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
 
 
 def _failed(job: Job, error: Exception) -> MarkingResult:
-    """The result of a hand-in that marking itself has failed for; it is marked again at the next call.
+    """Return the result of a submission if marking itself failed; the next call marks it again.
 
     Raises:
-        StoppedError: marking is to end.
+        StoppedError: marking was interrupted.
     """
     if isinstance(error, StoppedError):
         raise error
-    return unmarked(job, f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
+    return unmarked(job, failure_text(error))
 
 
 def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
-    """Run the marking program for a job; the result, also where the program dies.
+    """Run the marking program for a job, and return the result, also if the program dies.
 
-    With `shows_errors` its standard error is this program's, for its progress bar, in place of mark.log.
+    With `shows_errors` its standard error goes to the terminal, for its progress bar, instead of mark.log.
 
     Raises:
-        StoppedError: marking is to end.
+        StoppedError: marking was interrupted.
     """
     out = Path(job.out)
     out.mkdir(parents=True, exist_ok=True)
@@ -281,13 +283,13 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / JOB, to_json(job))
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
-    # not in a student's folder, whose yaml.py `python -m` would import
+    # the working directory is /, because `python -m` would import the yaml.py of a student's folder
     process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
     deadline = job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
     try:
         in_time = wait(lambda: not process.running, deadline)
     except StoppedError:
-        process.interrupt()  # it cleans up behind itself
+        process.interrupt()  # it ends its own programs
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.popen.wait(CLEANUP_DEADLINE)
         raise
@@ -297,10 +299,10 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         return load_result(out / RESULT)
     except HuskyError:
         output = " ".join(process.output.split())[-500:] or "its errors are above"
-        problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
+        problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
-            problem = f"it did not end within {deadline:g} s"
-            (out / WORKSPACE).unlink(missing_ok=True)  # some drives are not to be judged
+            problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
+            (out / WORKSPACE).unlink(missing_ok=True)  # otherwise its runs so far would be judged
             write_whole(out / FINGERPRINT, job.fingerprint)
         result = unmarked(job, problem)
         write_result(result, out)
@@ -308,7 +310,7 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
 
 
 def run_there(packed: Tuple[Job, PackedPath]) -> Files:
-    """Run the marking program on this worker; the files of the result."""
+    """Run the marking program on this worker, and return the files of the result."""
     job, content = packed
     with tempfile.TemporaryDirectory(prefix="husky_grade_") as place:
         folder = Path(place)
@@ -317,16 +319,16 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, NOT_RETURNED):
-            with contextlib.suppress(UnreadableFileError):  # too large, or gone
+            with contextlib.suppress(UnreadableFileError):  # the file may be too large
                 files[file.relative_to(out).as_posix()] = read_regular(file, MAX_RETURNED)
         return files
 
 
 def write_outputs(files: Files, job: Job) -> MarkingResult:
-    """Write the files that came back into the job's folder of results, the fingerprint last.
+    """Write the files that a worker sent back into the job's folder of results, the fingerprint last.
 
     Raises:
-        HuskyError: there is no result among them.
+        HuskyError: they have no result.
     """
     out = Path(job.out)
     remove_tree(out)
@@ -334,5 +336,5 @@ def write_outputs(files: Files, job: Job) -> MarkingResult:
         path = out / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    write_whole(out / JOB, to_json(job))  # with the places of this machine
+    write_whole(out / JOB, to_json(job))  # the job with the paths of this machine
     return load_result(out / RESULT)

@@ -1,4 +1,4 @@
-"""Command `grade`: marks a launch file, a node or a class of hand-ins; docs/marking.md."""
+"""Command `grade`: grades a launch file, a node or the submissions of a class; see docs/marking.md."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     )  # fmt: skip
     choice.add_argument(
         "--review", type=Path, metavar="OUT",
-        help="write a page on which a person gives the points that `grade --all ... --out OUT` left open",
+        help="write a page for grading by hand the items that `grade --all ... --out OUT` left open",
     )  # fmt: skip
     add("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="exercise to grade (default: 3)")
     add(
@@ -97,10 +97,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--rubric",
         type=Path,
         metavar="FILE",
-        help="YAML file with tolerances, weights and items that a person grades",
+        help="YAML file with tolerances, weights and items that are graded by hand",
     )
     add("--only", action="append", default=[], metavar="NAME", help="with --all, grade this submission again")
-    add("--husky", help=argparse.SUPPRESS)  # its name before `--robot`
+    add("--husky", help=argparse.SUPPRESS)  # earlier name of `--robot`
     options = parser.parse_args(arguments)
     if options.husky:
         parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
@@ -121,10 +121,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 def grade(options: argparse.Namespace) -> int:
     """Grade as requested and return the exit code."""
     if options.review:
-        # its pictures are drawn by matplotlib, which takes longer to load than all else
+        # imported only here, because it draws by matplotlib, which takes long to load
         from husky_grading.review import write_review
 
-        print(f"open it in a browser: {write_review(options.review.resolve()).as_uri()}")
+        print(f"open this page in a browser: {write_review(options.review.resolve()).as_uri()}")
         return 0
     exercise = EXERCISES[options.exercise]
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
@@ -149,7 +149,7 @@ def grade(options: argparse.Namespace) -> int:
     result = run_program(job, shows_errors=True)
     add_step_summary([result])
     print(to_result(result))
-    print(f"\npicture, JSON, JUnit XML and logs: {out}")
+    print(f"\npictures, JSON, JUnit XML and logs: {out}")
     return 2 if result.problem else int(not result.full)
 
 
@@ -157,6 +157,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
     if not options.cluster:
-        stop_on_signals()  # waits end, and clean up behind them
+        stop_on_signals()  # an interruption ends all programs
     with exit_codes("grade"):
         raise SystemExit(grade(options))

@@ -36,18 +36,18 @@ PACE = 5.0  # maximum real-time factor of a run
 
 @dataclass(frozen=True)
 class LaunchContestant:
-    """Launch file that starts a controller, which drives in a ROS network of its own."""
+    """Launch file of a controller, which drives in a ROS network of its own."""
 
     name: str
     launch: Launchable
 
     @property
     def starts_programs(self) -> bool:
-        """True, because a launch file starts nodes whose code is not known here."""
+        """Return True, because a launch file starts nodes whose code is not known here."""
         return True
 
     def drive(self, scenario: Scenario) -> Outcome:
-        """Drive a scene with the course's pillar.
+        """Drive a scenario with the course's pillar.
 
         Raises:
             HuskyError: the launch file starts no node, or ROS fails.
@@ -59,15 +59,15 @@ class LaunchContestant:
             drive_submission(Submission(self.launch), trial, RobotChoice(config), simulate, Path(folder))
             recording: Recording = load(Recording, Path(folder, RECORDING))
         if not len(recording.times):
-            why = "; ".join(texts(recording.notes)) or "no drive"
-            raise HuskyError(f"{self.name} in {scenario.name}: {why}")
+            why = "; ".join(texts(recording.notes)) or "its node sent and received nothing"
+            raise HuskyError(f"{self.name} did not drive in {scenario.name}: {why}")
         judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
         return replace(judged, notes=tuple(texts(recording.notes)))
 
 
 @lru_cache(maxsize=4)
 def _check(name: str, launch: Launchable) -> None:
-    """Refuse a launch file that starts no node, with a HuskyError."""
+    """Raise a HuskyError for a launch file that starts no node."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         planned = plan(launch, Workspace(), Path(folder))
     if not planned.nodes:

@@ -1,7 +1,7 @@
-"""Displays of an RViz configuration, and what RViz shows by them and by the frames of a drive.
+"""Displays of an RViz configuration, and their visibility with the frames of a run.
 
 In: the content of an .rviz file, frames and robot descriptions of a recording. Out: records. No ROS.
-The saved camera counts for nothing: it is wherever its owner looked last.
+The saved camera does not count, because it is only the last view of the student.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 TF, ROBOT, SCAN, CLOUD = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan", "rviz/PointCloud2"
 MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
 BASE = "base_link"
-MAX_TEXT = 200  # letters of a topic, frame or namespace
+MAX_TEXT = 200  # characters of a topic, frame or namespace
 MAX_DISPLAYS = 500
 
 
@@ -43,23 +43,23 @@ class RvizConfig:
 
 @dataclass(frozen=True)
 class RvizView(RvizConfig):
-    """A configuration, and what the submission's RViz shows by it."""
+    """A configuration, and the displays that the submission's RViz shows with it."""
 
     topics: Tuple[str, ...] = ()  # topics of its displays of scans and markers
-    tf: bool = False  # frames are to be seen
-    robot: bool = False  # the robot model is to be seen
-    scan: bool = False  # the laser's points are to be seen
+    tf: bool = False  # frames are visible
+    robot: bool = False  # the robot model is visible
+    scan: bool = False  # the laser's points are visible
     hidden: Tuple[Tuple[str, str], ...] = ()  # topic and namespace of markers that are switched off
 
     @property
     def clouds(self) -> Tuple[RvizDisplay, ...]:
-        """Displays of points, whether or not transforms let them be seen."""
+        """Return the displays of points, with or without transforms that make them visible."""
         return tuple(display for display in self.displays if display.kind == CLOUD)
 
 
 @dataclass(frozen=True)
 class FrameTree:
-    """Frames and robot descriptions of a drive."""
+    """Frames and robot descriptions of a run."""
 
     parents: Mapping[str, str] = field(default_factory=dict)  # parent of each frame
     descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames
@@ -81,10 +81,10 @@ STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_descriptio
 
 
 def read_rviz_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]] = ()) -> RvizConfig:
-    """The configuration in an .rviz file's content, with the topics of a node's remaps (old, new)."""
+    """Return the configuration in an .rviz file's content, with the topics of a node's remaps (old, new)."""
     manager = _mapping(content, "Visualization Manager")
     if not manager:
-        return RvizConfig(source, problem="the file is not RViz's")
+        return RvizConfig(source, problem="the file is not a configuration of RViz")
     names = {_resolved(old): _resolved(new) for old, new in remaps}
     displays: Dict[bool, List[RvizDisplay]] = {True: [], False: []}
     for entry, is_on in _entries(manager.get("Displays")):
@@ -95,13 +95,13 @@ def read_rviz_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]
 
 
 def _mapping(content: Any, key: str) -> Dict[str, Any]:
-    """The mapping behind a key, whatever is in its place."""
+    """Return the mapping behind a key; empty if there is none."""
     value = content.get(key) if isinstance(content, dict) else None
     return value if isinstance(value, dict) else {}
 
 
 def _entries(displays: Any) -> Iterator[Tuple[Dict[str, Any], bool]]:
-    """Displays, also those in groups, and whether each is switched on and to be seen."""
+    """Yield displays, also of groups, each with a flag that it is switched on and visible."""
     waiting: List[Tuple[Any, bool]] = (
         [(each, True) for each in displays] if isinstance(displays, list) else []
     )
@@ -153,17 +153,17 @@ def _any_part(parts: Mapping[str, Any], key_of_all: str) -> bool:
 
 
 def _number(value: Any) -> float:
-    """A number; what is none is RViz's own default, which is to be seen."""
+    """Return a value if it is a number, otherwise 1, as for RViz's own default, which is visible."""
     return float(value) if isinstance(value, (int, float)) and isfinite(value) else 1.0
 
 
 def _resolved(topic: str) -> str:
-    """A topic's full name."""
+    """Return a topic's full name."""
     return "/" + topic[:MAX_TEXT].strip("/")
 
 
 def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
-    """Displays that RViz shows with a configuration, where a drive has these frames."""
+    """Return the view that RViz shows with a configuration if a run has these frames."""
     view = RvizView(**vars(config))
     if not config.source or config.problem:
         return view
@@ -175,12 +175,12 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
-        # the SMB's own launch file, in whose place ours runs, calls its parameter so
+        # parameter of the SMB's own launch file, which ours replaces
         descriptions.add("/smb_description")
     topics = []
     for each in markers:
         topics.append(each.source)
-        if each.kind == "rviz/Marker":  # it listens to arrays, too, on a topic beside its own
+        if each.kind == "rviz/Marker":  # it also subscribes to arrays, on a second topic
             topics.append(f"{each.source}_array")
     return replace(
         view,

@@ -1,4 +1,4 @@
-"""Third stage of marking: a result by the recordings of the drives and by what was prepared."""
+"""Third stage of marking: the result, from the recordings of the runs and the prepared submission."""
 
 from __future__ import annotations
 
@@ -19,17 +19,25 @@ from husky_grading.settings import with_override
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 
-_FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")  # before the name of a file, absolute
+_FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")  # folders of an absolute path
 
 
 def judge_again(job: Job) -> MarkingResult:
-    """The result by the files in the job's folder; HuskyError: there are none, or as `judge`."""
+    """Return the result by the files in the job's folder.
+
+    Raises:
+        HuskyError: a file is missing or cannot be read; or as `judge`.
+    """
     out = Path(job.out)
     return judge(load(Submission, out / WORKSPACE), recordings_in(out), job)
 
 
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
-    """The result, with points by hand and less a late penalty; PointsError: these do not fit the rubric."""
+    """Return the result, with points by hand and a late penalty.
+
+    Raises:
+        PointsError: the points by hand do not fit the rubric.
+    """
     first, exercise = recordings[0], EXERCISES[job.config.exercise]
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
@@ -41,7 +49,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
     asked = exercise.drives(job.config.trials)
     if len(recordings) < asked:
-        text = f"{len(recordings)} of {asked} drives were made; others follow if the robot moves in the first"
+        text = f"{len(recordings)} of {asked} runs were made, because the robot did not move in the first one"
         notes.append(Note(Kind.FEWER_DRIVES, text))
     settings = {
         **settings_of(job.config),
@@ -56,15 +64,20 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
 
 
 def unmarked(job: Job, problem: str) -> MarkingResult:
-    """The result of a submission that could not be marked."""
+    """Return the result of a submission that could not be marked."""
     result = _from_known_folders(MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job)
-    # of a file of this machine only the name; a topic or a node has no folder
-    told = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
-    return replace(result, problem=told)
+    # a path on this machine becomes the name of its file; a topic or a node has no folder on this machine
+    shown = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
+    return replace(result, problem=shown)
+
+
+def failure_text(error: Exception) -> str:
+    """Return a sentence on an error of the grader itself."""
+    return f"the grader failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
 
 
 def _from_known_folders(result: MarkingResult, job: Job) -> MarkingResult:
-    """The result without paths of this machine: a student knows those in the hand-in only."""
+    """Return the result without paths of this machine, because a student knows only those delivered."""
     folders = [Path(folder) for folder in (job.out, job.hand_in, *job.hidden, *job.packages) if folder]
     items = [
         replace(item, evidence=hide_places(item.evidence, folders), hint=hide_places(item.hint, folders))
@@ -80,6 +93,6 @@ def _from_known_folders(result: MarkingResult, job: Job) -> MarkingResult:
 
 
 def settings_of(config: MarkingConfig) -> Any:
-    """The settings that a result shows."""
+    """Return the settings that a result shows."""
     settings = {key: value for key, value in vars(config).items() if key != "rules"}
     return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}

@@ -1,8 +1,8 @@
 """Marking of one submission: `python -m husky_grading.mark JOB.json`.
 
-Four stages, each of which leaves a file for the next: what was prepared (workspace.json), seen
-(drive_N/recording.json), judged (result.json) and reported. A workspace that is kept is not built again, and
-a result is judged from files alone, so that a changed rubric, points by hand or a penalty need no drive.
+It has four stages. Each stage writes a file for the next one: prepare (workspace.json), observe
+(drive_N/recording.json), judge (result.json) and report. A kept workspace is not built again. The judge needs
+only files, so a new rubric, points by hand or a penalty need no run.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from husky_grading.isolation import place, private_network
 from husky_grading.isolation.files import remove_tree, write_whole
 from husky_grading.isolation.process import StoppedError, stop_on_signals
 from husky_grading.isolation.sandbox import kind_of_sandbox
-from husky_grading.judge import judge, unmarked
+from husky_grading.judge import failure_text, judge, unmarked
 from husky_grading.notes import MISSES_PACKAGES
 from husky_grading.recording import recordings_in
 from husky_grading.records import Job, MarkingResult, printable
@@ -38,17 +38,17 @@ from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.datatypes import HuskyError
 
-# of this program and of each that it forks: bytes; descriptors, since every connection costs a thread
+# limits of this program and its forks: memory [bytes]; descriptors, because every connection takes a thread
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 
 
 def mark(job: Job) -> MarkingResult:
-    """Mark a submission; its result, whatever it holds, and its files are in the job's folder.
+    """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
-    A result that this machine is to blame for, such as a full disk, has no fingerprint: it is not kept.
+    A result that is the fault of this machine, such as a full disk, has no fingerprint, so it is not kept.
 
     Raises:
-        StoppedError: marking is to end.
+        StoppedError: marking was interrupted.
     """
     out, exercise = Path(job.out), EXERCISES[job.config.exercise]
     problem, fingerprint = "", ""
@@ -63,12 +63,12 @@ def mark(job: Job) -> MarkingResult:
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
         misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
-        fingerprint = job.fingerprint + (job.installed if misses else "")  # also if marking.yaml has a typo
+        fingerprint = job.fingerprint + (job.installed if misses else "")  # set before marking.yaml is read
         cause = None
         try:
             result = judge(submission, recordings, job)
             cause = result.cause
-        finally:  # also where the teacher's points do not fit
+        finally:  # also if the teacher's points do not fit
             write_pictures(recordings, job.name, out, cause)
     except StoppedError:
         raise
@@ -79,36 +79,36 @@ def mark(job: Job) -> MarkingResult:
     except OSError as error:
         problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
     except Exception as error:
-        problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        problem = failure_text(error)
         traceback.print_exc()
     if problem:
-        print(printable(problem), file=sys.stderr)  # with the paths of this machine, for the teacher
+        print(printable(problem), file=sys.stderr)  # the teacher sees the paths of this machine
         result = unmarked(job, problem)
     write_result(result, out, job.packages)
     if fingerprint:
-        write_whole(out / FINGERPRINT, fingerprint)  # the last one: with it, it is done
+        write_whole(out / FINGERPRINT, fingerprint)  # written last, because it means that all files are there
     return result
 
 
 def _text_of(error: Exception) -> str:
-    """Text of an error, or its name: a problem without a text would be none."""
+    """Return the text of an error, or its name, because an empty text would mean that there is no problem."""
     return str(error) or type(error).__name__
 
 
 def kept_submission(job: Job) -> Optional[Submission]:
-    """Submission that an earlier marking prepared here from the same files and settings, if any."""
+    """Return the submission that an earlier marking prepared here from the same files, if any."""
     try:
         submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
         return None
-    root = Path(job.out, "ws")  # another one is a copy's, or another machine's
+    root = Path(job.out, "ws")  # a copied folder, or one of another machine, has another root
     is_here = submission.root == root and (root / "src").is_dir()
     isolation = kind_of_sandbox(), private_network.reach()
     is_shut = (submission.sandbox, submission.network) == isolation and {*map(Path, job.hidden)} <= {
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}  # which may be installed by now
+    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}  # they may be installed by now
     return submission if is_here and is_shut and is_same and not misses else None
 
 
@@ -128,7 +128,7 @@ def main(arguments: Optional[List[str]] = None) -> None:
         else:
             mark(job)
     except StoppedError:
-        raise SystemExit(2) from None  # as grade's
+        raise SystemExit(2) from None  # the exit code of `grade`
 
 
 if __name__ == "__main__":

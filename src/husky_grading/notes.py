@@ -1,4 +1,4 @@
-"""Findings of a marking: kinds, by which hints and causes go, and sentences, which are for people."""
+"""Findings of a marking: a kind, on which hints and causes depend, and a sentence for people."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Iterable, List, Optional
 
-MAX_NOTES = 30  # of a result: a cell of a spreadsheet holds 32767 letters
+MAX_NOTES = 30  # notes of a result, because a cell of a spreadsheet holds 32767 characters
 
 
 class Kind(Enum):
     """Kind of a finding."""
 
-    # of the hand-in, before anything is started
-    HAND_IN = "hand-in"  # its archive and packages
-    ROBOT = "robot"  # that is simulated
+    # findings on the submission, before anything is started
+    HAND_IN = "hand-in"  # finding on its archive and packages
+    ROBOT = "robot"  # robot that is simulated
     BUILD = "build"
-    MISSING_RETURN = "missing return"  # of a function, where the node may crash
-    LAUNCH_FILE = "launch file"  # cannot be loaded, or starts nothing
-    OWN_NODE = "own node"  # of this package, which is nobody's hand-in
-    MISSING_INCLUDE = "missing include"  # so that it cannot be loaded
+    MISSING_RETURN = "missing return"  # a function without its return, in which the node may crash
+    LAUNCH_FILE = "launch file"  # it cannot be loaded, or starts nothing
+    OWN_NODE = "own node"  # node of this package, which is not part of any submission
+    MISSING_INCLUDE = "missing include"  # the launch file cannot be loaded without it
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
-    SKIPPED = "skipped"  # a launch file of the simulator, which marking brings
+    SKIPPED = "skipped"  # launch file of the simulator, which marking starts itself
     NO_RVIZ_FILE = "no RViz file"
-    # of its nodes
+    # findings on its nodes
     NOT_STARTED = "not started"
-    EXCEPTION = "exception"  # in a callback or thread, after which the node goes on
+    EXCEPTION = "exception"  # error in a callback or thread, after which the node continues
     NODE_FAILED = "node failed"
-    NODE_CRASHED = "node crashed"  # by a signal, mostly without a word
-    NODE_ENDED = "node ended"  # without an error
-    OTHERS_NODE = "others' node"  # a program that is not the hand-in's was not started, or ended
-    LIMIT = "limit"  # of memory, processes or files
-    # of the chain from scan to command
+    NODE_CRASHED = "node crashed"  # it ended by a signal, usually without a message
+    NODE_ENDED = "node ended"  # it ended without an error
+    OTHERS_NODE = "others' node"  # a program of another package was not started, or ended
+    LIMIT = "limit"  # limit of memory, processes or files
+    # findings on the chain from scan to command
     SILENT_TOPIC = "silent topic"
     NO_SCANS = "no scans"
     UNREAD_COMMANDS = "unread commands"
@@ -43,7 +43,7 @@ class Kind(Enum):
     COMMANDS_CEASE = "commands cease"
     UNANSWERED_SCANS = "unanswered scans"
     FLOOD = "flood"
-    # of markers
+    # faults of markers
     MIRRORED = "mirrored"
     SWAPPED = "swapped"
     Y_IS_ZERO = "y is zero"
@@ -52,13 +52,13 @@ class Kind(Enum):
     IN_BASE_LINK = "in base_link"
     NOT_A_NUMBER = "not a number"
     UNREADABLE = "unreadable"  # messages that are not of their topic's type
-    AT_ORIGIN = "at the origin"  # of its frame, or on the lidar, always
-    NO_RETURN = "no return"  # likewise, at times: where no beam has a return
+    AT_ORIGIN = "at the origin"  # always at the origin of its frame, or on the lidar
+    NO_RETURN = "no return"  # there only while no beam has a return
     WRONG_HEIGHT = "wrong height"
     INVISIBLE = "invisible"
     DELETED = "deleted"
-    OLD_ONES = "old ones"  # most are right, but earlier ones stay
-    # ends of a drive
+    OLD_ONES = "old ones"  # most markers are right, but earlier ones stay
+    # ends of a run
     TOUCHES = "touches"
     AT_PILLAR = "at pillar"
     NEVER_MOVED = "never moved"
@@ -66,26 +66,26 @@ class Kind(Enum):
     NODES_ENDED = "nodes ended"
     LEAVES = "leaves"
     DEADLINE = "deadline"
-    SLOW = "slow"  # on the wall clock
-    PLAN_DONE = "plan done"  # every call is made, or the robot driven
+    SLOW = "slow"  # the wall-clock limit ended it
+    PLAN_DONE = "plan done"  # all calls were made, or the grader has driven the robot
     NO_SERVICE = "no service"
-    FEWER_DRIVES = "fewer drives"  # than asked for
+    FEWER_DRIVES = "fewer drives"  # fewer runs than requested
     STALLED = "stalled"
     CUT_OFF = "cut off"
 
 
 class Subject(Enum):
-    """Subject of an item: what it looks at, whatever its name says."""
+    """Subject of an item, which does not depend on its name."""
 
     CODE = "code"
     DRIVE = "drive"
     SERVICE = "service"
     MARKER = "marker"
-    DISPLAYS = "displays"  # of RViz, by its configuration alone
+    DISPLAYS = "displays"  # displays of RViz, by its configuration alone
     MARKER_DISPLAY = "marker display"
 
 
-# of findings that a package which is not installed may cause
+# kinds of findings that a missing package may cause
 MISSES_PACKAGES = frozenset(
     {
         Kind.BUILD,
@@ -106,11 +106,11 @@ class Note:
 
     kind: Kind
     text: str
-    at: Optional[float] = None  # [s], simulated
+    at: Optional[float] = None  # [s] simulated time
 
 
 def texts(notes: Iterable[Note]) -> List[str]:
-    """The sentences of notes, each once, in order, and how many more there are."""
+    """Return the sentences of notes, each once, in order, and the number of further ones."""
     sentences = list(dict.fromkeys(note.text for note in notes))
     more = len(sentences) - MAX_NOTES
     return sentences if more <= 0 else [*sentences[:MAX_NOTES], f"and {more} more notes"]

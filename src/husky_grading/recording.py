@@ -1,4 +1,4 @@
-"""Recording of one drive: true poses, commands, markers and the ROS graph, as JSON and back."""
+"""Recording of one run: true poses, commands, markers and the ROS graph, as JSON and back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker m
 
 
 def table(help_text: str, *columns: int) -> Any:
-    """Field of an array with so many columns, or of one dimension; without rows by default."""
+    """Return the field of an array with so many columns, or of one dimension; without rows by default."""
     metadata = {"shape": (-1, *columns), "help": help_text}
     return field(default_factory=lambda: np.zeros((0, *columns)), metadata=metadata)
 
@@ -33,14 +33,14 @@ class MarkerSample:
     topic: str
     namespace: str
     id: int
-    at: float  # [s], simulated, when it came
+    at: float  # [s] simulated time at which it came
     stamp: float  # [s] stamp; with 0, the transforms of the moment of sending count
     frame: str
     position: Tuple[float, float, float]  # [m] position in the world, see marker_shape; nan if there is none
-    reach: float = inf  # [m], horizontally from the pillar's axis to the nearest point of what is drawn
-    low: float = nan  # [m], height in the world of the lowest drawn point
-    high: float = nan  # [m] height of the highest drawn point
-    until: float = inf  # [s], simulated: the end of its lifetime
+    reach: float = inf  # [m] horizontal distance from the pillar's axis to the nearest drawn point
+    low: float = nan  # [m] height in the world of the lowest drawn point
+    high: float = nan  # [m] height in the world of the highest drawn point
+    until: float = inf  # [s] simulated time at which its lifetime ends
     action: str = ADD
     problem: str = ""  # reason why RViz would draw nothing
     finite: bool = True  # its numbers are neither inf nor NaN
@@ -56,7 +56,7 @@ class EstimatedPath:
 
 @dataclass(frozen=True)
 class Closing:
-    """Observations of a drive from outside, which are added to the recorder's."""
+    """Observations of a run from outside, which are added to the recorder's."""
 
     notes: Tuple[Note, ...] = ()
     ended: Optional[Note] = None  # reason why it was cut off
@@ -65,12 +65,12 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Recording of one drive of one submission; arrays are read-only."""
+    """Recording of one run of one submission; arrays are read-only."""
 
     start: Pose2D  # pose of base_link in the world
-    pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
-    deadline: float  # [s], simulated
-    times: np.ndarray = table("(N,) [s], simulated, of the true poses")
+    pillar: Tuple[float, float]  # [m] its centre in the world, before the robot pushes it
+    deadline: float  # [s] time limit of the run, simulated
+    times: np.ndarray = table("(N,) [s] simulated times of the true poses")
     poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
     speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
@@ -102,76 +102,80 @@ class Recording:
     watched: Mapping[str, Any] = field(default_factory=dict)  # record of the exercise, see `watched_as`
 
     def watched_as(self, kind: Type[Record]) -> Record:
-        """Return the record that the exercise itself keeps of the drive.
+        """Return the record that the exercise itself keeps of the run.
 
         Raises:
-            ConfigError: it is of another exercise.
+            ConfigError: the record belongs to another exercise.
         """
         return from_plain(kind, self.watched, "watched: ")
 
     @property
     def hull_gaps(self) -> np.ndarray:
-        """From the robot's outline to the pillar's surface, were the pillar never moved, (N,) [m]."""
+        """Return the gaps between footprint and pillar, as if it never moved, (N,) [m]."""
         return hull_gaps(self.poses, self.pillar, self.robot)
 
     @property
     def pillar_size(self) -> PillarSize:
-        """The pillar of the robot's sheets."""
+        """Return the size of the pillar on the robot's exercise sheets."""
         return PILLARS[self.robot]
 
     @property
     def moving(self) -> np.ndarray:
-        """Rows in which the robot drives or turns, (N,) bool."""
+        """Return the rows in which the robot drives or turns, (N,) bool."""
         return (np.abs(self.speeds[:, 0]) > STANDS) | (np.abs(self.speeds[:, 1]) > STANDS)
 
     @property
     def driving(self) -> np.ndarray:
-        """Rows in which the robot drives, (N,) bool; one that trembles on the spot does not."""
+        """Return the rows in which the robot drives, (N,) bool; trembling on the spot does not count."""
         return np.abs(self.speeds[:, 0]) > STANDS
 
 
-RECORDING = "recording.json"  # file in the folder of a drive
-FLOOD = 300.0  # commands a simulated second; 50 answer the scans
+RECORDING = "recording.json"  # file in the folder of a run
+FLOOD = 300.0  # commands per simulated second that are too many; 50 answer the scans
 CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # reason of an end that the recorder did not cause
 
 
 def drive_folders(out: Path) -> Dict[int, Path]:
-    """Folders of the drives in a folder of results, drive_N, by their numbers, in order."""
+    """Return the folders of the runs in a folder of results, drive_N, by their numbers, in order."""
     folders = {path.name[len("drive_") :]: path for path in out.glob("drive_*")}
     return {int(number): folders[number] for number in sorted(filter(str.isdecimal, folders), key=int)}
 
 
 def recordings_in(out: Path) -> List[Recording]:
-    """The recordings of the drives in a folder of results, in order; ConfigError: one is broken."""
+    """Return the recordings of the runs in a folder of results, in order.
+
+    Raises:
+        ConfigError: a recording is broken.
+    """
     paths = [folder / RECORDING for folder in drive_folders(out).values()]
     return [load(Recording, path) for path in paths if path.exists()]
 
 
 def closed(recording: Recording, closing: Closing) -> Recording:
-    """A recording with what marking saw, and notes on a flood of commands and on a drive that was cut off."""
+    """Return a recording with marking's observations, and notes on a flood of commands and a run cut off."""
     notes, ended = list(closing.notes), closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_ended = any(note.kind in ends for note in notes)
     notes += [note for note in recording.notes if not (has_ended and note.kind is Kind.UNANSWERED_SCANS)]
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
-        text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
+        text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s of simulated time"
         notes.append(Note(Kind.FLOOD, text))
     if closing.ended or recording.ended == CUT_OFF:
-        why = closing.ended.text if closing.ended else "the recorder was ended"
-        notes.append(Note(Kind.CUT_OFF, f"the drive was cut off at {seconds:.2f} s: {why}", seconds))
+        why = closing.ended.text if closing.ended else "the recorder ended early"
+        notes.append(Note(Kind.CUT_OFF, f"the run was cut off at {seconds:.2f} s: {why}", seconds))
     return replace(recording, notes=tuple(notes), ended=ended, output=closing.output)
 
 
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
-    """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
+    """Return the gaps between footprint and pillar, seen from above, (N,) [m]; negative if they overlap."""
     return load_robot(robot).footprint.gaps(poses, np.asarray(pillar), PILLARS[robot].radius)
 
 
 def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot: str) -> np.ndarray:
-    """Points at which the beams of the robot's scans ended, (M, 3) [s, m, m] in the world.
+    """Return the points at which the beams of the robot's scans ended, (M, 3) [s, m, m] in the world.
 
-    `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true ones of base_link in the world.
+    `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true poses of base_link in the world.
     """
     mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
     for scan in scans if len(times) else ():
@@ -185,12 +189,12 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 
 
 def recording_to_json(recording: Recording) -> str:
-    """A recording as text."""
+    """Return a recording as JSON."""
     return json.dumps(to_plain(recording))
 
 
 TWIST_SIZE = 48  # [bytes] size of a serialised geometry_msgs/Twist: six doubles
-NOTHING = 1e-6  # [m/s] and [rad/s], as good as zero
+NOTHING = 1e-6  # [m/s, rad/s] size of a component up to which it counts as zero
 
 
 def is_zero(twist: bytes) -> bool:
@@ -209,12 +213,12 @@ def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
     return ahead, turn
 
 
-MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it
+MAX_ROBOT_SPEED = 4.0  # [m/s] four times the Husky's speed, because contacts may push it
 JUMP_SLACK = 0.1  # [m] allowance for the solver's corrections in one period
 
 
 def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:
-    """The first jump of a drive, in a sentence, by times (N,) [s] and poses (N, 3) [m, m, rad]."""
+    """Return a sentence on the first jump of a run, by times (N,) [s] and poses (N, 3) [m, m, rad]."""
     if len(times) < 2:
         return []
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)

@@ -1,6 +1,6 @@
-"""Records of marking: what is started, how it is marked, the job of one hand-in, and its result.
+"""Records of marking: the launchable, the settings, the job of one submission, and its result.
 
-A job travels to the marking program, and the result back, as JSON that `config.from_plain` reads.
+The marking program gets a job and returns a result, both as JSON that `config.from_plain` reads.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from husky_grading.notes import Kind, Subject
 from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.course import REACHED
 
-# topic of the scans, and launch arguments of the simulator, of each robot that submissions are written for
+# topic of the scans, and launch arguments of the simulator, for each robot
 ROBOT_VERSIONS = {
     "husky": ("/front/scan", ("robot:=husky", "laser_topic:=front/scan", "laser_prefix:=front")),
     "husky_melodic": ("/scan", ("robot:=husky", "laser_topic:=scan", "laser_prefix:=base")),
@@ -21,38 +21,41 @@ ROBOT_VERSIONS = {
 }
 ROBOT_TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic", "smb": "SMB"}
 DEFAULT_ROBOT, SMB = "husky", "smb"
-AUTO = "auto"  # the robot whose scans the submission subscribes to, or that it names
-WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
-RAMMING_MARGIN = 0.05  # [m/s], a measured speed is not exact: a robot commanded to `gentle` does not ram
-MAX_TEXT = 1000  # letters of an evidence or note
+AUTO = "auto"  # the robot to whose scans the submission subscribes, or that its files name
+WALL_BASE, WALL_SLOWNESS = (
+    300.0,
+    20.0,
+)  # [s] wall time of a run; factor by which it may be slower than its pace
+RAMMING_MARGIN = 0.05  # [m/s] tolerance, because the speed of a robot commanded to `gentle` is not exact
+MAX_TEXT = 1000  # characters of an evidence or note
 
 
 @dataclass(frozen=True)
 class Rules:
     """A rubric's tolerances and weights; the defaults are the course's sheet."""
 
-    reached: float = number(
-        0.0, 5.0, "from the robot's outline to the pillar that it has reached [m]", REACHED
-    )
+    reached: float = number(0.0, 5.0, "gap between footprint and pillar that counts as reached [m]", REACHED)
     ramming_costs: float = number(0.0, 30.0, "points that ramming the pillar costs", 0.0)
-    gentle: float = number(0.0, 5.0, "a robot that touches the pillar faster than this rams it [m/s]", 0.5)
-    marker_full: float = number(0.0, 5.0, "from the marker to the pillar's axis for all points [m]", 0.3)
+    gentle: float = number(0.0, 5.0, "speed above which touching the pillar is ramming [m/s]", 0.5)
+    marker_full: float = number(0.0, 5.0, "distance of a marker from the axis for all points [m]", 0.3)
     marker_half: float = number(
-        0.0, 5.0, "from the marker to the pillar's axis for half of the points [m]", 0.5
+        0.0, 5.0, "distance of a marker from the axis for half of the points [m]", 0.5
     )
-    other_worlds: float = number(0.0, 1.0, "what the drives in other worlds weigh, together", 1.0 / 3.0)
+    other_worlds: float = number(0.0, 1.0, "weight of all runs in other worlds together", 1.0 / 3.0)
     no_rviz_config: str = setting(
-        "without a configuration of RViz: a person judges, no points, or all of them for a launch file that "
-        "starts RViz", "person", choices=("person", "zero", "node"),
+        "rule for a submission without a configuration of RViz: graded by hand, no points, or all points for "
+        "a launch file that starts RViz", "person", choices=("person", "zero", "node"),
     )  # fmt: skip
-    marker_per_metre: float = number(0.0, 1.0, "added to both for each metre between robot and pillar", 0.005)
+    marker_per_metre: float = number(
+        0.0, 1.0, "addition to both distances for each metre between robot and pillar", 0.005
+    )
     weights: Mapping[str, float] = field(  # points by item
         default_factory=dict, metadata={"min": 0.0, "max": 1000.0, "help": "an item's points"}
     )
-    by_person: Tuple[str, ...] = ()  # names of items that a person judges
+    by_person: Tuple[str, ...] = ()  # names of items that are graded by hand
 
     def rams(self, speed: float) -> bool:
-        """Whether touching the pillar at this speed [m/s] is ramming that costs points."""
+        """Return whether touching the pillar at this speed [m/s] is ramming that costs points."""
         return self.ramming_costs > 0.0 and speed > self.gentle + RAMMING_MARGIN
 
 
@@ -62,32 +65,32 @@ class MarkingConfig:
 
     exercise: int = 3
     robot: str = setting("version of the robot", AUTO, choices=(AUTO, *ROBOT_VERSIONS))
-    seed: int = number(0, 2**31, "of starts, pillars and noise", 0)
-    trials: int = number(1, 1000, "drives", 3)
-    deadline: float = number(0.1, 3600.0, "of each drive, simulated [s]", 120.0)
-    pace: float = number(0.1, 3600.0, "simulated seconds a second, at most", 5.0)
+    seed: int = number(0, 2**31, "random seed for starts, pillars and noise", 0)
+    trials: int = number(1, 1000, "number of runs", 3)
+    deadline: float = number(0.1, 3600.0, "time limit of each run, simulated [s]", 120.0)
+    pace: float = number(0.1, 3600.0, "maximum real-time factor", 5.0)
     rules: Rules = field(default_factory=Rules)
-    scans: str = ""  # topic of the scans that the submission subscribes to; empty: the robot's
+    scans: str = ""  # topic of scans to which the submission subscribes; defaults to the robot's topic
 
     @property
     def scan_topic(self) -> str:
-        """Topic of the scans, once the robot is known."""
+        """Return the topic of the scans; the robot must be known."""
         return self.scans or ROBOT_VERSIONS[self.robot][0]
 
     @property
     def simulator_arguments(self) -> Tuple[str, ...]:
-        """Launch arguments of the simulator, once the robot is known."""
+        """Return the launch arguments of the simulator; the robot must be known."""
         topic = (f"laser_topic:={self.scans.lstrip('/')}",) if self.scans else ()
         return (*ROBOT_VERSIONS[self.robot][1], *topic)
 
     @property
     def wall_limit(self) -> float:
-        """Longest wall time of a drive [s]."""
+        """Return the longest wall time of a run [s]."""
         return WALL_BASE + WALL_SLOWNESS * self.deadline / self.pace
 
     @property
     def robot_name(self) -> str:
-        """The robot, one of ROBOTS, without the version of its topics."""
+        """Return the robot, one of ROBOTS, without the version of its topics."""
         return self.robot.partition("_")[0]
 
 
@@ -97,18 +100,18 @@ class Launchable:
 
     kind: str  # launch or node
     package: str
-    name: str  # of the launch file, in its package or an absolute path; type of the node
+    name: str  # name of the launch file in its package, or absolute path; type of the node
     arguments: Tuple[str, ...] = ()
-    title: str = ""  # of the result; empty: the command line
+    title: str = ""  # title of the result; defaults to the command line
 
     @property
     def command(self) -> Tuple[str, ...]:
-        """Its arguments on a command line."""
+        """Return its arguments on a command line."""
         return (f"--{self.kind}", self.package, self.name, *self.arguments)
 
     @property
     def summary(self) -> str:
-        """The title, or the command line."""
+        """Return the title, or the command line."""
         return self.title or " ".join(self.command)
 
 
@@ -117,7 +120,7 @@ DEFAULT_RULES = Rules()
 
 @dataclass(frozen=True)
 class GivenPoints:
-    """Points of one item, given by a person."""
+    """Points of one item, given by hand."""
 
     points: float = number(0.0, 1000.0, "an item's points")
     word: str = setting("the reason, for the student")
@@ -127,48 +130,50 @@ class GivenPoints:
 class Late:
     """A penalty for lateness."""
 
-    percent: float = number(0.0, 100.0, "of all points")
+    percent: float = number(0.0, 100.0, "penalty in percent of all points")
     word: str = setting("the reason, for the student")
 
 
 @dataclass(frozen=True)
 class Override:
-    """Settings for one student; None is left to marking."""
+    """Settings for one student; marking chooses those that are None."""
 
-    launch: Optional[str] = setting("place of a launch file, or the end of it", None)
+    launch: Optional[str] = setting("path of a launch file in the submission, or the end of the path", None)
     node: Optional[str] = setting("package and type of a node", None)
-    arguments: Tuple[str, ...] = ()  # of the launch file or node
+    arguments: Tuple[str, ...] = ()  # arguments of the launch file or node
     robot: Optional[str] = setting("version of the robot", None, choices=tuple(ROBOT_VERSIONS))
-    exercise: Optional[int] = number(1, 99, "number in names", None)
-    points: Mapping[str, GivenPoints] = field(default_factory=dict)  # by item
+    exercise: Optional[int] = number(1, 99, "exercise number in names of files and folders", None)
+    points: Mapping[str, GivenPoints] = field(default_factory=dict)  # points by item
     late: Optional[Late] = None
     hold: bool = False  # feedback is kept back
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
+        """Reject settings that do not fit together."""
         if self.launch and self.node:
-            raise ValueError("has both launch and node")
+            raise ValueError("has both launch and node; remove one of them")
         if self.node and len(self.node.split()) != 2:
-            raise ValueError(f"node = {self.node!r} is not a package and a type")
+            raise ValueError(
+                f"node = {self.node!r} is not a package and a type, such as 'my_package node.py'"
+            )
 
 
 @dataclass(frozen=True)
 class Job:
-    """Job of one marking: a launchable of a sourced workspace, or a hand-in that is built first."""
+    """Job of one marking: a launchable of a sourced workspace, or delivered files that are built first."""
 
-    name: str  # the student's
+    name: str  # name of the student
     out: str  # folder for the result
     config: MarkingConfig
     launchable: Optional[Launchable] = None
-    hand_in: str = ""  # folder or archive
+    hand_in: str = ""  # folder or archive that was delivered
     override: Override = field(default_factory=Override)
     setups: Tuple[str, ...] = ()  # setup.bash files, sourced in this order
     packages: Tuple[str, ...] = ()  # folders of packages that need no build
     hidden: Tuple[str, ...] = ()  # folders that the submission must not see
-    made_of: str = ""  # fingerprint of files, settings and version of this package that decide what is built
-    fingerprint: str = ""  # likewise, of what decides how it drives
-    installed: str = ""  # likewise, of the packages on this machine
-    time_limit: float = 0.0  # [s] of wall time; 0: the usual one
+    made_of: str = ""  # fingerprint of files, settings and version of this package on which the build depends
+    fingerprint: str = ""  # fingerprint of everything on which the runs depend
+    installed: str = ""  # fingerprint of the packages on this machine
+    time_limit: float = 0.0  # [s] wall time; 0 for the default
 
 
 @dataclass(frozen=True)
@@ -176,18 +181,18 @@ class Item:
     """Line of the table."""
 
     name: str
-    points: Optional[float]  # None: a machine cannot judge it
+    points: Optional[float]  # None if it is graded by hand
     max_points: float
     evidence: str
-    at: Optional[float] = None  # [s], simulated: the moment the evidence is about
-    hint: str = ""  # what to look at, where points are lost
-    drive: int = 1  # number of the drive that the evidence is about
+    at: Optional[float] = None  # [s] simulated time of the evidence
+    hint: str = ""  # advice to the student, if points are lost
+    drive: int = 1  # number of the run of the evidence
     subject: Subject = Subject.CODE
-    reason: Optional[Kind] = None  # why a person has to judge it, where many hand-ins are alike
+    reason: Optional[Kind] = None  # kind of the reason for grading by hand, if many submissions have the same
 
     @property
     def full(self) -> bool:
-        """Full marks, or not machine-gradable."""
+        """Return whether it has full marks or is graded by hand."""
         return self.points is None or self.points >= self.max_points - 1e-9
 
 
@@ -201,14 +206,14 @@ class ResultState(Enum):
 
 @dataclass(frozen=True)
 class MarkingResult:
-    """Result of one submission; its texts are printable, whatever a submission called its files and nodes."""
+    """Result of one submission; its texts are printable, whatever names a submission has."""
 
     name: str
-    what: str  # the launch file or node
+    what: str  # launch file or node
     settings: Mapping[str, Any]
     items: Tuple[Item, ...]
-    notes: Tuple[str, ...] = ()  # what went wrong, in sentences
-    problem: str = ""  # why it could not be marked, in a sentence; empty: it was marked
+    notes: Tuple[str, ...] = ()  # findings in sentences
+    problem: str = ""  # reason why it could not be marked, in a sentence; empty if it was marked
     held: bool = False  # the student's feedback is kept back
 
     def __post_init__(self) -> None:
@@ -218,22 +223,22 @@ class MarkingResult:
 
     @property
     def points(self) -> float:
-        """Sum of the points that were given."""
+        """Return the sum of the points that were given."""
         return total(self.items)[0]
 
     @property
     def max_points(self) -> float:
-        """Sum of the points that a machine can give."""
+        """Return the sum of the points that `grade` can give."""
         return total(self.items)[1]
 
     @property
     def cause(self) -> Optional[Item]:
-        """The first item that lost points: what went wrong first; None: nothing."""
+        """Return the first item that lost points, which is the first fault; None if no item did."""
         return next((item for item in self.items if not item.full), None)
 
     @property
     def state(self) -> ResultState:
-        """Marked, or left to a person at least in part, or not marked at all."""
+        """Return the state: marked, at least one item to be graded by hand, or not marked."""
         if self.problem:
             return ResultState.NOT_MARKED
         is_open = any(item.points is None for item in self.items)
@@ -241,24 +246,24 @@ class MarkingResult:
 
     @property
     def lacks_rviz_file_only(self) -> bool:
-        """Whether a person has to judge it for want of an RViz configuration alone."""
+        """Return whether it is graded by hand only because it has no RViz configuration."""
         reasons = {item.reason for item in self.items if item.points is None}
         return reasons == {Kind.NO_RVIZ_FILE}
 
     @property
     def full(self) -> bool:
-        """Whether it has all points that a machine can give."""
+        """Return whether it has all points that `grade` can give."""
         return not self.problem and all(item.full for item in self.items)
 
 
 def total(items: Sequence[Item]) -> Tuple[float, float]:
-    """Points, and how many a machine can give."""
+    """Return the sum of points, and the largest sum that `grade` can give."""
     judged = [item for item in items if item.points is not None]
     return round(sum(item.points or 0.0 for item in judged), 1), sum(item.max_points for item in judged)
 
 
 def _printable(value: Any) -> Any:
-    """A text, items, or several of these with every text printable."""
+    """Return a text, an item, or several of these with every text printable."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, Item):
@@ -268,7 +273,7 @@ def _printable(value: Any) -> Any:
 
 
 def printable(text: str, limit: int = MAX_TEXT) -> str:
-    """A text on one line, cut if long, without control letters, escapes, or bytes that are no UTF-8."""
+    """Return a text on one line, cut if long, without control characters and bytes that are not UTF-8."""
     text = text if len(text) <= limit else text[:limit] + " [...]"
     text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -1,6 +1,6 @@
-"""Review of the items that marking leaves to a person: a page on which keys give points.
+"""Review of the items that are graded by hand: a page on which keys give points.
 
-Each item has picture, replay and an excerpt of the code; the page saves the points as marking.yaml.
+Each item has pictures, replays and an excerpt of the code. The page saves the points as marking.yaml.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import render
 
 PAGE = "review.html"
-KEYS = 9  # 1 gives nothing, 9 all points
-MAX_CODE = 200_000  # [bytes] of a source file that is looked into
-MAX_SOURCES = 500  # source files of a hand-in that are looked into
-MAX_LINE = 500  # letters of a line that are looked at
-BEFORE, AFTER = 6, 18  # lines of an excerpt around the line that fits
+KEYS = 9  # key 1 gives no points, key 9 all points
+MAX_CODE = 200_000  # [bytes] size of a source file that is searched
+MAX_SOURCES = 500  # source files of a submission that are searched
+MAX_LINE = 500  # characters of a line that are searched
+BEFORE, AFTER = 6, 18  # lines of an excerpt before and after the line that fits
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
-# the code that an item is about
+# pattern of the code for the subject of an item
 CODE = {
     Subject.DISPLAYS: r"pkg=.rviz|</launch>",
     Subject.MARKER_DISPLAY: r"pkg=.rviz|</launch>",
@@ -66,18 +66,21 @@ class OpenItem:
 
     @property
     def choices(self) -> List[Tuple[int, float]]:
-        """(key, points) of each key."""
+        """Return (key, points) of each key."""
         steps = [(key, (key - 1) / (KEYS - 1)) for key in range(1, KEYS + 1)]
         return [(key, round(2.0 * self.item.max_points * share) / 2.0) for key, share in steps]
 
     @property
     def alike(self) -> str:
-        """Reason for which it is open, equal for hand-ins that are alike in it; empty: none is."""
+        """Return the reason why it is open, which several submissions may share; empty if it is its own."""
         return f"{self.item.name}: {self.item.reason.value}" if self.item.reason else ""
 
     @property
     def moment(self) -> bytes:
-        """PNG of robot, scan and marker at the item's moment, else in mid-drive; empty: it did not drive."""
+        """Return a PNG of robot, scan and marker at the item's moment; empty if there was no run.
+
+        Without a moment of its own, the item shows the middle of the run.
+        """
         with suppress(HuskyError):
             recording: Recording = load(Recording, self.out / f"drive_{self.item.drive}" / RECORDING)
             if len(recording.times):
@@ -88,21 +91,22 @@ class OpenItem:
 
     @property
     def files(self) -> List[Tuple[str, str]]:
-        """Titles and places, from the page, of the picture and of the replays, which begin at the moment."""
+        """Return titles and addresses, relative to the page, of the picture and the replays.
+
+        A replay begins at the item's moment.
+        """
         place, start = f"{HAND_INS}/{self.out.name}", moment_of(self.item)
-        shown = [
-            (f"replay of drive {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)
-        ]
+        shown = [(f"replay of run {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)]
         if (self.out / PICTURES[0]).is_file():
-            shown.insert(0, ("the drives from above", f"{place}/{PICTURES[0]}"))
+            shown.insert(0, ("the runs from above", f"{place}/{PICTURES[0]}"))
         return shown
 
     @property
     def code(self) -> Tuple[str, str]:
-        """Place and lines of the code that the item is about; empty: there is none."""
+        """Return place and lines of the code for the item; empty if no line fits."""
         pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
-        with suppress(UnreadableFileError):  # its build has made too many
+        with suppress(UnreadableFileError):  # the build may have made too many files
             for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):
                 lines = [line[:MAX_LINE] for line in text.splitlines()]
                 for number, line in enumerate(lines):
@@ -114,32 +118,34 @@ class OpenItem:
 
 
 def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
-    """Items of a class without points, the folder of its hand-ins, and its students.
+    """Return the items of a class without points, the folder of its submissions, and its students.
 
     Raises:
-        HuskyError: there are no results of one class, or its folder is itself a hand-in.
+        HuskyError: there are no results of one class, or its folder is itself a submission.
     """
     marked: List[Tuple[MarkingResult, Job, Path]] = []
     for path in sorted((out / HAND_INS).glob(f"*/{RESULT}")):
         try:
             result, job = load_result(path), load(Job, path.with_name(JOB))
         except ConfigError as error:
-            print(f"left out: {error}", file=sys.stderr)
+            print(f"a result is left out: {error}", file=sys.stderr)
             continue
-        if Path(job.hand_in).exists():  # otherwise the student is gone
+        if Path(job.hand_in).exists():  # otherwise the teacher has removed the submission
             marked.append((result, job, path.parent))
     folders = {Path(job.hand_in).parent for _, job, _ in marked}
     if len(folders) != 1:
-        raise HuskyError(f"{out}: no results of one class, as `grade --all FOLDER --out {out}` writes them")
+        raise HuskyError(
+            f"{out} has no results of one class; write them by `grade --all FOLDER --out {out}` first"
+        )
     folder = folders.pop()
     for _, job, _ in marked:
-        if job.hand_in in job.hidden:  # which has the folder of the class
+        if job.hand_in in job.hidden:  # the folder of the class is hidden, too
             raise HuskyError(
-                f"{job.hand_in} is itself a package, so no {FILE} counts in it: put the package into a "
+                f"{job.hand_in} is itself a package, so its {FILE} does not count; put the package into a "
                 "folder of your own, and run `grade --all` with that folder"
             )
     hand_ins = find_hand_ins(folder)
-    current = {each.folder for each in hand_ins}  # a student whose name met another one's has a new folder
+    current = {each.folder for each in hand_ins}  # if names became equal, a student has a new folder
     items = [
         OpenItem(result.name, item, place)
         for result, _, place in marked
@@ -152,13 +158,13 @@ def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
 
 
 def write_review(out: Path) -> Path:
-    """Write the page of a class beside its results; its path.
+    """Write the page of a class into its folder of results, and return its path.
 
     Raises:
         HuskyError: there are no results, or marking.yaml is wrong.
     """
     items, folder, students = open_items(out)
-    read_overrides(folder, students)  # or its error, before anything is written
+    read_overrides(folder, students)  # raises errors before anything is written
     path = folder / FILE
     content = read_settings(path) if path.exists() else {}
     write_whole(out / PAGE, render("review.html", items=items, content=content, path=str(path), file=FILE))

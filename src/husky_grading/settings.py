@@ -12,11 +12,11 @@ from husky_grading.isolation.files import UnreadableFileError, read_text
 from husky_grading.records import Item, MarkingResult, Override, Rules
 from husky_highlevel_controller.config import ConfigError, from_plain
 
-FILE = "marking.yaml"  # in the folder of hand-ins
+FILE = "marking.yaml"  # file in the folder of submissions
 
 
 class PointsError(ConfigError):
-    """Points by hand that do not fit the rubric."""
+    """Points by hand do not fit the rubric."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class _MarkingFile:
 
 
 def load_rules(path: Path, items: Sequence[str]) -> Rules:
-    """The rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
+    """Return the rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
 
     Raises:
         ConfigError: it cannot be read, or a key or value is not allowed.
@@ -37,7 +37,7 @@ def load_rules(path: Path, items: Sequence[str]) -> Rules:
 
 
 def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]:
-    """The overrides in a folder's marking.yaml, by student; none without the file.
+    """Return the overrides in a folder's marking.yaml, by student; none without the file.
 
     Raises:
         ConfigError: it cannot be read, names an unknown student or key, or a value is not allowed.
@@ -50,10 +50,14 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
 
 
 def read_settings(path: Path) -> Any:
-    """Content of a teacher's YAML file; {} where it is empty; ConfigError: it cannot be read."""
+    """Return the content of a teacher's YAML file; {} if it is empty.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
     try:
         return yaml.safe_load(read_text(path.resolve())) or {}
-    except (LookupError, TypeError, AttributeError) as error:  # such as `!!bool x`
+    except (LookupError, TypeError, AttributeError) as error:  # a tag may be wrong, such as `!!bool x`
         raise ConfigError(f"{path}: a value is not of the type that its tag names: {error}") from error
     except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from error
@@ -65,10 +69,10 @@ def _known(name: str, names: Sequence[str], refusal: str) -> None:
 
 
 def with_override(result: MarkingResult, override: Override) -> MarkingResult:
-    """The result with the points given by hand, and less the late penalty.
+    """Return the result with the points given by hand and the late penalty.
 
     Raises:
-        PointsError: points are given for an item that the rubric does not have, or more than it has.
+        PointsError: points are given for an unknown item, or more points than the item has.
     """
     items = {item.name: item for item in result.items}
     for name, entry in override.points.items():

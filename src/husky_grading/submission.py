@@ -1,7 +1,7 @@
 """Submission that is ready to be started, as `workspace.json`, and the program that starts it.
 
-That program reads the launch file as roslaunch would, in the sandbox, and writes down what happens, one event
-a line; a submission can write anything into that file as well.
+That program reads the launch file as roslaunch would, in the sandbox, and writes events to a file, one per
+line. A submission can also write anything into that file.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.paths import share_folder
 
 WORKSPACE = "workspace.json"
-SUBMISSION_FOLDER = "submission"  # in the folder of a drive, the only one that the submission can write
+SUBMISSION_FOLDER = "submission"  # folder in the folder of a run; the submission can write no other folder
 OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # RViz nodes of this package's launch files
 SIMULATOR_NODES = ("/husky_simulator",)  # another node of this name would end ours
-COMPAT = share_folder() / "compat"  # its launch files start a simulator
-MAX_EVENTS = 10_000  # of one run; a submission can write any number of them
+COMPAT = share_folder() / "compat"  # folder of packages with launch files that start our simulator
+MAX_EVENTS = 10_000  # events of one run that are read, because a submission can write any number
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Packages of the robot that a submission starts itself, and that marking starts beside the simulator."""
+    """Packages of the robot: nodes of some are started by the submission, nodes of others by marking."""
 
-    by_submission: Tuple[str, ...] = ()  # their nodes are the submission's own, in place of those it wrote
-    by_marking: Tuple[str, ...] = ()  # their nodes are left out
+    by_submission: Tuple[str, ...] = ()  # packages whose nodes count as the submission's, instead of its own
+    by_marking: Tuple[str, ...] = ()  # packages whose nodes are left out
 
 
-STUDENTS_OWN = Parts()  # the submission starts what its student wrote
+STUDENTS_OWN = Parts()  # the submission starts nodes that its student wrote
 
 
 @dataclass(frozen=True)
@@ -49,27 +49,27 @@ class NamedRobot:
 
     version: str = ""  # a key of ROBOT_VERSIONS
     why: str = ""  # a sentence
-    is_certain: bool = False  # otherwise what the submission subscribes to decides
+    is_certain: bool = False  # if not, the topic to which the submission subscribes decides
 
 
 @dataclass(frozen=True)
 class Submission:
-    """Launchable, the workspace in which it runs, and what its files tell."""
+    """Launchable, the workspace in which it runs, and facts from its files."""
 
     launchable: Launchable
     workspace: Workspace = field(default_factory=Workspace)
-    root: Optional[Path] = None  # folder of its built workspace; None: it was not built here
-    nodes: Tuple[str, ...] = ()  # package/type, that it would start
-    problem: Tuple[Note, ...] = ()  # why nothing of it can be started
+    root: Optional[Path] = None  # folder of its built workspace; None if it was not built here
+    nodes: Tuple[str, ...] = ()  # package/type of the nodes that it would start
+    problem: Tuple[Note, ...] = ()  # reasons why nothing of it can be started
     notes: Tuple[Note, ...] = ()
     rviz: RvizConfig = field(default_factory=RvizConfig)
     robot: NamedRobot = field(default_factory=NamedRobot)
     sandbox: str = ""  # kind of sandbox
     network: str = ""
-    own: Tuple[str, ...] = ()  # packages that were handed in; empty if unknown
+    own: Tuple[str, ...] = ()  # packages that were delivered; empty if unknown
     equals: Tuple[str, ...] = ()  # its launch file, and others that fit as well and start something else
     parts: Parts = field(default_factory=Parts)
-    facts: Mapping[str, Any] = field(default_factory=dict)  # what its exercise needs of its files, by name
+    facts: Mapping[str, Any] = field(default_factory=dict)  # facts for its exercise, by name
     made_of: str = ""  # fingerprint of the files and settings that it was prepared from
 
 
@@ -87,25 +87,25 @@ class Plan:
     """Nodes that a launchable would start."""
 
     nodes: Tuple[str, ...] = ()  # package/type
-    left_out: Tuple[str, ...] = ()  # package/type, of simulators and drivers
+    left_out: Tuple[str, ...] = ()  # package/type of nodes of simulators and drivers
     rviz: Tuple[RvizNode, ...] = ()
     uses: Tuple[str, ...] = ()  # packages that it names
     pillar: bool = False  # it names the course's world
-    left_out_arguments: Tuple[Tuple[str, str], ...] = ()  # package/type and arguments of each of these
-    digest: str = ""  # of what is started with which arguments and parameters
-    # beside what its launch file says
+    left_out_arguments: Tuple[Tuple[str, str], ...] = ()  # package/type and arguments of nodes left out
+    digest: str = ""  # hash of the nodes with their arguments and parameters
+    # fields that the program does not write
     is_read: bool = False  # it can be loaded
     package_path: Optional[Path] = None  # folder of its package
-    notes: Tuple[Note, ...] = ()  # what is wrong with it
+    notes: Tuple[Note, ...] = ()  # findings on it
 
 
 @dataclass(frozen=True)
 class Event:
-    """A line that the program wrote."""
+    """Line that the program wrote."""
 
     event: str
     node: str = ""
-    exit_code: Optional[int] = number(-255, 255, "of a node", None)
+    exit_code: Optional[int] = number(-255, 255, "exit code of a node", None)
     error: str = ""
     prefix: str = ""
     package: str = ""
@@ -121,11 +121,11 @@ def starter(
     parts: Parts = STUDENTS_OWN,
     own: Own = Own.NOTHING,
 ) -> List[str]:
-    """The command that reads launch files (`describe`), or with `run` or `memcheck` starts a single one.
+    """Return the command that reads launch files (`describe`), or starts a single one (`run`, `memcheck`).
 
-    Unless `own` is ALL, nodes of this package are nobody's submission: they are left out.
+    Unless `own` is ALL, nodes of this package are left out, because they are not part of any submission.
     """
-    # by its path: a package of the submission may have this package's name
+    # the program has a path, because a package of the submission may have this package's name
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
@@ -138,9 +138,9 @@ def starter(
 
 
 def read_events(path: Path) -> List[Event]:
-    """The first MAX_EVENTS events in a file; lines that the program did not write are left out.
+    """Return the first MAX_EVENTS events in a file, without lines that are not events.
 
-    Where there are more, the last one of these is `TOO_MANY`.
+    If there are more events, the last one is replaced by `TOO_MANY`.
     """
     events: List[Event] = []
     with contextlib.suppress(UnreadableFileError):
@@ -153,7 +153,7 @@ def read_events(path: Path) -> List[Event]:
 
 
 TOO_MANY = "too many events"
-# before a start, the worst first
+# kinds of events before the start, the worst first
 EVENTS = [
     Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
     Kind.SKIPPED,
@@ -168,7 +168,7 @@ _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 
 def exceptions_in(output: str) -> List[Note]:
-    """Exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
+    """Return the exceptions in callbacks and threads, after which rospy continues, from the output."""
     moments: Dict[str, List[Optional[float]]] = {}
     for match in _CALLBACK.finditer(output):
         places = _LINE.findall(match["lines"])
@@ -184,27 +184,28 @@ def exceptions_in(output: str) -> List[Note]:
 
 
 def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) -> List[Note]:
-    """Notes on what went wrong, each once, from events and from what was printed.
+    """Return notes on faults, each once, from events and from the output.
 
-    Nodes of other packages than the submission's `own` are told apart, where these are known.
+    Nodes of packages that are not in the submission's `own` get another kind, if `own` is known.
     """
     notes = []
     for event in events:
         if event.event == "unloadable":
             notes.append(Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}"))
         elif event.event == "no_include":
-            text = f"the launch file cannot be loaded: it includes {event.path}, which is not there"
+            text = f"the launch file cannot be loaded: it includes {event.path}, which does not exist"
             notes.append(Note(Kind.MISSING_INCLUDE, text))
         elif event.event == "skipped":
             text = (
-                f"the <include> of {event.path} is skipped, since marking brings the simulator: {event.error}"
+                f"the <include> of {event.path} is skipped, because the grader starts the simulator: "
+                f"{event.error}"
             )
             notes.append(Note(Kind.SKIPPED, text))
         elif event.event == "missing":
             text = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
             notes.append(Note(Kind.MISSING_PACKAGE, text))
         elif event.event == "own":
-            reason = "it is a node of the simulator's package, and not of the hand-in"
+            reason = "it is a node of the simulator's package, and not of the submission"
             notes.append(Note(Kind.OWN_NODE, f"node {event.node} is left out: {reason}"))
         elif event.event == "prefix":
             text = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
@@ -226,11 +227,11 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
             line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
             why = f": {errors[-1][:200]}{line}" if errors and code else ""
             kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
-            if code is not None and code < 0 and code != -signal.SIGABRT:  # which prints why
+            if code is not None and code < 0 and code != -signal.SIGABRT:  # an abort prints its reason
                 kind = Kind.NODE_CRASHED
             if own and event.package and event.package not in own:
                 kind = Kind.OTHERS_NODE
-            notes.append(Note(kind, f"node {event.node} ends during the drive ({how}){why}"))
+            notes.append(Note(kind, f"node {event.node} ends during the run ({how}){why}"))
         elif event.event == TOO_MANY:
             text = f"it wrote more than {MAX_EVENTS} events; the first {MAX_EVENTS - 1} of them count"
             notes.append(Note(Kind.LIMIT, text))

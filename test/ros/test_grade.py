@@ -152,11 +152,11 @@ def test_a_complete_one_gets_100_from_several_starts(handed_in, tmp_path):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     feedback = (tmp_path / "feedback.html").read_text()
     for number in (1, 2):
-        assert f"drive {number}" in (tmp_path / f"drive_{number}" / "replay.html").read_text()
+        assert f"run {number}" in (tmp_path / f"drive_{number}" / "replay.html").read_text()
         drive = json.loads((tmp_path / f"drive_{number}" / "recording.json").read_text())
         assert drive["nearest"][0][0] == 0.02, "it is recorded from its first scan on"
         assert drive["markers"][0]["at"] < 0.2
-        assert f'title="replay of drive {number}"' in feedback
+        assert f'title="replay of run {number}"' in feedback
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path):

@@ -40,7 +40,7 @@ def test_a_filter_s_path_of_our_bag_and_the_top_view_earn_their_points(tmp_path)
     assert machine_points(out)[0] == DESERVED["right"][0]
     assert "the SMB's bag is played, because exercise_4.launch names smb_description" in done.stdout
     assert (out / "drive.png").read_bytes().startswith(b"\x89PNG")
-    assert 'title="replay of drive 1"' in (out / "feedback.html").read_text()
+    assert 'title="replay of run 1"' in (out / "feedback.html").read_text()
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def arrives(marker, within=1.0):
 
 DESERVED = {
     "complete": (ALL, ["odom, stamp 0: right 100 %", "visible: frames, robot model, laser scan"]),
-    "crashes": (STARTS, ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"]),
+    "crashes": (STARTS, ["ends during the run (exit code 1): ZeroDivisionError", "stops short"]),
     "hangs": (STARTS, ["does not answer every scan", "stops short: nearest 6."]),
     "never_publishes": (NOTHING, ["never moves: nothing came on cmd_vel", "publish the velocity"]),
     "raises_in_callback": (
@@ -80,13 +80,13 @@ DESERVED = {
     "marks_a_grid": (UNMARKED, ["196 markers in namespace 'grid'"]),
     "blocks_readers": ((0, 0, 0, 0, 0), ["the robot never moves: all "]),
     "breaks_readers": ((0, 0, 0, 0, 0), ["'xterm -e' of node controller is dropped", " cannot be started"]),
-    "forges_events": (NOTHING, ["ends during the drive (signal 11, SIGSEGV)"]),
+    "forges_events": (NOTHING, ["ends during the ", " (signal 11, SIGSEGV)"]),
     "hides": (NOTHING, ["no marker at the pillar that could be shown"]),
     "counts_ids": (UNMARKED, ["half of the drawn ones must be right"]),
     # controllers of the simulator's package, which are nobody's hand-in
     "starts_the_naive_one": (NOTHING, ["highlevel_controller/naive_controller is left out: it is a node of"]),
     "starts_the_reference": (NOTHING, ["highlevel_controller/husky_controller is left out: it is a node of"]),
-    "imports_the_reference": (NOTHING, ["ends during the drive (exit code 1): ModuleNotFoundError: "]),
+    "imports_the_reference": (NOTHING, ["ends during the ", " (exit code 1): ModuleNotFoundError: "]),
     # other robots and exercises
     "is_for_an_older_husky": (ARRIVES, ["/scan"]),
     "listens_to_laser": (ARRIVES, ["scans are sent on /laser, the only topic of scans that it subscribes "]),

@@ -11,7 +11,7 @@ from markings import FILES, KEPT, check, judge_kept
 from husky_grading.reports.files import write_result
 from husky_highlevel_controller.paths import share_folder
 
-OTHER_WORDS = "it raises, floods, does not answer, stood still, ends during the drive, then none"
+OTHER_WORDS = "it raises, floods, does not answer, stood still, ends during the run, then none"
 
 
 @pytest.mark.parametrize("name", KEPT)

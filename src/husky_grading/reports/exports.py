@@ -29,9 +29,9 @@ CLASSROOM50_FIELDS = {
 
 
 def write_exports(result: MarkingResult, out: Path) -> None:
-    """Write each platform's file under the name that it wants, in a folder of its own.
+    """Write each platform's file with the name that it expects, in a folder of its own.
 
-    Classroom 50 wants a score, so it gets no file of a submission that could not be marked.
+    Classroom 50 needs a score, so it gets no file for a submission that could not be marked.
     """
     moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     classroom50 = to_classroom50(result, os.environ, moment)
@@ -48,7 +48,7 @@ def write_exports(result: MarkingResult, out: Path) -> None:
 
 
 def to_gradescope(result: MarkingResult) -> str:
-    """results.json of Gradescope: a test for each item; without a score where a person gives it."""
+    """Return results.json of Gradescope: a test for each item, without a score if it is graded by hand."""
     tests: List[Dict[str, Any]] = []
     for item in result.items:
         test: Dict[str, Any] = {"name": item.name, "output": item.evidence, "output_format": "text"}
@@ -65,9 +65,9 @@ def to_gradescope(result: MarkingResult) -> str:
 
 
 def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: str) -> str:
-    """result.json of Classroom 50, whose scores are whole numbers.
+    """Return result.json of Classroom 50, whose scores are whole numbers.
 
-    Its runner's environment `variables` name the submission; `moment` is like 2026-06-01T14:32:01Z.
+    The environment `variables` of its runner name the submission; `moment` is like 2026-06-01T14:32:01Z.
     """
     tests: List[Dict[str, Any]] = [
         {

@@ -20,7 +20,7 @@ from husky_grading.isolation.places import hide_places
 from husky_grading.recording import ADD, Recording, drive_folders
 from husky_grading.records import Item, MarkingResult, printable
 from husky_grading.reports.exports import write_exports
-from husky_grading.reports.page import class_page, feedback_page
+from husky_grading.reports.page import class_page, feedback_page, replay_title
 from husky_grading.reports.tables import (
     to_csv,
     to_junit,
@@ -35,10 +35,10 @@ from husky_highlevel_controller.robot import load_robot
 PICTURES = ("drive.png", "moment.png")
 FINGERPRINT = "fingerprint"  # fingerprint of all causes of the result; its file is written last
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
-HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
+HAND_INS = "hand_ins"  # folder of the class's results, with one folder for each submission
 RESULT = "result.json"  # result of a student
 JOB = "job.json"  # job of the marking program, in the folder of a student's result
-MAX_LOG = 5000  # letters of a log in the feedback
+MAX_LOG = 5000  # characters of a log in the feedback
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # colour codes of rospy's warnings and errors
 REPLAY = "replay.html"  # file in the folder of a run
 SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
@@ -46,15 +46,15 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actio
 
 
 def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ()) -> None:
-    """Every file of one student's result; result.json is the last: with it, the marking is done.
+    """Write every file of one student's result; result.json comes last, because it means that all are there.
 
     Args:
-        result: of the student.
+        result: result of the student.
         out: folder for the files.
-        packages: folders of packages that were started where they lie; logs show no path of them or of `out`
+        packages: folders of packages that were started in place; logs show no path of them or of `out`.
 
     Raises:
-        OSError: such as a full disk.
+        OSError: a file cannot be written, for example on a full disk.
     """
     write_whole(out / "table.txt", f"{to_result(result)}\n")
     write_whole(out / "junit.xml", to_junit([result]))
@@ -70,7 +70,11 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
 
 
 def load_result(path: Path) -> MarkingResult:
-    """A result from its result.json; HuskyError: there is none, or it is of another kind."""
+    """Return a result from its result.json.
+
+    Raises:
+        HuskyError: there is no such file, or it is not a result.
+    """
     return load(MarkingResult, path, *SUMS)
 
 
@@ -78,15 +82,15 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
     """Write the table, the page and the test report of a class.
 
     Args:
-        results: of its students.
-        folders: the name of the folder of a student's result, by the student's name.
+        results: results of its students.
+        folders: names of the folders of results, by the students' names.
         out: folder for the files; the students' folders are in its hand_ins/.
 
     Raises:
-        OSError: such as a full disk.
+        OSError: a file cannot be written, for example on a full disk.
     """
     places = {result.name: Path(HAND_INS, folders[result.name]) for result in results}
-    # one each: the page of thirty is long enough
+    # one picture for each student, because the page of a class is long
     pictures = {name: _pictures(out / place)[:1] for name, place in places.items()}
     files = {name: _files(place, out) for name, place in places.items()}
     out.mkdir(parents=True, exist_ok=True)
@@ -99,14 +103,14 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
 
 
 def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause: Optional[Item]) -> None:
-    """Write the pictures of a student's drives, and a page for each that plays it; none without drives.
+    """Write the pictures of a student's runs, and a replay of each; nothing if there was no run.
 
-    One picture shows the moment of `cause`, the first item that lost points; without one, a drive's middle.
+    One picture shows the moment of `cause`, the first item that lost points, otherwise the middle of a run.
     """
     first, estimate = recordings[0], recordings[0].estimate
     if estimate is None and not len(first.times):
         return
-    # matplotlib takes longer to load than all else here, and a class page and what is not driven need none
+    # imported only here, because matplotlib takes long to load, and other reports do not need it
     from husky_grading.reports import plots
 
     if estimate is not None:
@@ -119,11 +123,11 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
         (out / PICTURES[1]).write_bytes(plots.draw_moment(shown, at))
     for number, recording in enumerate(recordings, 1):
         if len(recording.times):
-            _write_replay(recording, f"{name}, drive {number}", out / f"drive_{number}")
+            _write_replay(recording, f"{name}, run {number}", out / f"drive_{number}")
 
 
 def _write_replay(recording: Recording, title: str, folder: Path) -> None:
-    """Write a page that plays a drive with its markers as they came."""
+    """Write a page that replays a run with its markers as they came."""
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
     pillars = [recording.pillar]
     if recording.estimate is not None:
@@ -144,7 +148,7 @@ def _write_replay(recording: Recording, title: str, folder: Path) -> None:
 
 
 def add_step_summary(results: Sequence[MarkingResult]) -> None:
-    """In a job of GitHub Actions: the table on its page."""
+    """Append the tables to the page of the job, in GitHub Actions."""
     if os.environ.get(STEP_SUMMARY):
         with open(os.environ[STEP_SUMMARY], "a", encoding="utf-8") as file:
             file.write(to_markdown(results))
@@ -159,16 +163,16 @@ def _pictures(out: Path) -> List[bytes]:
 
 
 def replays(out: Path) -> Dict[int, Path]:
-    """Replays of a student by the number of the drive, in order."""
+    """Return the replays of a student by the number of the run, in order."""
     paths = {number: folder / REPLAY for number, folder in drive_folders(out).items()}
     return {number: path for number, path in paths.items() if path.is_file()}
 
 
 def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
-    """The ends of what its build and its nodes printed, by title."""
+    """Return the ends of the output of the build and the nodes, by title."""
     logs = {"Output of the build": out / "build.log"}
     for number, folder in drive_folders(out).items():
-        logs[f"Output of your nodes in drive {number}"] = folder / "submission.log"
+        logs[f"Output of your nodes in run {number}"] = folder / "submission.log"
     texts, folders = {}, [out, *map(Path, packages)]
     for title, path in logs.items():
         with suppress(UnreadableFileError):
@@ -179,9 +183,9 @@ def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
 
 
 def _files(place: Path, out: Path) -> List[Tuple[str, str]]:
-    """Titles and addresses, relative to the class's page, of what there is in a student's folder."""
+    """Return titles and addresses, relative to the class's page, of the files in a student's folder."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for number, folder in drive_folders(out / place).items():
-        logs.append((f"replay of drive {number}", f"{folder.name}/{REPLAY}"))
-        logs.append((f"log of drive {number}", f"{folder.name}/submission.log"))
+        logs.append((replay_title(number), f"{folder.name}/{REPLAY}"))
+        logs.append((f"log of run {number}", f"{folder.name}/submission.log"))
     return [(title, f"{place}/{path}") for title, path in logs if (out / place / path).is_file()]

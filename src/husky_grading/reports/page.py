@@ -10,9 +10,9 @@ from urllib.parse import quote
 from husky_grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.drawing.templates import render
 
-LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
+LEAD = 1.0  # [s] simulated time by which a replay begins before the moment of an evidence
 BARS = 10  # bars of the histogram
-BAR_HEIGHT = 60  # [pixels], the highest
+BAR_HEIGHT = 60  # [pixels] height of the highest bar
 COLOURS = {ResultState.MARKED: "ok", ResultState.GRADED_BY_HAND: "person", ResultState.NOT_MARKED: "unmarked"}
 
 
@@ -24,25 +24,25 @@ class Row:
     cells: Tuple[Optional[Item], ...]  # one for each column
     pictures: Tuple[bytes, ...]  # PNG
     files: Tuple[Tuple[str, str], ...] = ()  # title and address
-    replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the drive, HTML, and the moment it shows [s]
+    replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the run, HTML, and the moment it shows [s]
 
     def replay_of(self, item: Item) -> str:
-        """Address of the replay of an item's drive at its moment; empty if there is none."""
+        """Return the address of the replay of an item's run at its moment; empty if there is none."""
         if item.at is None:
             return ""
         if item.drive in [number for number, _, _ in self.replays]:
             return f"#drive_{item.drive}"
-        address = dict(self.files).get(f"replay of drive {item.drive}", "")
+        address = dict(self.files).get(replay_title(item.drive), "")
         return address and f"{address}#{moment_of(item):.2f}"
 
     @property
     def open(self) -> float:
-        """Points that a person has to give."""
+        """Return the points that are given by hand."""
         return sum(item.max_points for item in self.result.items if item.points is None)
 
     @property
     def colour(self) -> str:
-        """Class of the state's cell."""
+        """Return the CSS class of the state's cell."""
         return COLOURS[self.result.state]
 
 
@@ -51,7 +51,10 @@ def class_page(
     pictures: Mapping[str, Sequence[bytes]],
     files: Mapping[str, Sequence[Tuple[str, str]]],
 ) -> str:
-    """The teacher's page, sorted by name; pictures are PNGs, files (title, path from the page), by name."""
+    """Return the teacher's page, sorted by name.
+
+    Pictures are PNGs, and files are (title, path relative to the page), both by the student's name.
+    """
     ordered = sorted(results, key=lambda result: result.name.casefold())
     columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
     rows = [
@@ -87,9 +90,9 @@ def feedback_page(
     replays: Optional[Mapping[int, str]] = None,
     logs: Optional[Mapping[str, str]] = None,
 ) -> str:
-    """Page for one student, which needs no other file and names no other student.
+    """Return the page for one student, which needs no other file and names no other student.
 
-    Pictures are PNGs, replays HTML by the number of the drive, logs texts by title.
+    Pictures are PNGs, replays are HTML by the number of the run, and logs are texts by title.
     """
     cause = result.cause
     shown = tuple(
@@ -101,9 +104,9 @@ def feedback_page(
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
-    """Bars over shares (0 to 1) of the points that were decided: count, height [px], label [%].
+    """Return histogram bars over fractions (0 to 1) of the decided points: count, height [px], label [%].
 
-    A share at the border of two bars counts in the higher; 100 % has a bar of its own.
+    A fraction at the border of two bars counts in the higher one; 100 % has a bar of its own.
     """
     counts = [0] * (BARS + 1)
     for share in shares:
@@ -120,13 +123,18 @@ def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
     ]
 
 
+def replay_title(number: int) -> str:
+    """Return the title of the replay of a run."""
+    return f"replay of run {number}"
+
+
 def moment_of(item: Item) -> float:
-    """Moment at which a replay shows an item's evidence [s]: a little before it."""
+    """Return the moment at which a replay of an item's evidence begins [s], a little before it."""
     return max((item.at or 0.0) - LEAD, 0.0)
 
 
 def _course_robot(results: Sequence[MarkingResult]) -> str:
-    """Return the robot of the command line, otherwise of most hand-ins: another one is coloured."""
+    """Return the robot of the command line, or of most submissions, because other robots are coloured."""
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
     simulated = list(filter(None, (str(result.settings.get("simulated", "")) for result in results)))
     return statistics.mode(simulated) if robot == AUTO and simulated else robot

@@ -1,4 +1,4 @@
-"""Pictures of drives from above: the way, the pillar, the markers in time; and one moment of a drive."""
+"""Pictures of runs from above: the path, the pillar, the markers over time; and one moment of a run."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from husky_highlevel_controller.drawing.plots import (
 from husky_highlevel_controller.robot import load_robot
 
 COLORS = "viridis"  # colour map of time
-REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing
+REACH = 40.0  # [m] distance from the start up to which a marker is drawn, so the rest is large enough
 MAX_MARKERS, MAX_RAYS = 500, 120
 SCAN = "#c2185b"
 
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
-    """Picture of all drives, side by side."""
+    """Return a picture of all runs, side by side."""
     width, height = 5.2 * len(recordings) + 1.0, 5.0
     figure = new_figure(width, height, layout=None)
     edges = {"left": 0.85 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
@@ -37,7 +37,7 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
         dots = _draw(recording, axis, end)
         axis.set_title(
-            plain(f"drive {number}: {recording.ended.text if recording.ended else 'no drive'}"), fontsize=10
+            plain(f"run {number}: {recording.ended.text if recording.ended else 'no run'}"), fontsize=10
         )
     bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
     figure.colorbar(dots, cax=bar, label="simulated time [s]")
@@ -46,13 +46,13 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
 
 
 def draw_estimate(recording: Recording, estimate: EstimatedPath, title: str) -> bytes:
-    """Picture of the path that a submission estimates, beside the true one."""
+    """Return a picture of the path that a submission estimates, with the true one."""
     paths = {"true path": recording.poses[:, :2], estimate.topic: estimate.points[:, 1:]}
     return draw_paths({name: path for name, path in paths.items() if len(path)}, title)
 
 
 def _draw(recording: Recording, axis: Any, end: float) -> Any:
-    """Draw a drive; the dots whose colour is time, up to an end [s]."""
+    """Draw a run, and return the dots, whose colour is the time up to an end [s]."""
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     x, y, _ = recording.poses.T
     colors: Any = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
@@ -79,7 +79,10 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
 def _label(
     axis: Any, text: str, at: Sequence[float], robot: Sequence[float], gap: float, **more: Any
 ) -> None:
-    """Write a text beside the line from the robot to a place [m], points away from it; < 0: to its right."""
+    """Write a text next to the line from the robot to a position [m].
+
+    `gap` is the distance from the line in points, to the right if it is negative.
+    """
     angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
     offset = gap * cos(angle), gap * sin(angle)
     side = "left" if offset[0] > 5.0 else "right" if offset[0] < -5.0 else "center"
@@ -89,14 +92,14 @@ def _label(
 
 
 def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) -> None:
-    """Write the pillar's name on its right edge, seen from a place [m]: markers are named to the left."""
+    """Write the pillar's name on its right edge, seen from a position [m], because markers have the left."""
     (x, y), radius = recording.pillar, recording.pillar_size.radius
     angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
     _label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, -10)
 
 
 def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
-    """The markers that were drawn somewhere near the start."""
+    """Return the markers that were drawn near the start."""
     start = recording.start
     return [
         marker
@@ -108,7 +111,7 @@ def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerS
 
 
 def draw_moment(recording: Recording, at: float) -> bytes:
-    """Picture of one moment [s] as RViz would show it from above: robot, scan, pillar and latest marker."""
+    """Return a picture of one moment [s] from above: robot, scan, pillar and latest marker."""
     figure = new_figure(8.0, 6.0)
     axis = figure.subplots()
     from_above(axis, recording.pillar, recording.pillar_size.radius)

@@ -11,15 +11,22 @@ from husky_highlevel_controller.result import Result, Table
 
 
 def points(item: Item) -> str:
-    """Points of an item, as text."""
+    """Return the points of an item as text."""
     return f"{'-' if item.points is None else f'{item.points:g}'}/{item.max_points:g}"
 
 
 def to_result(marking: MarkingResult) -> Result:
-    """A marking as every command's result: items with their sum, notes, why it could not be marked."""
-    rows = [(item.name, points(item), _evidence(item)) for item in marking.items]
+    """Return a marking as the result of a command: items with their sum, notes, or why it was not marked."""
+    rows = []
+    for item in marking.items:
+        evidence = item.evidence
+        if item.at is not None:
+            evidence += f" [{item.at:.2f} s]"
+        if item.hint:
+            evidence += f"\nhint: {item.hint}"
+        rows.append((item.name, points(item), evidence))
     by_hand = sum(item.max_points for item in marking.items if item.points is None)
-    left = f"and {by_hand:g} that a person has to give" if by_hand else ""
+    left = f"and up to {by_hand:g} by hand" if by_hand else ""
     total = ("total", f"{marking.points:g}/{marking.max_points:g}", left)
     tables = [Table("", ("item", "points", "evidence"), [*rows, total])] if rows else []
     tables += [Table("Notes", ("",), [[note] for note in marking.notes])] if marking.notes else []
@@ -28,14 +35,8 @@ def to_result(marking: MarkingResult) -> Result:
     return Result(marking.name, lead, tables, verdict, not marking.full)
 
 
-def _evidence(item: Item) -> str:
-    """Evidence, its moment, and what to look at on a line of its own."""
-    moment = f" [{item.at:.2f} s]" if item.at is not None else ""
-    return item.evidence + moment + (f"\nlook at: {item.hint}" if item.hint else "")
-
-
 def to_markdown(results: Sequence[MarkingResult]) -> str:
-    """Markdown for $GITHUB_STEP_SUMMARY: a table of all, then each one's items."""
+    """Return Markdown for $GITHUB_STEP_SUMMARY: a table of all results, then the items of each."""
     rows = [
         (each.name, "" if each.problem else f"{each.points:g} / {each.max_points:g}", each.state.value)
         for each in results
@@ -45,7 +46,7 @@ def to_markdown(results: Sequence[MarkingResult]) -> str:
 
 
 def to_junit(results: Sequence[MarkingResult]) -> str:
-    """JUnit XML: a suite for each submission, a case for each item; full marks or a failure."""
+    """Return JUnit XML: a suite for each submission, a case for each item, a failure if points are lost."""
     root = ET.Element("testsuites")
     for result in results:
         items = result.items
@@ -71,7 +72,7 @@ def to_junit(results: Sequence[MarkingResult]) -> str:
 
 
 def to_csv(results: Sequence[MarkingResult]) -> str:
-    """A line for each submission, a column for each item."""
+    """Return CSV with a line for each submission and a column for each item."""
     names = list(dict.fromkeys(item.name for result in results for item in result.items))
     rows = []
     for result in results:
@@ -83,12 +84,12 @@ def to_csv(results: Sequence[MarkingResult]) -> str:
     return Table("", ["submission", *names, "total", "of", "state", "notes"], rows).to_csv()
 
 
-# name of a folder that Moodle packs: student and number
+# name of a folder in an archive of Moodle, with student and number
 MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
 
 
 def to_moodle(results: Sequence[MarkingResult]) -> str:
-    """Moodle's grading worksheet: a line for each result that is decided as a whole and not held back."""
+    """Return Moodle's grading worksheet: a line for each result that is complete and not held back."""
     rows = []
     for result in results:
         if result.state is ResultState.MARKED and not result.held:

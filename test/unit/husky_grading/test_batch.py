@@ -101,7 +101,7 @@ def test_a_hand_in_s_own_marking_yaml_gives_no_points_and_is_not_what_a_review_w
     (package / "package.xml").write_text("<package/>")
     mark_all(MarkingConfig(), batch)
     put(Path(jobs[0].out, "job.json"), batch_module.to_json(jobs[0]))
-    with pytest.raises(HuskyError, match=r"stud is itself a package, so no marking\.yaml counts in it"):
+    with pytest.raises(HuskyError, match=r"stud is itself a package, so its marking\.yaml does not count"):
         open_items(tmp_path / "out")
 
 
@@ -292,7 +292,7 @@ def test_a_class_is_marked_whatever_its_files_are_called_or_however_many_and_wha
     assert list(problems) == [
         "Eve", "M\u00fcller", "ann", "bell\\x1b[31m\\x07", "bob", "index.html", "results.csv"
     ]  # fmt: skip
-    assert problems["Eve"] == "marking has failed: RecursionError: too deep"
+    assert problems["Eve"] == "the grader failed: RecursionError: too deep"
     assert "more than 10 files and folders" in problems["bob"]
     assert "; caf\\xe9/package.xml: it is no XML" in problems["ann"], "no path of this machine"
     assert "has no catkin package" in problems["results.csv"]
@@ -312,12 +312,14 @@ def test_what_does_not_end_in_time_is_neither_tried_again_nor_judged_by_some_of_
     monkeypatch.setattr(batch_module, "run_program", run_program)
     monkeypatch.setattr(batch_module, "DEADLINE", -1e6)
     (first,) = mark_all(MarkingConfig(), batch)
-    assert first.problem.startswith("it did not end within -")
+    assert first.problem.startswith("it was not graded within -")
     monkeypatch.setattr(batch_module, "run_program", None)
     assert mark_all(MarkingConfig(rules=Rules(reached=1.0)), replace(batch, time_limit=7.0)) == [first]
     monkeypatch.setattr(batch_module, "run_program", run_program)
     (result,) = mark_all(MarkingConfig(), replace(batch, only=("ann",), time_limit=0.001))
-    assert result.problem == "it did not end within 0.001 s", "as a teacher sets it"
+    assert result.problem == "it was not graded within 0.001 s; --time-limit sets this limit", (
+        "as a teacher sets it"
+    )
 
 
 def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(batch, monkeypatch, capsys):
@@ -357,7 +359,7 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_results_come_back_but_not
 def test_a_marking_that_dies_is_a_problem_of_its_hand_in(job, monkeypatch, shows_errors, words):
     monkeypatch.setattr(batch_module, "PROGRAM", "no_such_module")
     result = run_program(job, shows_errors)
-    assert result.problem.startswith("marking has failed on ")
+    assert result.problem.startswith("the grader failed on ")
     assert words in result.problem
     assert not Path(job.out, FINGERPRINT).exists()
 

@@ -102,7 +102,10 @@ def test_topics_and_namespaces_of_markers():
 
 @pytest.mark.parametrize("content", [None, [], "x", {"Visualization Manager": []}])
 def test_what_is_no_configuration_of_rviz_is_told_and_one_of_any_depth_ends(content):
-    assert view_of(read_rviz_config("a.rviz", content), STANDING).problem == "the file is not RViz's"
+    assert (
+        view_of(read_rviz_config("a.rviz", content), STANDING).problem
+        == "the file is not a configuration of RViz"
+    )
     deep = [TF]
     for _ in range(600):
         deep = [{"Class": "rviz/Group", "Displays": deep}]
@@ -160,7 +163,10 @@ def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_rema
     assert not find_setup(planned, tmp_path / "ws").source, "it is not in the hand-in"
     for value in (f"Alpha: 1{'0' * 400}", f"Topic: 0x{'f' * 5000}"):
         put(tmp_path / "numbers" / "a.rviz", rviz_file(f"LaserScan, {value}"))
-        assert find_setup(Plan(package_path=tmp_path / "numbers")).problem == "the file is not RViz's"
+        assert (
+            find_setup(Plan(package_path=tmp_path / "numbers")).problem
+            == "the file is not a configuration of RViz"
+        )
 
 
 # ---------------------------------------------------------------------------- the robot that it is for

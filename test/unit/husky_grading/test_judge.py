@@ -19,9 +19,9 @@ def notes(drives, **config):
 
 
 def test_fewer_drives_than_asked_for_are_told():
-    assert "1 of 3 drives were made" in notes(1, trials=3)
-    assert "drives were made" not in notes(3, trials=3)
-    assert "drives were made" not in notes(1, trials=3, exercise=5), "it asks for one"
+    assert "1 of 3 runs were made" in notes(1, trials=3)
+    assert "runs were made" not in notes(3, trials=3)
+    assert "runs were made" not in notes(1, trials=3, exercise=5), "it asks for one"
 
 
 JOB = Job("O'Brien", "/var/tmp/marking_0/hand_in", MarkingConfig(), hand_in="/home/me/my class/O'Brien")

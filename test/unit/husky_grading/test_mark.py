@@ -41,7 +41,7 @@ def test_an_error_without_a_text_is_told_by_its_name(error, problem, tmp_path, m
 @pytest.mark.parametrize(
     ("error", "problem"),
     [
-        (ZeroDivisionError("odd"), "marking has failed: ZeroDivisionError: odd"),
+        (ZeroDivisionError("odd"), "the grader failed: ZeroDivisionError: odd"),
         (OSError(28, "No space left on device"), "No space left on device"),
     ],
 )

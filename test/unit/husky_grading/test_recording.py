@@ -69,7 +69,7 @@ def test_the_gap_is_from_the_outline_of_the_robot_that_drove_to_the_surface_of_i
 
 
 def test_a_recording_comes_back_from_its_text():
-    notes = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
+    notes = (Note(Kind.NODE_ENDED, "node n ends during the run (exit code 0)"),)
     made = replace(markers(GOOD, (10.0, 0.0, nan)), robot="smb", notes=notes)
     again = from_plain(Recording, json.loads(recording_to_json(made)), "")
     assert np.array_equal(again.poses, np.round(made.poses, 4))

@@ -21,7 +21,7 @@ def test_the_output_is_searched_once_however_many_nodes_died(monkeypatch):
     events = [Event("died", node=f"n{number}", exit_code=1) for number in range(50)]
     notes = notes_on(events, "KeyError: 'x'\n")
     assert len(notes) == 50
-    assert notes[0].text == "node n0 ends during the drive (exit code 1): KeyError: 'x' (a.py:7)"
+    assert notes[0].text == "node n0 ends during the run (exit code 1): KeyError: 'x' (a.py:7)"
     assert len(searched) == 1
 
 

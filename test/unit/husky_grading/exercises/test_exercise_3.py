@@ -35,7 +35,7 @@ def test_points_for_driving_towards_the_pillar(recording, points, at, evidence):
     assert ("drives past" in item.evidence) is ("drives past" in evidence)
 
 
-ENDS = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
+ENDS = (Note(Kind.NODE_ENDED, "node n ends during the run (exit code 0)"),)
 STOOD = Note(Kind.NEVER_MOVED, "other words")
 
 
@@ -50,7 +50,7 @@ STOOD = Note(Kind.NEVER_MOVED, "other words")
             "it sends its commands to /husky/cmd_ve",
         ),
         # a node that ends without an error is a cause where no other runs
-        ({"command_count": 0, "notes": ENDS, "ended": NODES_ENDED}, "node n ends during the drive"),
+        ({"command_count": 0, "notes": ENDS, "ended": NODES_ENDED}, "node n ends during the run"),
         ({"command_count": 0, "notes": ENDS, "ended": STOOD}, "nothing came on cmd_vel"),
         ({}, "in spite of 250 commands"),
     ],

@@ -50,7 +50,7 @@ def test_aliases_in_a_parameter_file_are_refused(tmp_path):
     files = {"a.yaml": "a: &a [1, 2]\nb: [*a, *a]\n", "a.launch": f"<launch>{load}{NODE}</launch>"}
     made = planned(tmp_path / "aliases", files, tmp_path)
     assert not made.nodes
-    assert "YAML aliases are refused" in made.notes[0].text
+    assert "YAML aliases are not allowed" in made.notes[0].text
 
 
 def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_path):

@@ -70,7 +70,7 @@ CLEAR = ColorRGBA(1.0, 0.0, 0.0, 0.0)
     [
         ({"type": Marker.SPHERE_LIST}, "it has no points"),
         ({"type": Marker.LINE_STRIP, "points": POINTS[:1]}, "it has no points"),
-        ({"type": 77}, "its type 77 is none of"),
+        ({"type": 77}, "its type 77 is not a type of"),
         ({"type": Marker.POINTS, "points": POINTS, "colors": [CLEAR] * 4}, "its alpha is 0"),
         ({"type": Marker.TEXT_VIEW_FACING}, "its text is empty"),
         *[

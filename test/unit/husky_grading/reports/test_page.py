@@ -52,7 +52,7 @@ def test_the_headline_is_what_is_decided_and_another_robot_is_coloured():
         replace(anna, name=robot["simulated"], settings={**SETTINGS, **robot}) for robot in robots
     )
     page = class_page([husky, melodic], {}, {})
-    assert "<b>100 of 140</b><span>points decided</span>" in page
+    assert "<b>100 of 140</b><span>decided points</span>" in page
     assert '<td class="">husky</td>' in page
     assert '<td class="person">husky_melodic</td>' in page
     nothing = class_page([replace(husky, items=(Item("style", None, 30.0, "by hand"),))], {}, {})
@@ -72,7 +72,7 @@ def test_with_the_smb_s_class_no_row_is_coloured_for_its_robot():
 def test_a_row_that_could_not_be_marked_says_why_and_the_histogram_has_a_unit():
     page = class_page(CLASS, {}, {})
     assert '<td colspan="3">it does not build: no &#39;foo.h&#39;</td>' in page
-    assert "hand-ins by % of their points decided" in page
+    assert "submissions by % of their decided points" in page
 
 
 def test_the_headline_tells_how_many_wait_only_for_want_of_an_rviz_file():
@@ -92,7 +92,7 @@ def test_an_option_in_a_hint_is_not_broken_after_its_hyphen():
 def test_the_median_and_the_histogram_are_of_those_that_were_marked():
     open_only = result("Eve", 0.0, items=(Item("RViz", None, 20.0, "by hand"),))
     page = class_page([*CLASS, open_only], {}, {})
-    assert "<b>75 %</b><span>median of the points decided</span>" in page  # 70 of 70, 25 of 50
+    assert "<b>75 %</b><span>median of the decided points</span>" in page  # 70 of 70, 25 of 50
     assert all("median" not in class_page(results, {}, {}) for results in ([], [CLASS[2]]))
     bars = histogram([1.0, 0.5, 0.0])
     assert {bar["label"]: bar["count"] for bar in bars if bar["count"]} == {"0-9": 1, "50-59": 1, "100": 1}
@@ -112,7 +112,7 @@ def test_what_a_submission_wrote_is_text():
 
 def test_feedback_is_about_one_student():
     page = feedback_page(CLASS[1], [PNG])
-    assert all(words in page for words in ("anna", "25 / 50", "and 20 that a person has to give"))
+    assert all(words in page for words in ("anna", "25 / 50", "and up to 20 by hand"))
     assert not any(name in page for name in ("Zoe", "Bob"))
 
 
@@ -123,7 +123,7 @@ def test_a_phone_shows_feedback_without_scrolling_aside_and_evidence_leads_to_it
     poses = np.stack([times, times, times * 0.0], 1)
     replay = to_html(Replay("drive 1", "it ended", times, poses, np.ones((1, 2))))
     (tmp_path / "feedback.html").write_text(feedback_page(CLASS[1], [PNG], {1: replay}))
-    files = {name: [("replay of drive 1", "replay.html")] for name in ("anna", "Zoe")}
+    files = {name: [("replay of run 1", "replay.html")] for name in ("anna", "Zoe")}
     (tmp_path / "index.html").write_text(class_page(CLASS, {}, files))
     (tmp_path / "replay.html").write_text(replay)
     with sync_api.sync_playwright() as playwright:
