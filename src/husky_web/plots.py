@@ -19,6 +19,7 @@ RESOLUTION = 0.4  # [s] between two points of a curve: more are not seen, and ar
 # size of a chart in px in a window of 1280 px, and the space for labels at its sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
+SLACK = 0.02  # fraction of a step that a curve may go past the last tick: 1.003 m/s needs no tick at 1.5
 LARGEST = 1e9  # largest value that is drawn
 MAX_MARKS = 8  # changes of parameters in one chart
 Mark = Tuple[float, str]  # time [s] of a change of a parameter, and what has changed
@@ -151,11 +152,11 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
 
 
 def nice_ticks(low: float, high: float) -> List[float]:
-    """Three to six round numbers from at most `low` to at least `high`."""
+    """Three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
     raw = (high - low) / 3.0
     power = 10.0 ** floor(log10(raw))
     step = next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= raw * (1.0 - 1e-9))
-    first, last = floor(low / step + 1e-9), ceil(high / step - 1e-9)
+    first, last = floor(low / step + SLACK), ceil(high / step - SLACK)
     return [round(step * number, 9) for number in range(first, last + 1)]
 
 

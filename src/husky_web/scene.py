@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from math import dist
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple, Union
 from urllib.parse import quote
 
 import numpy as np
@@ -109,14 +109,15 @@ class Scene:
         self._scan = add_points("/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, **exact)
         self._cloud = add_points("/depth", empty, CLOUD_COLOR, point_size=0.03, **exact)
         self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
-        self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=TRAIL_WIDTH)
+        # a browser draws a line white if it has one colour first, and a colour for each point later
+        self._trail_line = self._add_lines("/trail", np.zeros((0, 2, 3), np.uint8), thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
         self._looks_due = 0.0  # [s]
         footprint = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
         add_pieces(self._scene, "/ghost", [footprint], Pose())
 
-    def _add_lines(self, name: str, color: Tuple[int, int, int], **looks: Any) -> Any:
+    def _add_lines(self, name: str, color: Union[Tuple[int, int, int], np.ndarray], **looks: Any) -> Any:
         return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
 
     def draw_robot(self, description: str) -> None:

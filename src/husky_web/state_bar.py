@@ -34,8 +34,8 @@ BY_HAND, MOVING, NO_DRIVER = "driven by hand", "being moved", "no node drives th
 MAX_REASON = 200  # letters
 FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
-SEEN_AFTER = 0.1  # [s] simulated time of some scans, in which a controller notices a moved object
-SEEN_AT_LAST = 1.0  # [s] wall time, for a robot without a clock
+SEEN_AFTER = 0.03  # [s] simulated time of one scan or two, in which a controller notices a moved object
+SEEN_AT_LAST = 0.3  # [s] wall time, for a robot without a clock
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 import sys
+from contextlib import contextmanager
 from functools import partial
 from math import dist
 from pathlib import Path
@@ -112,8 +113,8 @@ def browser():
         browser.close()
 
 
-def opened(browser, address, selector=E_STOP, size=SIZE):
-    page = browser.new_page(viewport=size, device_scale_factor=COARSENESS)
+def opened(browser, address, selector=E_STOP, size=SIZE, has_touch=False):
+    page = browser.new_page(viewport=size, device_scale_factor=COARSENESS, has_touch=has_touch)
     page.context.add_init_script(SELDOM)  # for pages that it opens, too
     page.context.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
@@ -191,11 +192,22 @@ def box_of(page, selector):
     return page.locator(selector).first.bounding_box()
 
 
+@contextmanager
+def touched(page, begin, end):
+    """A finger that goes from one point to another, and is lifted behind the block."""
+    touch = page.context.new_cdp_session(page)
+    for kind, point in (("touchStart", begin), ("touchMove", end)):
+        points = [{"x": point[0], "y": point[1]}]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    yield
+    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
 @pytest.mark.slow
 def test_the_scene_fills_every_window_and_the_robot_is_in_the_middle_of_what_is_free(
     browser, launched, robot
 ):
-    phone = opened(browser, launched, size={"width": 390, "height": 844})
+    phone = opened(browser, launched, size={"width": 390, "height": 844}, has_touch=True)
     canvas = "[...document.querySelectorAll('canvas')].map(c => c.getBoundingClientRect())"
 
     def is_filled(width, height):
@@ -210,11 +222,9 @@ def test_the_scene_fills_every_window_and_the_robot_is_in_the_middle_of_what_is_
     assert pad["y"] + pad["height"] < head
     assert phone.get_by_role("button", name="Drive again", exact=True).bounding_box()["height"] >= 44.0
     x, y = pad["x"] + pad["width"] / 2.0, pad["y"] + pad["height"] / 2.0
-    phone.mouse.move(x, y)
-    phone.mouse.down()
-    phone.mouse.move(x, y + 50.0)
-    wait_until(lambda: robot.commanded < -0.1, "the pad on the scene drives")
-    phone.mouse.up()
+    with touched(phone, (x, y), (x, y + 50.0)):
+        wait_until(lambda: robot.commanded < -0.1, "the pad on the scene drives")
+    wait_until(lambda: robot.commanded == 0.0, "a thumb that is lifted stops it")
     phone.click("text=Husky in singlePillar")  # the head of the panel
     phone.wait_for_function("document.querySelector('.husky-state').getBoundingClientRect().top < 400")
     phone.click("text=Husky in singlePillar")

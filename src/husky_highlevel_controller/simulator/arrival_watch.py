@@ -20,8 +20,8 @@ AWAY = 1.0  # [m] gap to the pillar at which the robot may arrive there again
 PERIOD = 0.5  # [s] simulated time between two looks whether it is away
 
 
-class Pillar(NamedTuple):
-    """Upright cylinder in the world."""
+class PillarPlace(NamedTuple):
+    """Place of an upright cylinder in the world."""
 
     name: str
     x: float  # [m] position of its axis
@@ -51,7 +51,7 @@ class ArrivalWatch:
         self._arrived_at: Optional[str] = None  # name of the pillar
         self._look_due = -inf  # [s]
 
-    def update(self, state: TrueState, pillars: Callable[[], Iterable[Pillar]]) -> Optional[Arrival]:
+    def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
         """Take in the motion of the robot; return an arrival when it has stood for STANDING_TIME.
 
         `pillars` is called only when it is needed.
@@ -78,7 +78,7 @@ class ArrivalWatch:
         self._arrived_at = pillar
         return Arrival(self._stands_since, pillar, max(0.0, min(gaps)))
 
-    def _gaps(self, state: TrueState, pillars: List[Pillar]) -> List[float]:
+    def _gaps(self, state: TrueState, pillars: List[PillarPlace]) -> List[float]:
         """Gaps between the robot and pillars [m]."""
         pose = np.array([pose_to_2d(state.pose_in_world)])
         return [
@@ -86,11 +86,11 @@ class ArrivalWatch:
         ]
 
 
-def pillar_of(body: Body, x: float, y: float) -> Optional[Pillar]:
+def pillar_of(body: Body, x: float, y: float) -> Optional[PillarPlace]:
     """Return a body at a position [m] as a pillar, or None if it is not a single cylinder."""
     shapes = [geometry.shape for geometry in body.collisions]
     if len(shapes) == 1 and isinstance(shapes[0], Cylinder):
-        return Pillar(body.name, x, y, shapes[0].radius)
+        return PillarPlace(body.name, x, y, shapes[0].radius)
     return None
 
 

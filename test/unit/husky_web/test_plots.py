@@ -52,7 +52,12 @@ def test_a_chart_marks_a_change_of_a_parameter_while_it_is_in_the_window():
 
 @pytest.mark.parametrize(
     ("low", "high", "ticks"),
-    [(0.0, 19.69, [0, 10, 20]), (-0.02, 0.25, [-0.1, 0, 0.1, 0.2, 0.3]), (0.0, 1.0, [0, 0.5, 1.0])],
+    [
+        (0.0, 19.69, [0, 10, 20]),
+        (-0.001, 1.003, [0, 0.5, 1.0]),
+        (-0.02, 0.25, [-0.1, 0, 0.1, 0.2, 0.3]),
+        (0.0, 1.0, [0, 0.5, 1.0]),
+    ],
 )
 def test_ticks_are_round_and_hold_all_values(low, high, ticks):
     assert nice_ticks(low, high) == pytest.approx(ticks)

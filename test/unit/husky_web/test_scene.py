@@ -55,12 +55,13 @@ def test_what_cannot_be_drawn_is_told_once_and_the_rest_is_drawn(server, monkeyp
 
 def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_driven(server):
     scene = Scene(server, "odom", "/controller")
+    trail = server.scene.get_handle_by_name("/trail")
+    assert trail.colors.shape == trail.points.shape == (0, 2, 3), "one colour at first would make it white"
     scene.frames.update("odom", "base_link", 30.0, Pose((19.4, 0.0, 0.0)))
     path = [Point(0.1 * step, 0.0, 0.0) for step in range(194)]
     line = marker(Marker.LINE_STRIP, PATH, 30.0, "odom", (0.04, 0.0, 0.0), points=path)
     markers = [("/controller/visualization_marker_array", MarkerArray([line]))]
     scene.update(incoming(markers=markers))
-    trail = server.scene.get_handle_by_name("/trail")
     assert trail.points[0, 0].tolist() == pytest.approx([0.0, 0.0, 0.025])
     assert trail.points[-1, 1].tolist() == pytest.approx([19.3, 0.0, 0.025])
 

@@ -44,7 +44,7 @@ from husky_highlevel_controller.ros.simulator.world_services import WorldService
 from husky_highlevel_controller.simulator.arrival_watch import (
     Arrival,
     ArrivalWatch,
-    Pillar,
+    PillarPlace,
     arrival_sentence,
     pillar_of,
 )
@@ -280,7 +280,7 @@ class SimulatorNode:
             if graph is None or f"{driver}/arrived" not in graph.publishers:
                 rospy.loginfo(arrival_sentence(arrival))
 
-    def _pillars(self) -> List[Pillar]:
+    def _pillars(self) -> List[PillarPlace]:
         places = [(body, self._simulation.pose_of(name)) for name, body in self._simulation.bodies.items()]
         pillars = (pillar_of(body, *pose.position[:2]) for body, pose in places)
         return [pillar for pillar in pillars if pillar]

@@ -8,12 +8,12 @@ from husky_highlevel_controller.simulator.arrival_watch import (
     AWAY,
     Arrival,
     ArrivalWatch,
-    Pillar,
+    PillarPlace,
     arrival_sentence,
     pillar_of,
 )
 
-PILLAR = Pillar("unit_cylinder", 10.0, 0.0, 0.2)
+PILLAR = PillarPlace("unit_cylinder", 10.0, 0.0, 0.2)
 FRONT = load_robot().footprint.half_length  # [m]
 
 
@@ -72,6 +72,6 @@ def test_a_reset_lets_it_arrive_again():
 
 def test_only_a_single_cylinder_is_a_pillar():
     cylinder, box = Geometry(Cylinder(0.2, 2.0)), Geometry(Box((1.0, 1.0, 1.0)))
-    assert pillar_of(Body("a", Pose(), (cylinder,), ()), 1.0, 2.0) == Pillar("a", 1.0, 2.0, 0.2)
+    assert pillar_of(Body("a", Pose(), (cylinder,), ()), 1.0, 2.0) == PillarPlace("a", 1.0, 2.0, 0.2)
     assert pillar_of(Body("a", Pose(), (box,), ()), 1.0, 2.0) is None
     assert pillar_of(Body("a", Pose(), (cylinder, box), ()), 1.0, 2.0) is None
