@@ -123,5 +123,5 @@ def test_more_than_the_limit_is_felt_where_a_turn_ends(simulate):
 @pytest.mark.parametrize("rate", [100, 200])
 def test_scans_faster_than_a_sweep_of_the_lidar_are_refused_by_name(simulate, rate):
     # the first stamp would be before time begins
-    with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz is faster than a sweep.*15.0 ms"):
+    with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz is too fast, because a sweep.*15.0 ms"):
         simulate(replace(HARD, scan_rate=rate))

@@ -123,17 +123,17 @@ def new(x, mass):
 @pytest.mark.parametrize(
     ("request_name", "arguments", "words"),
     [
-        ("spawn", ([replace(POST, mass=2.0)],), "there is a body named 'post' already"),
-        ("spawn", ([replace(POST, name="husky")],), "named 'husky'"),
+        ("spawn", ([replace(POST, mass=2.0)],), "a body named 'post' exists already; choose another name"),
+        ("spawn", ([replace(POST, name="husky")],), "'husky' is the name of the robot"),
         *[("spawn", (new(3.0, mass),), "'new' would stand inside 'post'") for mass in (0.0, 1.0)],
         *[("spawn", (new(x, 1.0),), "'new' would stand inside 'husky'") for x in (0.0, 0.45)],
         ("move", ("box", Pose((3.0, 0.1, 0.5), UPRIGHT)), "'box' would stand inside 'post'"),
         ("move", ("husky", Pose((3.0, 0.3, 0.0), UPRIGHT)), "'husky' would stand inside 'post'"),
         ("move", ("ghost", Pose()), "ghost"),
         ("move", ("ground", Pose()), "ground"),
-        ("move", ("lines", Pose((5.0, 0.0, 0.5), UPRIGHT)), "'lines' is only drawn"),
+        ("move", ("lines", Pose((5.0, 0.0, 0.5), UPRIGHT)), "'lines' has no collision shape"),
         ("delete", ("ghost",), "no body named 'ghost'; there are: box, ground, lines, post"),
-        ("delete", ("husky",), "'husky' is the robot, which stays"),
+        ("delete", ("husky",), "'husky' is the robot, which cannot be deleted"),
         ("load_world", (BLOCKED,), "'husky' would stand inside 'wall'"),
     ],
 )

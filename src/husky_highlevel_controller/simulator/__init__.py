@@ -1,1 +1,1 @@
-"""The simulated Husky: world files, physics on PyBullet, sensors. Knows neither ROS nor the controller."""
+"""The simulated Husky: world files, physics on PyBullet, sensors; without ROS and without the controller."""

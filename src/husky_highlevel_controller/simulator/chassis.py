@@ -42,7 +42,7 @@ class Chassis:
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Put the robot into a Bullet world that has none."""
         self._gravity = gravity
-        self._angles = [0.0] * len(self._robot.wheels)  # [rad], not wrapped
+        self._angles = [0.0] * len(self._robot.wheels)  # [rad] angles of the wheels, not wrapped
         self._bullet.add_robot(self._robot, pose_base_in_world)
         self._reset_contacts()
 

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 
 RATE_TIME = 1.0  # [s] time of counting the rate, from the first command that moves the robot
-SLOW_GAPS = 8  # successive commands later than the expiry of the one before that make a sender slow
+SLOW_GAPS = 8  # a sender is slow if this many successive commands come after the last one has expired
 LONGEST_GAP = 3.0  # [s] a sender with longer gaps is not slow, but a person who presses keys
 ZEROS_TIME = 10.0  # [s] duration of zero commands only
 ZEROS_COUNT = 20  # least number of commands in that time
@@ -43,11 +43,11 @@ class _Sender:
     """Memory of one sender on one topic."""
 
     first: float  # [s] stamp of its first command
-    last: float  # [s], stamp of its last command
+    last: float  # [s] stamp of its last command
     count: int = 0
-    moves_since: Optional[float] = None  # [s], stamp of its first command that is not zero
+    moves_since: Optional[float] = None  # [s] stamp of its first command that is not zero
     moves_count: int = 0  # commands since then
-    gaps: Tuple[float, ...] = ()  # [s], successive gaps longer than the timeout
+    gaps: Tuple[float, ...] = ()  # [s] successive gaps longer than the timeout
     overruled_since: Optional[float] = None  # [s] stamp of the first overruled command
 
 
@@ -92,6 +92,7 @@ class CommandHabits:
     def _findings(
         self, known: _Sender, gap: float, topic: str, sender: str, is_zero: bool, stronger: Optional[str]
     ) -> Iterator[Finding]:
+        """Update the memory of a sender by its last command, and yield all findings, also known ones."""
         stamp = known.last
         if (not is_zero and stronger is None and known.moves_since is None) or gap > LONGEST_GAP:
             known.moves_since, known.moves_count = (None if is_zero else stamp), 0

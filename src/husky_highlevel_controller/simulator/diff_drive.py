@@ -49,7 +49,7 @@ def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
 class Drive:
     """Last command, until it expires, and the wheels' set point within the limits.
 
-    The wheels obey at once, as those of Gazebo's velocity interface.
+    The wheels obey at once, as with Gazebo's velocity interface.
     """
 
     steps = 1  # physics steps between two readings of the encoders
@@ -64,7 +64,7 @@ class Drive:
         self.output = STOP  # the set point of the wheels now
 
     def command(self, twist: Twist2D, now: float) -> None:
-        """Take a command at `now` [s]; CommandError, and the one before stays, if it is not finite."""
+        """Take a command at `now` [s]; CommandError if it is not finite, and then the last command stays."""
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
             raise CommandError(
                 f"refused a velocity command that is not finite: linear.x = {twist.linear}, "

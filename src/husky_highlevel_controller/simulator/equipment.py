@@ -71,8 +71,8 @@ def equip(
         if real:
             if real.lidar.sweep_time > scan_steps * dt:
                 raise HuskyError(
-                    f"scan_rate = {config.scan_rate} Hz is faster than a sweep of robot_profile/lidar, which "
-                    f"takes {1000.0 * real.lidar.sweep_time:.1f} ms"
+                    f"scan_rate = {config.scan_rate} Hz is too fast, because a sweep of robot_profile/lidar "
+                    f"takes {1000.0 * real.lidar.sweep_time:.1f} ms; choose a lower scan_rate"
                 )
             lidar = Lms1xx(real.lidar, cast, frame, pose, scan_steps * dt)
         sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))

@@ -44,7 +44,7 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
     if isfinite(_drop(scene, (start.x, start.y, height + MAX_SLAB))):
         return world
     place = f"({start.x:g}, {start.y:g})"
-    log.warning("world '%s' has no ground at %s, where the robot starts: it gets a plane", world.name, place)
+    log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
     plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
     is_taken = any(body.name == "ground_plane" for body in world.bodies)
     name = "ground_plane::added" if is_taken else "ground_plane"

@@ -2,10 +2,10 @@
 
 In: velocity commands and the time. Out: the wheels' speeds.
 
-Sources: husky_base (husky 0.6.10) runs its loop at 10 Hz and, if one side would exceed 1.0 m/s, scales
-both (limitDifferentialSpeed), so that the curve keeps its radius. The lag is measured: wheels of a Husky
-reach 90 % of a step 0.7 s after 10 %, at 2.0 m/s^2 (norlab-ulaval/DRIVE); a lag of 0.29 s behind the drive's
-own limit of 3.0 m/s^2 does both. Its encoders measure speeds in whole cm/s (BorealTC).
+Sources: husky_base 0.6.10 (Noetic, repository husky_robot) runs its loop at 10 Hz and, if one side would
+exceed 1.0 m/s, scales both (limitDifferentialSpeed), so that the curve keeps its radius. The lag is measured:
+wheels of a Husky reach 90 % of a step 0.7 s after 10 %, at 2.0 m/s^2 (norlab-ulaval/DRIVE). A lag of 0.29 s
+behind the drive's own limit of 3.0 m/s^2 does both. Its encoders measure speeds in whole cm/s (BorealTC).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class HuskyBase(Drive):
     """Drive with the real base's rate, limit and lag."""
 
     def __init__(self, drive_config: DriveConfig, config: HuskyBaseConfig, dt: float) -> None:
-        """`dt`: of one physics step [s], of which a whole number makes a period of the control loop."""
+        """`dt`: duration of a physics step [s]; a period of the control loop is a whole number of steps."""
         self._base = config
         self.steps = round(1.0 / (config.control_rate * dt))
         self._share = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0

@@ -3,9 +3,12 @@
 In: the wheels' angles, the gyro's yaw rate. Out: poses in odom and twists in base_link.
 
 The wheel odometry takes both speeds from the wheels, as the Husky's diff_drive_controller does; wheels that
-skid make it drift. The filtered one takes the yaw rate from the gyro instead: a small replacement for
-robot_localization's EKF (not in Debian), which on the Husky takes the forward speed from the wheels and the
-heading mostly from the IMU, in two dimensions: odom -> base_link has no height.
+skid make it drift. The filtered one takes the yaw rate from the gyro instead.
+
+The filtered odometry stands in for ekf_localization_node of robot_localization 2.7 (Noetic). On the Husky it
+takes the forward speed from the wheels and the heading mostly from the IMU, in two dimensions, so that
+odom -> base_link has no height. No test runs the original, which Debian does not have.
+`test_odometry_drifts.py` compares both odometries with the true pose.
 """
 
 from __future__ import annotations
@@ -40,23 +43,19 @@ class Odometer:
         Between two readings of the encoders `wheels` is None, and the last speed continues.
         """
         if wheels is not None:
-            self._read(wheels, step)
+            turned_for = (step - self._last_wheel_step) * self._dt
+            front_left, front_right, rear_left, rear_right = (
+                (now - before) / turned_for for now, before in zip(wheels.angles, self._wheels.angles)
+            )  # mean speeds since the last reading
+            self._wheels, self._last_wheel_step = wheels, step
+            left, right = (front_left + rear_left) / 2.0, (front_right + rear_right) / 2.0
+            twist = twist_of_wheels(left, right, self._config)
+            self._from_wheels = advance_odometry(self._from_wheels, twist, turned_for)
         duration = (step - self._last_odometry_step) * self._dt
         self._last_odometry_step = step
         linear = self._from_wheels.twist_in_base.linear
         self.filtered = advance_odometry(self.filtered, Twist2D(linear, yaw_rate), duration)
         return OdometrySample(self._wheels, self._from_wheels, self.filtered)
-
-    def _read(self, wheels: WheelState, step: int) -> None:
-        """Advance the wheel odometry by the turn of the wheels since their last reading."""
-        duration = (step - self._last_wheel_step) * self._dt
-        front_left, front_right, rear_left, rear_right = (
-            (now - before) / duration for now, before in zip(wheels.angles, self._wheels.angles)
-        )  # mean speeds
-        self._wheels, self._last_wheel_step = wheels, step
-        left, right = (front_left + rear_left) / 2.0, (front_right + rear_right) / 2.0
-        twist = twist_of_wheels(left, right, self._config)
-        self._from_wheels = advance_odometry(self._from_wheels, twist, duration)
 
 
 def advance_odometry(odometry: Odometry, twist_in_base: Twist2D, dt: float) -> Odometry:

@@ -26,7 +26,7 @@ class Pacer:
         return max(self._lead(stamp, now), 0.0)
 
     def lag(self, stamp: float, now: float) -> Optional[float]:
-        """The factor reached, if too low to catch up (then it starts over); None if all is well."""
+        """Return the factor reached, and start over, if it is too low to catch up; otherwise return None."""
         if self._lead(stamp, now) > -MAX_LAG:
             return None
         reached = (stamp - self._stamp) / (now - self._start)

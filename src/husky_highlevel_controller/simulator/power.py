@@ -7,9 +7,13 @@ hard ground, 7.5 A on loam and 10 A on snow, whatever the speed; 18 A turning in
 loam. So a side draws a current for rolling, and one for the torque with which it drags its wheels sideways.
 `torque_per_ampere` is fitted to the 18 A on hard ground; the loam's 23 A then follow to within 10 %.
 
-The battery is the data sheet's (two sealed 12 V lead-acid batteries of 20 Ah: 480 Wh). Not measured, and only
-plausible: its voltages and resistance, the electronics' current, and all temperatures, which are those of
-bodies that warm with the square of the current.
+The battery has the data sheet's 480 Wh (two sealed 12 V lead-acid batteries of 20 Ah). Its voltages and
+resistance, the electronics' current and all temperatures are not measured, only plausible. Drivers and motors
+warm with the square of the current.
+
+Stands in for the battery and the motors that husky_base 0.6.10 (Noetic, repository husky_robot) reports in
+husky_msgs/HuskyStatus. No test runs the original, which needs a robot. `test_robot_profile.py` compares the
+currents with the measured ones.
 """
 
 from __future__ import annotations
@@ -44,7 +48,7 @@ class Power:
     """A battery that two motors drain."""
 
     def __init__(self, config: PowerConfig, rolling_current: float) -> None:
-        """`rolling_current`: of both sides together, straight on [A]."""
+        """`rolling_current`: current of both sides together, straight on [A]."""
         self._config, self._rolling = config, rolling_current / 2.0
         self.reset()
 

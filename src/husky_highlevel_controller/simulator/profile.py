@@ -51,7 +51,7 @@ class RobotProfile:
     power: PowerConfig = setting("battery and motors", default=PowerConfig())
     hard: Ground = setting("floors and asphalt", default=HARD)
     soft: Ground = setting("loam and snow", default=SOFT)
-    surface: str = "hard"  # one of GROUNDS
+    surface: str = "hard"  # name of the ground, one of GROUNDS
 
     def on(self, surface: str) -> RobotProfile:
         """The real Husky on one of GROUNDS."""

@@ -66,7 +66,7 @@ class Simulation:
             wheel_separation=left.position[1] - right.position[1],
             wheel_radius=left.radius,
         )
-        if config.real:
+        if config.real:  # a real ground has its own grip; Gazebo's is in the config
             ground = config.real.ground
             grip = {"friction": ground.friction, "lateral_grip": ground.lateral_grip}
             config = replace(config, traction=replace(config.traction, **grip))
@@ -124,16 +124,16 @@ class Simulation:
         self._chassis.place(self._landing(self._start), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
 
-    def _standing(self, pose: Pose) -> Pose:
+    def _pose_on_floor(self, pose: Pose) -> Pose:
         """Pose of base_link when the wheels stand on the floor, or on the xy plane of a pose without one."""
         height = floor_height(self._objects.scene(), pose)
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
     def _landing(self, wanted: Pose) -> Pose:
         """Pose of base_link where it is wanted to be: on the floor, or up to MAX_DROP above it."""
-        standing, height = self._standing(wanted), wanted.position[2]
-        x, y, z = standing.position
-        return Pose((x, y, height), standing.quat_xyzw) if z < height <= z + MAX_DROP else standing
+        on_floor, height = self._pose_on_floor(wanted), wanted.position[2]
+        x, y, z = on_floor.position
+        return Pose((x, y, height), on_floor.quat_xyzw) if z < height <= z + MAX_DROP else on_floor
 
     def load_world(self, world: World) -> None:
         """Restart in another world.
@@ -153,7 +153,7 @@ class Simulation:
         return (self._steps_before + self._steps) / self._rate
 
     def set_stamp(self, stamp: float) -> None:
-        """Continue from this simulated time [s], rounded to a step; a time before now changes nothing."""
+        """Continue from this simulated time [s], rounded to a step. A time before now changes nothing."""
         self._steps_before = max(self._steps_before, round(stamp * self._rate) - self._steps)
 
     @property
@@ -161,7 +161,11 @@ class Simulation:
         return self._steps / self._rate
 
     def command(self, twist: Twist2D) -> None:
-        """Take a velocity command now; CommandError, and the one before stays in force, if not finite."""
+        """Take a velocity command now.
+
+        Raises:
+            CommandError: it is not finite; then the last command stays in force.
+        """
         self._equipment.drive.command(twist, self._since_reset)
 
     def step(self) -> Snapshot:
@@ -230,13 +234,13 @@ class Simulation:
         return compose(base_in_odom, inverse(base_in_world))
 
     def spawn(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none; PlacementError if there is no room or no name."""
+        """Put new bodies into the world, all or none; PlacementError for a taken name or without room."""
         self._objects.add(bodies)
 
     def delete(self, name: str) -> None:
         """Take a body, or the bodies of a model, out of the world; PlacementError if there is none."""
         if name == ROBOT:
-            raise PlacementError(f"'{ROBOT}' is the robot, which stays")
+            raise PlacementError(f"'{ROBOT}' is the robot, which cannot be deleted")
         self._objects.delete(name)
 
     def move(self, name: str, pose_in_world: Pose) -> None:
@@ -248,7 +252,7 @@ class Simulation:
             PlacementError: there is none of that name, or something stands there; then nothing changes.
         """
         if name == ROBOT:
-            self._move_robot(self._standing(pose_in_world))
+            self._move_robot(self._pose_on_floor(pose_in_world))
         else:
             self._objects.move(name, pose_in_world)
 
@@ -291,6 +295,8 @@ class Simulation:
         Raises:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
-        self._bullet.check_moves({**self._objects.initial_poses, ROBOT: self._standing(self._start)}, ROBOT)
+        self._bullet.check_moves(
+            {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start)}, ROBOT
+        )
         self._objects.reset_poses()
-        self._move_robot(self._standing(self._start))
+        self._move_robot(self._pose_on_floor(self._start))

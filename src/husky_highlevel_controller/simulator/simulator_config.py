@@ -47,11 +47,11 @@ def simulator_config(robot: str = "husky") -> SimulatorConfig:
 
 
 def steps_per(rate: float, physics_rate: float, name: str) -> int:
-    """Number of physics steps in a period of `rate` [Hz]; HuskyError if it is not a whole one."""
+    """Number of physics steps in a period of `rate` [Hz]; HuskyError if it is not a whole number."""
     ratio = physics_rate / rate
     if round(ratio) < 1 or not isclose(ratio, round(ratio), rel_tol=1e-9):
         raise HuskyError(
             f"{name} = {rate} Hz does not divide physics_rate = {physics_rate} Hz; "
-            "every period is a whole number of physics steps"
+            "choose a rate whose period is a whole number of physics steps"
         )
     return round(ratio)

@@ -37,7 +37,7 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
     Args:
         name: letters, digits, and any of _ - . :
         shape: box, cylinder or sphere.
-        size: full extents [m]; cylinder: diameter, diameter, length; sphere: diameter, three times.
+        size: edges of the box around the shape [m], such as diameter, diameter, length of a cylinder.
         mass: mass [kg]; a body with 0 never moves.
         pose_in_world: pose of the shape's centre.
 
@@ -59,7 +59,7 @@ def checked(body: Body) -> Body:
 def check_bounds(body: Body) -> None:
     """Raise ObjectError if a body's mass, size or pose is not valid."""
     if body.mass != 0.0:
-        _within(body.mass, MASSES, "mass", "kg, or 0 for what never moves")
+        _within(body.mass, MASSES, "mass", "kg; 0 is for a body that never moves")
     for geometry in body.collisions:
         for value in () if isinstance(geometry.shape, Plane) else geometry.shape.size:
             _within(value, SIZES, "size", "m")
@@ -91,7 +91,7 @@ def _shape(shape: str, size: Vector3) -> Shape:
     if shape == "sphere" and x == y == z:
         return Sphere(x / 2.0)
     if shape in ("cylinder", "sphere"):
-        raise ObjectError(f"size {size} is not that of a {shape}: its diameters must be equal")
+        raise ObjectError(f"size {size} is not valid for a {shape}, whose diameters must be equal")
     raise ObjectError(f"shape '{shape}' is not one of box, cylinder, sphere")
 
 

@@ -55,7 +55,7 @@ class WheelContact(NamedTuple):
 
     x: float  # [m] distance from the robot's centre of mass, along base_link's x
     y: float  # [m] distance from the robot's centre of mass, along base_link's y
-    load: float  # [N], normal force
+    load: float  # [N] normal force
     surface_speed: float  # [m/s] backward speed of the tread, which is wheel speed times radius
 
 
@@ -105,7 +105,7 @@ def ground_forces(
             e += kdt * grip
             px += kdt * speed
             pw -= kdt * speed * y
-        c_by_e = c * (a / e)  # equal grip: a == e, and what follows is the isotropic case to the last bit
+        c_by_e = c * (a / e)  # a == e for equal grip: the isotropic case, to the last bit
         yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e  # slip after the step
         if hypot(vx - before[0], vy - before[1], yaw_rate - before[2]) < SETTLED * config.slip_speed:

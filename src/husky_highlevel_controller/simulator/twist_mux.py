@@ -2,9 +2,10 @@
 
 In: sender and time of each command. Out: whether the robot obeys it.
 
-Stands in for the node twist_mux of the Husky and the SMB; inputs and timeout are those of twist_mux.yaml of
-husky_control 0.6.10 and of smb_control. No test runs the original: `test_twist_mux.py` holds this one to its
-rule, by which a weaker input waits until a stronger one was silent for the timeout.
+Stands in for the node of twist_mux 3.1 (Noetic) on the Husky and the SMB. Inputs and timeout are from
+twist_mux.yaml of husky_control 0.6.10 and of smb_control. No test runs the original, which Debian does not
+have. `test_twist_mux.py` tests its rule, by which a weaker input waits until a stronger one was silent for
+the timeout.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class CommandMux:
         self._last_stamps: Dict[str, float] = {}
 
     def passes(self, topic: str, now: float) -> bool:
-        """Note that an input sent a command at `now` [s]; return whether it is the one to obey."""
+        """Note that an input sent a command at `now` [s]; return whether to obey it."""
         self._last_stamps[topic] = now
         return not self.locked and self.stronger(topic, now) is None
 

@@ -40,12 +40,12 @@ class WorldObjects:
             self._put(body)
 
     def add(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none; PlacementError if a name is taken or without room."""
+        """Put new bodies into the world, all or none; PlacementError for a taken name or without room."""
         added: List[str] = []
         try:
             for body in bodies:
                 if self.members(body.name):
-                    raise PlacementError(f"there is a body named '{body.name}' already")
+                    raise PlacementError(f"a body named '{body.name}' exists already; choose another name")
                 self._put(body)
                 added.append(body.name)
                 if body.collisions:
@@ -86,7 +86,7 @@ class WorldObjects:
         if name not in self._bodies:
             raise self._unknown(name)
         if not self._bodies[name].collisions:
-            raise PlacementError(f"'{name}' is only drawn, and stays where it is")
+            raise PlacementError(f"'{name}' has no collision shape, so it cannot be moved")
         self._bullet.check_movable(name)
         self._bullet.check_moves({name: pose_in_world}, name)
         self._bullet.move_body(name, pose_in_world)

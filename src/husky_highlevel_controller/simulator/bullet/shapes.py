@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from typing import Any, Dict, Sequence
+from typing import Any, Dict, Sequence, Tuple
 
 import numpy as np
 import pybullet
@@ -16,32 +16,29 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-_FLATTEST = 1e-9  # [m^3], volume of a mesh without any
+_FLATTEST = 1e-9  # [m^3] least volume, for a flat mesh
 
 
 def center_of(geometries: Sequence[Geometry]) -> Vector3:
     """Centre of mass of solid geometries of one density, in their body's frame [m]."""
-    volumes = np.array([_volume(geometry) for geometry in geometries])
-    x, y, z = (volumes / volumes.sum() @ np.array([_center(geometry) for geometry in geometries])).tolist()
+    solids = [_volume_and_center(geometry) for geometry in geometries]
+    volumes = np.array([volume for volume, _ in solids])
+    x, y, z = (volumes / volumes.sum() @ np.array([center for _, center in solids])).tolist()
     return (x, y, z)
 
 
-def _center(geometry: Geometry) -> Vector3:
-    if not isinstance(geometry.shape, TriangleMesh):
-        return geometry.pose_in_body.position
-    return transform_point(geometry.pose_in_body, volume_of(geometry.shape)[1])
-
-
-def _volume(geometry: Geometry) -> float:
-    shape = geometry.shape
+def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
+    """Volume [m^3] of a solid geometry, and its centre of mass in its body's frame [m]."""
+    shape, position = geometry.shape, geometry.pose_in_body.position
     if isinstance(shape, TriangleMesh):
-        return max(volume_of(shape)[0], _FLATTEST)
+        volume, centroid = volume_of(shape)
+        return max(volume, _FLATTEST), transform_point(geometry.pose_in_body, centroid)
     if isinstance(shape, Box):
-        return float(np.prod(shape.size))
+        return float(np.prod(shape.size)), position
     if isinstance(shape, Cylinder):
-        return np.pi * shape.radius**2 * shape.length
+        return np.pi * shape.radius**2 * shape.length, position
     if isinstance(shape, Sphere):
-        return 4.0 / 3.0 * np.pi * shape.radius**3
+        return 4.0 / 3.0 * np.pi * shape.radius**3, position
     raise TypeError(f"{shape} has no volume")
 
 
@@ -73,7 +70,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
             shapeTypes=[kinds[type(shape)] for shape in shapes],
             radii=[getattr(shape, "radius", 0.0) for shape in shapes],
             lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-            halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # only boxes need them
+            halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # read for boxes only
             collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
             collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
             **arguments,

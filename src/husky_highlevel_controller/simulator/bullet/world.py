@@ -36,12 +36,12 @@ BASE_INDEX = -1  # Bullet's link index of a body's base
 
 log = logging.getLogger("rosout.engine")  # child of rospy's logger, which reaches /rosout without rospy
 
-_SOLVER_ITERATIONS = 20  # 50 is the default; this gives the same motion to 0.1 % in half the time
-_BREAKING_THRESHOLD = 0.005  # 0.02 is the default, with which a tyre's flanks touch the ground 5 mm below
+_SOLVER_ITERATIONS = 20  # Bullet's default is 50; this gives the same motion to 0.1 % in half the time
+_BREAKING_THRESHOLD = 0.005  # [m] Bullet's default of 0.02 lets a tyre's flanks touch the ground 5 mm below
 # Four rigid wheels on rigid ground share a weight in any way that the solver comes upon. On springs they
 # share it in one way, which the solver and the step do not change.
-_GROUND_STIFFNESS = 1e6  # [N/m], per contact; a Husky's wheel sinks 0.15 mm
-_GROUND_DAMPING = 8e3  # [N s/m], about critical for a quarter of the Husky
+_GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
+_GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m] a body that is sunk deeper into the ground is put on top of it
 _TOO_DEEP = 2e-3  # [m] a body this deep in another stands inside it; triangles are 1 mm thick
 
@@ -91,10 +91,9 @@ class BulletWorld:
         self._shapes: Dict[Tuple[Any, ...], int] = {}
         self._shape_ids: Dict[int, int] = {}
         self._planes: List[int] = []
-        self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
-        self._models: Dict[
-            str, List[int]
-        ] = {}  # ids of the bodies of each model that pass through one another
+        self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are poses of this frame
+        # ids of the bodies of each model that pass through one another
+        self._models: Dict[str, List[int]] = {}
 
     def add_body(self, body: Body) -> None:
         """Add a body; a movable one that is sunk into the ground is placed on top of it.
@@ -103,7 +102,7 @@ class BulletWorld:
             PlacementError: the body is a plane that can move, or has the robot's name.
         """
         if body.name == ROBOT:
-            raise PlacementError(f"a body is named '{ROBOT}', as the robot is; give it another name")
+            raise PlacementError(f"'{ROBOT}' is the name of the robot; give the body another name")
         solids = []
         for geometry in body.collisions:
             if isinstance(geometry.shape, Plane):  # a compound of Bullet cannot hold a plane
@@ -119,7 +118,7 @@ class BulletWorld:
                 self._lift_out_of_the_ground(body_id)
 
     def _let_pass(self, body_id: int, others: List[int], enable: int = 0) -> None:
-        """Let a body pass through others, which it joins; or collide with them again."""
+        """Let a body pass through others and add it to them; or let it collide with them again."""
         for other in others:
             self._engine.setCollisionFilterPair(body_id, other, BASE_INDEX, BASE_INDEX, enable)
         if not enable:
@@ -145,7 +144,7 @@ class BulletWorld:
         """Raise PlacementError if a body is a plane, because planes cannot be moved."""
         (*planes, body_id) = self._ids[name]
         if planes or body_id in self._planes:
-            raise PlacementError(f"'{name}' is a plane, which stays where it is")
+            raise PlacementError(f"'{name}' is a plane, which cannot be moved")
 
     def move_body(self, name: str, pose_in_world: Pose) -> None:
         """Move a body, but not a plane, to another pose, at rest."""
@@ -227,20 +226,18 @@ class BulletWorld:
             PlacementError: it, or the copy of it that is checked in its place, reaches into something else.
         """
         body_ids = self._ids[name] if copy is None else [copy]
+        own_ids = set(self._ids[name])
+        passed_through = [bodies for bodies in self._models.values() if not own_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # updates the contacts to the present poses
         for body_id in body_ids:
             links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
             boxes = [self._engine.getAABB(body_id, link) for link in links]
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(body_ids, ignored, self._planes, *self._siblings(name))):
+            for other in sorted(near.difference(body_ids, ignored, self._planes, *passed_through)):
                 points = self._engine.getClosestPoints(body_id, other, 0.0)
                 if any(point[8] < -_TOO_DEEP for point in points):
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'{remedy}")
-
-    def _siblings(self, name: str) -> List[List[int]]:
-        """Ids of the bodies that a body passes through."""
-        return [bodies for bodies in self._models.values() if not set(self._ids[name]).isdisjoint(bodies)]
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""

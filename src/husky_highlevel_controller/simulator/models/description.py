@@ -24,7 +24,7 @@ LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_R
 # variables of the Husky's own launch files; variables of drivers and one of marking have no effect here
 _WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
 _OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
-# name of an argument: what its value must match, and how to say so; `$` would be expanded by xacro
+# pattern of each argument's value, and its form for messages; no value may have a `$`, which xacro expands
 ARGUMENTS = {
     "robot": ("|".join((*ROBOTS, *VERSIONS)), "|".join((*ROBOTS, *VERSIONS))),
     "laser_enabled": _FLAG,
@@ -46,7 +46,7 @@ def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
 
 
 def mesh_uri() -> str:
-    """URI of the folder of the Husky's meshes; empty where there is none."""
+    """URI of the folder of the Husky's meshes; empty if there is none."""
     folder = mesh_folder()
     return folder.as_uri() if folder else ""
 
@@ -55,12 +55,12 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
     """Expand the xacro of one of ROBOTS into URDF text.
 
     Args:
-        robot: its name.
+        robot: name of the robot.
         meshes: URI of the folder of meshes; empty for plain shapes, None for those that come with PyBullet.
-        **arguments: others of ARGUMENTS, which mean nothing to any but the Husky.
+        **arguments: others of ARGUMENTS, which have an effect on the Husky only.
 
     Raises:
-        DescriptionError: an argument that is none, or a value that it cannot have.
+        DescriptionError: an argument is unknown, or its value is not valid.
     """
     arguments = {name: str(value) for name, value in arguments.items()}
     arguments.update(robot=robot, meshes=mesh_uri() if meshes is None else meshes)
@@ -71,7 +71,7 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
         pattern, form = ARGUMENTS[name]
         if not re.fullmatch(pattern, value):
             raise DescriptionError(f"{name} is '{value}'; use {form}")
-    import xacro  # here, because it is only needed to make a URDF, not to read one
+    import xacro  # needed only to make a URDF, not to read one
 
     source = share_folder() / "urdf" / load_robot(robot).description
     mappings = {name: value.lower() if value in FLAGS else value for name, value in arguments.items()}
@@ -79,12 +79,18 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
     return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))
 
 
-def _or_own(given: str, arguments: Mapping[str, str]) -> str:
-    """The user's own description in place of the one that was asked for, if there is one that can be used."""
+def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
+    """Return the user's own description if it can be used, otherwise the given one.
+
+    Raises:
+        DescriptionError: the parameter that VARIABLE names holds no text.
+    """
     master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
     own = ask(master_uri, "getParam", "/robot_description", parameter)
     if not isinstance(own, str):
-        raise DescriptionError(f"the parameter {parameter} of {VARIABLE} has none")
+        raise DescriptionError(
+            f"{VARIABLE} names the parameter {parameter}, which holds no robot description; set it to a URDF"
+        )
     name = arguments.get("robot", "husky")
     robot = load_robot(name)
     laser_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
@@ -114,7 +120,7 @@ def main() -> None:
     }
     try:
         given = robot_description(**{**mount, **arguments})
-        print(_or_own(given, arguments) if VARIABLE in os.environ else given)
+        print(_own_or_given(given, arguments) if VARIABLE in os.environ else given)
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

@@ -32,7 +32,7 @@ MAX_FACES = 100_000  # faces of a file; a mesh with more is made coarser
 
 
 class MeshError(HuskyError):
-    """A mesh that cannot be had; the text goes on from "a mesh", as in "is not on this machine"."""
+    """A mesh cannot be used; the text continues "a mesh", as in "is not on this machine"."""
 
 
 @dataclass
@@ -41,7 +41,7 @@ class MeshFiles:
 
     bytes_left: int = MAX_BYTES_IN_ALL
     known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)
-    coarser: List[str] = field(default_factory=list)  # files whose meshes are coarser than they are
+    coarser: List[str] = field(default_factory=list)  # names of the files whose meshes were made coarser
 
     def read(self, uri: str, source: str, part: str = "") -> TriangleMesh:
         """Return the mesh of a file, or one named part of it.
@@ -55,23 +55,21 @@ class MeshFiles:
             MeshError: the file is missing, not a mesh, or too large.
         """
         path = find_mesh(uri, source)
-        if (path, part) not in self.known:
-            self.known[path, part] = self._load(path, part)
-        return self.known[path, part]
-
-    def _load(self, path: Path, part: str) -> TriangleMesh:
+        if (path, part) in self.known:
+            return self.known[path, part]
         if path.suffix.lower() not in ENDINGS:
-            raise MeshError(f"is not one of the files that are read ({', '.join(ENDINGS)})")
+            raise MeshError(f"is not a file of a supported type ({', '.join(ENDINGS)})")
         size = path.stat().st_size
         if size > MAX_BYTES:
-            raise MeshError(f"has {size / 1e6:.0f} MB, more than {MAX_BYTES / 1e6:.0f} MB")
+            raise MeshError(f"has {size / 1e6:.0f} MB, above the limit of {MAX_BYTES / 1e6:.0f} MB")
         if size > self.bytes_left:
-            raise MeshError(f"is one of several that have more than {MAX_BYTES_IN_ALL / 1e6:.0f} MB")
+            raise MeshError(f"exceeds the limit of {MAX_BYTES_IN_ALL / 1e6:.0f} MB for all meshes together")
         self.bytes_left -= size
         mesh = load_mesh(path, part)
         if len(mesh.faces) > MAX_FACES:
             self.coarser.append(f"{path.name} ({len(mesh.faces)})")
             mesh = simplified(mesh, MAX_FACES)
+        self.known[path, part] = mesh
         return mesh
 
 
@@ -143,7 +141,7 @@ def find_mesh(uri: str, source: str) -> Path:
     """The file of a URI; MeshError if it is not on this machine.
 
     `model://NAME/...` and `package://NAME/...` are looked up in GAZEBO_MODEL_PATH, ROS_PACKAGE_PATH, and the
-    folders above the file that names it; a relative path beside that file, and in GAZEBO_RESOURCE_PATH.
+    folders above the file that names it; a relative path next to that file, and in GAZEBO_RESOURCE_PATH.
     """
     try:
         for path in _places(uri, source):

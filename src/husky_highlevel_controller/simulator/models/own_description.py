@@ -1,6 +1,6 @@
-"""Robot description of a user's own: whether the simulator can use it in place of the robot's.
+"""Robot description of a user's own, and whether the simulator can use it instead of the robot's.
 
-In: URDF texts. Out: the text that counts, and what to tell the user.
+In: URDF texts. Out: the text that counts, and a sentence for the user.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"  # name that spawn_model gives the robo
 
 
 def robot_of(text: str) -> Optional[str]:
-    """Return the one of ROBOTS that a URDF text describes, by its name or its wheels; None if there is none.
+    """Return the one robot of ROBOTS that a URDF text describes, by name or wheels; None if there is none.
 
     Raises:
         DescriptionError: the text is not a URDF.
@@ -39,7 +39,7 @@ class Choice(NamedTuple):
 def choose_description(
     own: str, given: str, known: Iterable[str], robot: Robot, frames: Iterable[str]
 ) -> Choice:
-    """Choose between a user's own description and the one that the arguments of a launch file give.
+    """Choose between a user's own description and the description by a launch file's arguments.
 
     The user's own counts if it has a link or joint that the robot's descriptions do not have, and if the
     physics can use it. Otherwise the arguments count, such as laser_enabled.
@@ -66,8 +66,8 @@ def choose_description(
         for name, link in urdf.read_urdf(own)[1].items()
         if _canonical(link) in added and link.find("collision/geometry/mesh") is not None
     )
-    warning = f"nothing touches the collision meshes in your robot description: {', '.join(meshes)}"
-    return Choice(own, warning if meshes else "")
+    remedy = "collision meshes in your robot description have no effect; use a box, cylinder or sphere"
+    return Choice(own, f"{remedy}: {', '.join(meshes)}" if meshes else "")
 
 
 def _refused(given: str, problem: str, robot: Robot) -> Choice:

@@ -48,7 +48,7 @@ class Wheel:
     radius: float  # [m] radius of the collision cylinder
     width: float  # [m] width of the collision cylinder
     mass: float  # [kg]
-    axial_inertia: float  # [kg m^2], about the axle
+    axial_inertia: float  # [kg m^2] inertia about the axle
 
     @property
     def position(self) -> Vector3:
@@ -68,9 +68,9 @@ class RobotModel:
     fixed_poses: Mapping[str, Pose]  # pose in base_link of every link that is fixed to it
     fixed_joints: Tuple[Tuple[str, str, Pose], ...]  # parent and child link, pose_child_in_parent
     laser_frame: str  # origin of the rays; not in fixed_poses if the robot has no lidar
-    mass: float  # [kg], wheels included
-    com: Vector3  # [m], wheels included, in base_link
-    inertia: np.ndarray  # (3, 3) [kg m^2], wheels included, about com, along base_link's axes
+    mass: float  # [kg] mass of the robot, wheels included
+    com: Vector3  # [m] centre of mass in base_link, wheels included
+    inertia: np.ndarray  # (3, 3) [kg m^2] inertia about com, along base_link's axes, wheels included
     wheels: Tuple[Wheel, ...]  # front left, front right, rear left, rear right
     physics_urdf: str  # URDF for PyBullet: base_link with all fixed links, and the wheels; no meshes
 
@@ -97,7 +97,7 @@ def robot_model(
         raise DescriptionError(f"no link 'base_link'; there are: {', '.join(links) or 'none'}")
     for name in wheel_joints:
         if name not in joints:
-            raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(wheel_joints)}")
+            raise DescriptionError(f"no joint '{name}'; the wheels' joints are {', '.join(wheel_joints)}")
 
     fixed = [joint for joint in joints.values() if joint.get("type") == "fixed"]
     fixed_joints = urdf.joined_links(links, fixed)
@@ -117,7 +117,7 @@ def robot_model(
 
     for name in sorted(set(links) - set(poses) - {wheel.link for wheel in wheels}):
         raise DescriptionError(
-            f"link '{name}' is neither fixed to base_link nor a wheel; nothing else can move"
+            f"link '{name}' is neither fixed to base_link nor a wheel; only wheels can move"
         )
     for element in physics.iter():
         element.tail = "\n"  # Bullet cuts lines after 8 kB
@@ -136,18 +136,19 @@ def robot_model(
 def _write_wheel(
     base: ET.Element, joint: ET.Element, links: urdf.Elements, fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
-    """Write a wheel's shapes, which need not turn; say what it is, and its inertia in base_link."""
+    """Write a wheel's shapes, which need not turn; return the wheel, and its inertia in base_link."""
     name, where = urdf.name_of(joint), urdf.label_of(joint)
     parent, child = urdf.ends_of(joint, links)
     if joint.get("type") != "continuous" or parent not in fixed_poses:
         raise DescriptionError(
-            f"{where} is {joint.get('type')}, on '{parent}'; a wheel's is continuous, and on base_link"
+            f"{where} is {joint.get('type')} and on '{parent}'; "
+            "a wheel's joint must be continuous and on base_link"
         )
     pose = compose(fixed_poses[parent], urdf.origin_of(joint, where))
     axis = urdf.numbers_of(joint.find("axis"), "xyz", where, 3, (1.0, 0.0, 0.0))
     axis_in_base = rotate(pose.quat_xyzw, axis)
     if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
-        raise DescriptionError(f"{where} turns about {axis_in_base} in base_link; a wheel turns about 0 1 0")
+        raise DescriptionError(f"{where} turns about {axis_in_base} in base_link, not about 0 1 0")
     link, link_label = links[child], urdf.label_of(links[child])
     cylinder = link.find("collision/geometry/cylinder")
     if cylinder is None:
@@ -156,7 +157,7 @@ def _write_wheel(
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
     if not radius > 2.0 * FLANK_DEPTH:
-        limit = f"a wheel's is more than {2.0 * FLANK_DEPTH:g} m"
+        limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
     for collision in collisions:
         _crown(base, collision)
@@ -199,17 +200,17 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> Inertial:
-    """The inertial itself; DescriptionError where no solid body has it, or none that physics can compute."""
+    """Return the inertial itself; DescriptionError if no solid body has it, or physics cannot compute it."""
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)
     low, high = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:
         problem = "they must be positive"
-    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would take them all for zero
-        problem = "no body has one above the sum of the others"
+    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would take all three for zero
+        problem = "no moment can be above the sum of the other two"
     elif mass < MIN_MASS or moments[0] < low or moments[-1] > high:
-        gyration = f"its radii of gyration {MIN_GYRATION} to {MAX_GYRATION:g} m"
+        gyration = f"the radii of gyration must be within {MIN_GYRATION} and {MAX_GYRATION:g} m"
         problem = f"the mass must be at least {MIN_MASS} kg, and {gyration}"
     if problem:
         raise DescriptionError(f"{what}: mass {mass}, principal moments of inertia {moments}; {problem}")
@@ -236,12 +237,12 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
                     f"{where}: a <collision> needs a <geometry> of {', '.join(urdf.SIZES)}"
                 )
             shape, sizes = shape_and_sizes
-            if shape.tag == "mesh":  # it may be a file that only RViz can find or read
+            if shape.tag == "mesh":  # the file may be one that only RViz can find or read
                 continue
             if not all(MIN_SIZE <= size <= MAX_SIZE for size in sizes):
                 raise DescriptionError(
                     f"{where}: a collision {shape.tag} has {shape.attrib}; "
-                    f"sizes are {MIN_SIZE} to {MAX_SIZE:g} m"
+                    f"sizes must be within {MIN_SIZE} and {MAX_SIZE:g} m"
                 )
             written = ET.SubElement(link, "collision")
             urdf.write_origin(written, compose(pose_of_source, urdf.origin_of(collision, where)))

@@ -22,7 +22,7 @@ class FrameScope:
     holder: Node  # the world or model
     name: str = "world"  # name of the model
     outer: Optional[FrameScope] = None  # frames of the world or model around it
-    pose_in_outer: Optional[Pose] = None  # None until it is resolved
+    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None until it is resolved
     _known: Dict[str, Pose] = field(default_factory=dict)
     _open: List[str] = field(default_factory=list)  # frames being resolved, outermost first
 
@@ -32,7 +32,7 @@ class FrameScope:
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:
-        """<pose> of each link, model and frame, and what it is relative to unless it says so."""
+        """<pose> of each link, model and frame, and its frame if the <pose> names none."""
         members = {name: (model.child("pose"), "") for name, model in self._models.items()}
         for node in (*self.holder.children("link"), *self.holder.children("frame")):
             members[node.named()] = node.child("pose"), node.element.get("attached_to", "")
@@ -53,7 +53,7 @@ class FrameScope:
         frame = (frame_of(pose) if pose else "") or usual
         origin = self._find(frame)
         if origin is None and pose:
-            pose.note("a <pose> relative to a frame that is not there is read relative to the parent", frame)
+            pose.note("a <pose> relative to an unknown frame is read relative to the parent", frame)
             origin = self._find(usual)
         own = pose.pose() if pose else IDENTITY
         return own if origin is None or origin == IDENTITY else compose(origin, own)

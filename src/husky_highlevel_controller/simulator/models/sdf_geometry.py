@@ -14,8 +14,8 @@ from husky_highlevel_controller.meshes import scaled_mesh
 from husky_highlevel_controller.simulator.models.mesh_file import MeshError
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
-# Gazebo classic 11, gazebo.material: the diffuse colour (SkyBlue: the ambient one, it is what its name says),
-# or about what a texture looks like from afar.
+# Diffuse colours of gazebo.material of Gazebo classic 11. SkyBlue is the ambient colour, because only
+# that one is sky blue. A textured material has about the colour that its texture has from afar.
 _SCRIPT_COLOURS: Dict[str, Rgba] = {
     "Gazebo/Grey": (0.7, 0.7, 0.7, 1.0),
     "Gazebo/DarkGrey": (0.175, 0.175, 0.175, 1.0),
@@ -83,21 +83,21 @@ def _plane(node: Node) -> Plane:
     x, y, z = normal.numbers(3) if normal else (0.0, 0.0, 1.0)
     usual: Tuple[float, ...] = (1.0, 1.0)
     if size:
-        sentence = "the <size> of a plane is only drawn, and is 1 1 if it cannot be read"
+        sentence = "a <size> of a plane that cannot be read is taken for 1 1; it is only drawn"
         usual = size.unless_broken(partial(size.positive, 2), usual, sentence)
     width, depth = usual
     length = sqrt(x * x + y * y + z * z)
     if normal and not 0.0 < length < inf:
-        raise normal.error(f"must have a direction, not '{normal.text}'")
+        raise normal.error(f"needs a direction, not '{normal.text}'")
     return Plane((x / length, y / length, z / length), (width, depth))
 
 
 def _mesh(node: Node) -> Optional[TriangleMesh]:
-    """Triangles of a mesh file; None, and a note, where they cannot be had."""
+    """Triangles of a mesh file; None, and a note, if it cannot be used."""
     uri, submesh, scale = node.child("uri"), node.child("submesh"), node.child("scale")
     x, y, z = scale.numbers(3) if scale else (1.0, 1.0, 1.0)
     if not x * y * z:
-        raise (scale or node).error(f"must not be zero, not '{scale.text if scale else ''}'")
+        raise (scale or node).error(f"needs numbers other than zero, not '{scale.text if scale else ''}'")
     part = submesh.child("name") if submesh else None
     if submesh and submesh.child("center"):
         submesh.note("<center> of a <submesh> is not supported and is left out")
@@ -129,7 +129,7 @@ def rgba_of(node: Node) -> Rgba:
         if name and name.text in _SCRIPT_COLOURS:
             rgba = _SCRIPT_COLOURS[name.text]
         elif name:
-            name.note("a material's colour is not known, grey is drawn instead", name.text)
+            name.note("a material's colour is not known, so grey is drawn", name.text)
         for colour in (*material.children("ambient"), *material.children("diffuse")):
             rgba = colour.unless_broken(
                 partial(_colour, colour), rgba, "a colour that cannot be read is left out"
@@ -148,5 +148,5 @@ def _colour(node: Node) -> Rgba:
 
 
 def _colour_share(value: float) -> float:
-    """0..1; as in Gazebo, what is above 1 counts of 255."""
+    """Value in 0..1. As in Gazebo, a value above 1 is one of 0..255."""
     return min(max(value / 255.0 if value > 1.0 else value, 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""SDF <include>: the models of a world or model, its own and those of other files.
+"""SDF <include>: the models of a world or model, its own and the models of other files.
 
 In: a `Node` that holds models; the folders of GAZEBO_MODEL_PATH. Out: models, each with the <include> that
 places it.
@@ -28,7 +28,7 @@ _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</s
 <collision name="ground"><geometry><plane><size>100 100</size></plane></geometry></collision>
 <visual name="ground"><geometry><plane><size>100 100</size></plane></geometry></visual>
 </link></model></sdf>"""
-# app.gazebosim.org serves these two by name; nothing else of Fuel is known without a network
+# app.gazebosim.org serves these two by name; other models of Fuel need a network
 _FUEL = re.compile(r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE)
 
 
@@ -64,11 +64,11 @@ def models_in(holder: Node) -> Iterator[Model]:
 
 
 def _included(include: Node) -> Optional[Node]:
-    """The model that an include names; None for a lamp, and for what is not supported."""
+    """The model that an include names; None for a lamp, and for an include that is not supported."""
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        # an error only where something is placed
+        # the model that stands there reads the pose again, and then a broken one is an error
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
     node = include.child("uri")
     if node is None:

@@ -1,6 +1,6 @@
 """SDF joints: links of a movable model that joints hold together become one rigid body.
 
-In: a model's links as bodies, and its joints. Out: bodies, fewer where joints hold links together.
+In: a model's links as bodies, and its joints. Out: bodies; links that joints hold together are one.
 
 Joints do not move here. In Gazebo a model whose joints stand still is one rigid body, so it is one here too:
 without that a cart would lose its wheels. Links of one model pass through one another, unless they
@@ -50,12 +50,10 @@ class Assembly:
         for joint, scope in zip(self.joints, self.scopes):
             ends = [self._end(joint, tag, scope) for tag in ("parent", "child")]
             if "" in ends:
-                joint.note("a <joint> of a link that is not there is left out")
+                joint.note("a <joint> of a link that does not exist is left out")
                 continue
             if joint.element.get("type") != "fixed":
-                joint.note(
-                    "joints do not move here: a movable model with joints is one rigid body", self.name
-                )
+                joint.note("joints do not move, so a movable model with joints is one rigid body", self.name)
             kept, gone = (root[end] for end in ends)
             root = {name: kept if above == gone else above for name, above in root.items()}
         groups: Dict[str, List[str]] = {}

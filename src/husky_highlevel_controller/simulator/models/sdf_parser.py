@@ -18,7 +18,7 @@ from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, pars
 VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
 NEWEST = 7  # minor version of the newest that is read whole
 
-# What each element may hold without a warning: what is read, and what changes nothing here.
+# Children that each element may have without a warning: they are read, or have no effect here.
 KNOWN = {
     "sdf": "world",
     "world": "model include frame state gravity physics light scene gui audio spherical_coordinates"
@@ -41,7 +41,7 @@ Value = TypeVar("Value")
 class Load:
     """State of one load: files read so far, and notes for warnings."""
 
-    # sentence -> the place of each element, by its id, for an element may be read more than once
+    # sentence -> the place of each element, by its id, because an element may be read more than once
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # names of models and bodies
     files: Dict[str, Node] = field(default_factory=dict)  # <sdf> of each model file, by path
@@ -91,9 +91,9 @@ class Node:
         self.load.notes.setdefault(sentence, {})[id(self.element)] = place
 
     def unless_broken(self, read: Callable[[], Value], usual: Value, sentence: str) -> Value:
-        """Value that `read` returns, but the usual value and a note if that raises WorldError.
+        """Return the value of `read`; if it raises WorldError, note it and return the usual value.
 
-        This is for what the simulation can do without: a broken colour refuses no world.
+        This is for elements that the simulation can do without. A broken colour must not refuse a world.
         """
         try:
             return read()
@@ -111,7 +111,7 @@ class Node:
                 child.note(f"<{child.tag}> is not supported and is left out")
 
     def children(self, tag: Optional[str] = None) -> Iterator[Node]:
-        """The children, or those of one tag."""
+        """The children, or the children of one tag."""
         for element in self.element:
             if tag in (None, element.tag):
                 name = element.get("name")
@@ -157,7 +157,7 @@ class Node:
         return values if all(map(isfinite, values)) else ()
 
     def pose(self) -> Pose:
-        """The pose in it, in whichever frame it is given; without numbers, none.
+        """The pose in it, in the frame in which it is given; the identity if it has no numbers.
 
         As in Gazebo, missing numbers are 0 and further ones are left out, which is noted.
 
@@ -171,7 +171,7 @@ class Node:
         values = self._finite() or self.numbers(6)
         if len(values) != 6:
             self.note(
-                "a <pose> has 6 numbers: missing ones are read as 0, further ones are left out", self.text
+                "a <pose> needs 6 numbers; missing ones are read as 0, further ones are left out", self.text
             )
         x, y, z, *angles = (*values, *[0.0] * 6)[:6]
         if self.element.get("degrees") in ("1", "true"):  # SDF 1.9

@@ -1,4 +1,4 @@
-"""SDF <state>: where the models and links of a saved world stood, and how their shapes were scaled.
+"""SDF <state>: poses of the models and links of a saved world, and scales of their shapes.
 
 In: the `Node` of a <state>. Out: poses in the world, scales, models inserted and deleted.
 """
@@ -13,7 +13,7 @@ from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 
 class SavedState:
-    """State of a saved world, or of a model or link in it; empty where nothing was saved.
+    """State of a saved world, or of a model or link in it; empty if nothing was saved.
 
     Attributes:
         deletions: names of models that were deleted.
@@ -51,7 +51,7 @@ class SavedState:
 
 
 def scaled(shape: Shape, scale: Vector3) -> Shape:
-    """A shape as Gazebo scales it: what is round keeps its roundness, planes their size."""
+    """A shape as Gazebo scales it: a round shape stays round, and a plane keeps its size."""
     x, y, z = scale
     if isinstance(shape, Box):
         return Box((shape.size[0] * x, shape.size[1] * y, shape.size[2] * z))

@@ -2,9 +2,9 @@
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
 
-Joints do not move: links of a movable model that they join are one body, and a warning says so. What the
-simulation does not use refuses nothing: it is left out and named, in one warning per kind, like elements that
-are not supported. What would change the scene and cannot be read, such as a size, raises `WorldError`.
+Joints do not move, so links of a movable model that they join are one body, and a warning says so. Elements
+that the simulation does not use or support are left out, with one warning for each kind. An element that
+would change the scene and cannot be read, such as a size, raises `WorldError`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from husky_highlevel_controller.simulator.spawn_request import FARTHEST, MASSES,
 MAX_GRAVITY = 1000.0  # [m/s^2]
 MAX_INCLUDES = 1000  # model files in one world
 
-log = logging.getLogger("rosout.world")  # a child of rospy's logger: reaches /rosout without rospy
+log = logging.getLogger("rosout.world")  # child of rospy's logger, which reaches /rosout without rospy
 
 
 def load_world(path: Union[str, Path]) -> World:
@@ -66,7 +66,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
         bodies = list(_whole_model(Model(model), place, _read_model))
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
-    _tell_notes(load)
+    _log_notes(load)
     if not any(body.collisions or (body.visuals and body.mass == 0.0) for body in bodies):
         raise WorldError(f"model_xml of '{name}': nothing in it has a collision shape, and it is not static")
     return bodies
@@ -88,7 +88,7 @@ def find_world(name: str) -> Path:
     for folder in folders:
         path = folder / Path(name).name
         if os.path.isfile(path):
-            log.warning("there is no world %s; taking %s of the same name", name, path)
+            log.warning("there is no world %s; using %s, which has the same name", name, path)
             return path
     names = sorted({path.name for folder in folders for path in folder.glob("*.world")})
     raise WorldError(
@@ -112,21 +112,24 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         result = World(world.named(), tuple(bodies), _gravity(world))
     except RecursionError:
         raise WorldError(f"{source}: models or frames are nested too deeply") from None
-    _tell_notes(load)
-    _tell_what_is_left(result, load)
+    _log_notes(load)
+    _warn_if_lidar_sees_nothing(result, load)
     return result
 
 
-def _tell_what_is_left(world: World, load: Load) -> None:
-    """Warn where the lidar has nothing to see because something was left out."""
+def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
+    """Warn if the lidar has nothing to see because something was left out."""
     solids = [part for body in world.bodies for part in body.collisions if not isinstance(part.shape, Plane)]
     if load.models and load.lost and not solids:
         log.warning(
-            "world '%s': of %d models none is left for the lidar; it sees nothing", world.name, load.models
+            "world '%s': the lidar sees nothing, because no shape of its %d models is left; "
+            "see the warnings above",
+            world.name,
+            load.models,
         )
 
 
-def _tell_notes(load: Load) -> None:
+def _log_notes(load: Load) -> None:
     if load.meshes.coarser:
         files = "; ".join(load.meshes.coarser)
         log.warning("meshes of more than %d triangles are made coarser: %s", MAX_FACES, files)
@@ -157,7 +160,7 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
         if model.name in place.state.deletions:
             continue
         if place.scoped(model.name) in ROBOTS:
-            model.node.note("the robot's own <model> is left out: the simulator has the robot", model.name)
+            model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
         read = _read_included if model.include else _read_model
         if place.assembly is None:
@@ -185,7 +188,7 @@ def _read_included(model: Model, place: _Place) -> None:
     load.includes += 1
     if load.includes > MAX_INCLUDES:
         raise include.error(
-            f"more than {MAX_INCLUDES} models are included; does each include several others?"
+            f"more than {MAX_INCLUDES} models are included; check whether each includes several others"
         )
     load.open_files.append(file)
     _read_model(model, place)
@@ -202,7 +205,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         name = _free_name(name, parent, node)
     full_name = parent.scoped(name)
     if full_name in names:
-        (model.include or node).note("a second model of one name is left out, as in Gazebo", name)
+        (model.include or node).note("a second model of the same name is left out, as in Gazebo", name)
         return
     names.add(full_name)
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
@@ -247,13 +250,13 @@ def _claim_link(link: Node, model: _Place) -> str:
     name = link.named()
     free = _free_name(name, model, link)
     if free != name:
-        link.note("a second <link> of one name gets a number", name)
+        link.note("a second <link> of the same name gets a number", name)
     link.load.names.add(model.scoped(free))
     return model.scoped(free)
 
 
 def _free_name(name: str, place: _Place, node: Node) -> str:
-    """Number the second of one name: Gazebo's football field has its goals that way."""
+    """Give the second of a name a number; Gazebo's football field has two goals of the same name."""
     free, number = name, 1
     while place.scoped(free) in node.load.names:
         free, number = f"{name}_{number}", number + 1
@@ -261,7 +264,7 @@ def _free_name(name: str, place: _Place, node: Node) -> str:
 
 
 def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
-    """A link as a body; None, and a note, where it is farther away than the engine can compute."""
+    """A link as a body; None, and a note, if it is farther away than the engine can compute."""
     link.note_unknown()
     for tag, usual in (("gravity", True), ("kinematic", False)):
         node = link.child(tag)
@@ -274,12 +277,12 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
     pose_in_model, state = model.frames.pose_of(link.child("pose")), model.state.of("link", link.named())
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
-        link.note(f"what is farther than {FARTHEST:g} m from the origin is left out", full_name)
+        link.note(f"a link farther than {FARTHEST:g} m from the origin is left out", full_name)
         link.load.lost += 1
         return None
     collisions, mass = tuple(_geometries(link, "collision", model)), _mass(link, model)
     if mass and any(isinstance(part.shape, Plane) for part in collisions):
-        link.note("a <plane> stays where it is, so what has one never moves", full_name)
+        link.note("a <plane> cannot move, so a link with a <plane> never moves", full_name)
         mass = 0.0
     return Body(full_name, pose, collisions, tuple(_geometries(link, "visual", model)), mass)
 
@@ -296,14 +299,14 @@ def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
 
 
 def _mass(link: Node, model: _Place) -> float:
-    """Mass [kg]: 1 where nothing is said (SDF's default), 0 for what never moves."""
+    """Mass [kg]; defaults to 1, as in SDF, and is 0 if the link never moves."""
     mass = 1.0
     inertial = link.child("inertial")
     if inertial:
         inertial.note_unknown()
         for moment in (node for inertia in inertial.children("inertia") for node in inertia.children()):
             unused: Tuple[float, ...] = ()
-            sentence = "an inertia that is not a number is left out; none is used"
+            sentence = "an inertia that is not a number is left out; the simulation uses no inertia"
             moment.unless_broken(partial(moment.numbers, 1), unused, sentence)
         pose = inertial.unless_broken(
             partial(_pose_in_link, inertial, link, model),
@@ -319,7 +322,7 @@ def _mass(link: Node, model: _Place) -> float:
             )
     if not MASSES[0] <= mass <= MASSES[1] and not model.static:
         link.note(
-            f"a mass outside of {MASSES[0]:g} to {MASSES[1]:g} kg is read as the nearest of these",
+            f"a mass outside of {MASSES[0]:g} to {MASSES[1]:g} kg is read as the nearer limit",
             f"{mass:g}",
         )
     return 0.0 if model.static else min(max(mass, MASSES[0]), MASSES[1])
@@ -351,7 +354,7 @@ def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
 
 
 def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
-    """Shape of a <collision> or <visual> at its pose; None, and a note, without one that can be simulated.
+    """Shape of a <collision> or <visual> at its pose; None, and a note, if it cannot be simulated.
 
     Raises:
         WorldError: its pose or size cannot be read, or its size is out of bounds.
@@ -360,14 +363,14 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
     if shape is None:
         return None
     if isinstance(shape, TriangleMesh) and node.tag == "collision" and not model.static:
-        node.note("a mesh that can move collides by its convex hull; the lidar sees its triangles")
+        node.note("a movable mesh collides by its convex hull, but the lidar sees its triangles")
     if not _is_near(pose):
-        node.note(f"what is farther than {FARTHEST:g} m from its link is left out")
+        node.note(f"a shape farther than {FARTHEST:g} m from its link is left out")
         return None
     shape = scaled(shape, model.state.scale)
     sizes: Sequence[float] = () if isinstance(shape, Plane) else shape.size
     if isinstance(shape, TriangleMesh):
-        sizes = (max(sizes),)  # it may be flat
+        sizes = (max(sizes),)  # a flat mesh has a size of 0
     if not all(SIZES[0] <= size <= SIZES[1] for size in sizes):
         raise node.error(f"size {sizes} is not within {SIZES[0]:g} to {SIZES[1]:g} m")
     return Geometry(shape, pose, rgba)

@@ -1,6 +1,6 @@
 """XML of SDF files: read as Gazebo's TinyXML reads it, within the bounds that hostile XML needs.
 
-In: bytes or text. Out: elements that know their line.
+In: bytes or text. Out: elements with their line.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise WorldError(f"{path}: cannot be read ({reason}); needs the path of an SDF file") from error
+        raise WorldError(f"{path}: cannot be read ({reason}); check the path") from error
 
 
 def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
@@ -70,16 +70,18 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
         parser.feed(content)
         root: ElementTree.Element = parser.close()
     except DefusedXmlException as error:
-        raise WorldError(f"{source}: XML entities are refused, they can be harmful: {error}") from error
+        raise WorldError(
+            f"{source}: XML entities are refused, because they can be harmful: {error}"
+        ) from error
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise WorldError(f"{source}: is not XML: {error}") from error
+        raise WorldError(f"{source}: is not valid XML: {error}") from error
     return root
 
 
 def _strict(data: bytes) -> bytes:
-    """XML without what TinyXML reads and the standard forbids; every line keeps its number.
+    """Return XML that the standard allows, from XML that TinyXML reads; every line keeps its number.
 
-    That is whatever precedes the declaration or follows a NUL, `--` in comments, <?word>, and a bare &.
+    Gone are text before the declaration or after a NUL, `--` in comments, <?word>, and a bare &.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
     data = _LOOSE.sub(_strict_part, text.partition(b"\0")[0])
@@ -96,7 +98,7 @@ def _strict_part(part: Match[bytes]) -> bytes:
 
 
 def _encoding_of(data: bytes) -> Optional[str]:
-    """Encoding of bytes: None as they declare it; Latin-1 for what is not the UTF-8 it ought to be."""
+    """Encoding for the parser: None for the declared one, Latin-1 for bytes that are not UTF-8."""
     try:
         data.decode()
         return None

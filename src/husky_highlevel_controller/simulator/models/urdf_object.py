@@ -31,7 +31,9 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     roots = set(links) - {child for _, child, _ in joined}
     if len(roots) != 1:
         names = ", ".join(sorted(roots)) or "none"
-        raise DescriptionError(f"one link must be no joint's child; here it is: {names}")
+        raise DescriptionError(
+            f"exactly one link must be the root, which is not the child of a joint; here it is: {names}"
+        )
     geometries: List[Geometry] = []
     files = MeshFiles()
     mass = 0.0
@@ -50,7 +52,7 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
 
 
 def _mass(link: ET.Element, where: str) -> float:
-    """Mass of a link [kg]; 0 without one, and 1, as in SDF, for one that cannot be used."""
+    """Mass of a link [kg]: 0 if it has none, and 1, as in SDF, if it cannot be used."""
     element = link.find("inertial/mass")
     if element is None:
         return 0.0
@@ -80,5 +82,5 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
         except MeshError as error:
             log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
             return None
-    log.warning("%s: only a <collision> of a box, cylinder, sphere or mesh is simulated", where)
+    log.warning("%s: a <collision> that is not a box, cylinder, sphere or mesh is left out", where)
     return None

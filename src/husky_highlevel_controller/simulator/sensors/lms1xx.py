@@ -69,7 +69,7 @@ class Lms1xx:
     def __init__(
         self, config: Lms1xxConfig, cast_rays: CastRays, frame: str, pose_in_base: Pose, scan_time: float
     ) -> None:
-        """`scan_time`: from scan to scan [s]."""
+        """`scan_time`: time from scan to scan [s]."""
         self._config, self._cast_rays = config, cast_rays
         self._frame, self._pose_in_base, self._scan_time = frame, pose_in_base, scan_time
 
@@ -78,13 +78,16 @@ class Lms1xx:
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> Scan:
-        """The sweep that ends at `stamp` [s]; the scan's own stamp is that of its first beam."""
+        """The sweep that ends at `stamp` [s]; the scan's own stamp is the time of its first beam."""
         config = self._config
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
+        # a moving robot is at another pose for each piece of the sweep
         moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING
         measured = []
         for piece in _pieces(config, PIECES if moving else 1):
-            pose = compose(_before(state, piece.age) if moving else state.pose_in_world, self._pose_in_base)
+            pose = compose(
+                _pose_before(state, piece.age) if moving else state.pose_in_world, self._pose_in_base
+            )
             measured.append(_echoes(self._cast_rays(pose, piece.rays, FARTHEST), piece, config))
         ranges, shares = (np.concatenate(part) for part in zip(*measured))
         # one draw per beam, hit or miss, so that the noise of a beam never depends on the other beams
@@ -109,7 +112,7 @@ class Lms1xx:
         )
 
 
-def _before(state: RobotState, age: float) -> Pose:
+def _pose_before(state: RobotState, age: float) -> Pose:
     """Pose of base_link in the world `age` s ago, at its present velocity; it does not tilt meanwhile."""
     (vx, vy, vz), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
     turn = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
@@ -120,7 +123,7 @@ class _Piece(NamedTuple):
     """Neighbouring beams that are cast from one pose."""
 
     beams: int  # number of beams
-    age: float  # [s] age of their middle at the end of the sweep
+    age: float  # [s] time from their middle beam to the end of the sweep
     rays: Beams  # rays that sample all spots of the beams
     offsets: np.ndarray  # (S,) [rad] rays of a spot relative to its beam
 
@@ -163,7 +166,9 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
 
 def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
     """Shares of the light of round spots that samples at these distances (N, S) [m] stand for; misses too."""
-    half = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))  # the spot's, at each distance
+    half = 0.5 * (
+        config.divergence + config.spot / np.maximum(spots, 1e-3)
+    )  # half the spot's angle at each distance
     off = offsets / half
     step = offsets[1] - offsets[0]
     shares: np.ndarray = np.sqrt(np.maximum(1.0 - off * off, 0.0)) * (2.0 / pi * step) / half

@@ -30,7 +30,7 @@ class FlattenConfig:
     target_frame: str = setting(
         "frame of the scan; defaults to the frame of the cloud", default="", optional=True
     )
-    transform_tolerance: float = _number(0.01, "without effect [s]")
+    transform_tolerance: float = _number(0.01, "time that has no effect here [s]")
     min_height: float = _number(-FAR, "lower points are omitted [m]")
     max_height: float = _number(FAR, "higher points are omitted [m]")
     angle_min: float = _number(-pi, "angle of the first direction [rad]")
@@ -41,8 +41,8 @@ class FlattenConfig:
     range_max: float = _number(FAR, "farther points are omitted [m]")
     use_inf: bool = setting("+inf if there is no point; if false, a range beyond range_max", default=True)
     inf_epsilon: float = _number(1.0, "distance beyond range_max [m]")
-    concurrency_level: int = _number(1, "without effect")
-    queue_size: int = _number(1, "without effect")
+    concurrency_level: int = _number(1, "number that has no effect here")
+    queue_size: int = _number(1, "number that has no effect here")
 
     def __post_init__(self) -> None:
         """Raise ValueError if there is no direction, or too many."""

@@ -28,9 +28,9 @@ class RayMesh(NamedTuple):
     vertices: np.ndarray  # (V, 3) [m] corners in its own frame
     faces: np.ndarray  # (3, F), rows of `vertices`
     centre: Vector3  # [m] centre of the ball around it, in its own frame
-    bound: float  # [m], radius of that ball
+    bound: float  # [m] radius of that ball
     position: Vector3  # [m] position of its frame in the world
-    axes: Sequence[Vector3]  # its own x, y and z, in the world
+    axes: Sequence[Vector3]  # directions of its own x, y and z, in the world
 
 
 def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:

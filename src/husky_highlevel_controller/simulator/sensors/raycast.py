@@ -55,10 +55,10 @@ class RaySolid(NamedTuple):
     """Solid shape of a scene, in plain numbers."""
 
     kind: int  # BOX, CYLINDER or SPHERE
-    size: Vector3  # [m], half the edges of the box around it, along its own axes
-    bound: float  # [m], radius of the ball around it
-    position: Vector3  # [m], its centre in the world
-    axes: Sequence[Vector3]  # its own x, y and z, in the world
+    size: Vector3  # [m] half the edges of the box around it, along its own axes
+    bound: float  # [m] radius of the ball around it
+    position: Vector3  # [m] position of its centre in the world
+    axes: Sequence[Vector3]  # directions of its own x, y and z, in the world
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +140,8 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        if (
-            abs(height) <= hypot(x, y) * max_range
-        ):  # otherwise no beam gets there, such as from a level laser to the floor
+        # otherwise no beam gets there, such as from a level laser to the floor
+        if abs(height) <= hypot(x, y) * max_range:
             along = height / np.dot((x, y), beams.directions)
             along[along < 0.0] = inf
             np.fmin(distances, along, out=distances)

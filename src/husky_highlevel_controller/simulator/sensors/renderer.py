@@ -23,7 +23,7 @@ from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConf
 class RenderRequest(NamedTuple):
     """Request for one image."""
 
-    bodies: Optional[Mapping[str, Body]]  # None for the bodies of the request before
+    bodies: Optional[Mapping[str, Body]]  # bodies of the world; None if they have not changed
     poses: Mapping[str, Pose]  # poses in the world of the bodies that may have moved
     pose_camera_in_world: Pose  # pose of the optical frame
 
@@ -64,7 +64,7 @@ class Renderer:
 
 
 def _serve_requests(pipe: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends when the simulator closes the pipe or dies
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pipe ends this process
     config: CameraConfig = pipe.recv()
     bullet = BulletWorld(1.0)
     bullet.clear((0.0, 0.0, 0.0))
@@ -75,8 +75,12 @@ def _serve_requests(pipe: Connection) -> None:
         except (EOFError, OSError):
             return
         if request.bodies is not None:
-            bodies = {name: _drawn(body) for name, body in request.bodies.items()}
-            bodies = {name: body for name, body in bodies.items() if body.collisions}
+            # the camera sees collision shapes; it sees the visuals of a body that has none
+            bodies = {
+                name: body if body.collisions else replace(body, collisions=body.visuals, mass=0.0)
+                for name, body in request.bodies.items()
+                if body.collisions or body.visuals
+            }
             for name in [name for name in bodies_drawn if bodies.get(name) != bodies_drawn[name]]:
                 bullet.remove_body(name)
             for name, body in bodies.items():
@@ -95,11 +99,6 @@ def _serve_requests(pipe: Connection) -> None:
             config.far,
         )
         pipe.send(buffer)
-
-
-def _drawn(body: Body) -> Body:
-    """Body as the camera sees it: where it has no collisions, by its visuals, without physics."""
-    return body if body.collisions else replace(body, collisions=body.visuals, mass=0.0)
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ class VibratingImu:
     """An IMU on a robot that its ground shakes."""
 
     def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
-        """`track`: the effective one, by which turning makes the wheels roll [m]."""
+        """`track`: effective track, by which turning makes the wheels roll [m]."""
         self._imu, self._track = imu, track
         self._saturation = config.saturation
         self._scale = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3

@@ -139,10 +139,10 @@ def test_a_mesh_is_looked_up_where_gazebo_and_ros_do(uri, file, variable, folder
     ("name", "content", "reason"),
     [
         ("gone.stl", None, "a mesh is not on this machine, and is left out"),
-        ("x.fbx", b"", r"is not one of the files that are read \(.dae, .stl, .obj\)"),
+        ("x.fbx", b"", r"is not a file of a supported type \(.dae, .stl, .obj\)"),
         ("x.stl", b"solid nothing", "a mesh holds no triangles"),
         ("x.obj", b"v 0 0 0\nf 1 2 3\n", "a mesh cannot be read: .*Error"),
-        ("x.dae", b"<COLLADA", "a mesh cannot be read: .*is not XML"),
+        ("x.dae", b"<COLLADA", "a mesh cannot be read: .*is not valid XML"),
         ("x.dae", b'<!DOCTYPE a [<!ENTITY b "c">]><COLLADA>&b;</COLLADA>', "XML entities are refused"),
         ("x.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 nan\nf 1 2 3\n", "a mesh has corners that are not finite"),
         ("x.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 2\n", "a mesh holds no triangles"),
@@ -162,20 +162,22 @@ def test_a_mesh_that_cannot_be_had_leaves_its_model_out_by_name(name, content, r
     assert name in what
     assert "model 'house'" in what
     assert re.search(reason, what)
-    assert left == "world 'w': of 1 models none is left for the lidar; it sees nothing"
+    assert left.startswith("world 'w': the lidar sees nothing, because no shape of its 1 models is left;")
 
 
 def test_the_log_says_what_is_left_only_where_nothing_is(tmp_path, caplog):
     ground = "<include><uri>model://ground_plane</uri></include>"
     absent = ["<include><uri>model://barn</uri></include>", walls("gone.stl"), walls("gone.dae", name="shed")]
     load_world(world(tmp_path, ground, *absent))
-    assert caplog.messages[-1] == "world 'w': of 3 models none is left for the lidar; it sees nothing"
+    assert caplog.messages[-1].startswith(
+        "world 'w': the lidar sees nothing, because no shape of its 3 models is left;"
+    )
     caplog.clear()
     box = "<geometry><box><size>1 1 1</size></box></geometry>"
     post = f'<model name="p"><link name="l"><collision name="c">{box}</collision></link></model>'
     load_world(world(tmp_path, ground, *absent, post))
     load_world(world(tmp_path, ground))
-    assert "none is left" not in caplog.text
+    assert "the lidar sees nothing" not in caplog.text
 
 
 def test_large_files_are_left_out_and_many_triangles_made_fewer(tmp_path, caplog, monkeypatch):
@@ -186,7 +188,7 @@ def test_large_files_are_left_out_and_many_triangles_made_fewer(tmp_path, caplog
     assert "made coarser: ball.stl (1280)" in caplog.text
     monkeypatch.setattr(mesh_file, "MAX_BYTES", 1000)
     assert load_world(world(tmp_path, walls("ball.stl"))).bodies[0].collisions == ()
-    assert "a mesh has 0 MB, more than 0 MB, and is left out" in caplog.text
+    assert "a mesh has 0 MB, above the limit of 0 MB, and is left out" in caplog.text
 
 
 def test_the_files_of_a_world_are_read_once_and_bounded_together(tmp_path, caplog):
@@ -195,7 +197,7 @@ def test_the_files_of_a_world_are_read_once_and_bounded_together(tmp_path, caplo
     files = MeshFiles(bytes_left=1000)
     source = str(tmp_path / "w.world")
     assert files.read("a.stl", source) is files.read("a.stl", source)
-    with pytest.raises(MeshError, match="is one of several that have more than 200 MB"):
+    with pytest.raises(MeshError, match="exceeds the limit of 200 MB for all meshes together"):
         files.read("b.stl", source)
 
 

@@ -40,10 +40,13 @@ def test_the_husky_s_own_description_gives_way_to_the_arguments_of_the_launch():
     ("own", "reason"),
     [
         ("<robot name='husky'/>", "no link 'base_link'"),
-        (OWN.replace("front_left_wheel", "wheel_1"), "no joint 'front_left_wheel'; wheels are "),
+        (
+            OWN.replace("front_left_wheel", "wheel_1"),
+            "no joint 'front_left_wheel'; the wheels' joints are ",
+        ),
         (OWN.replace('"fixed"><parent', '"revolute"><parent'), "link 'mast' is neither fixed to base_link"),
         (OWN.replace("front_laser", "lms"), "no link 'front_laser' for a sensor is fixed to base_link"),
-        (OWN[:-9], "not XML that can be read"),
+        (OWN[:-9], "is not valid XML"),
     ],
 )
 def test_a_description_that_cannot_be_used_is_replaced_with_the_reason(own, reason):
@@ -56,7 +59,10 @@ def test_a_description_that_cannot_be_used_is_replaced_with_the_reason(own, reas
 def test_collision_meshes_are_named_because_nothing_touches_them():
     text, warning = choose(MESH)
     assert text == MESH
-    assert warning == "nothing touches the collision meshes in your robot description: mast"
+    assert (
+        warning
+        == "collision meshes in your robot description have no effect; use a box, cylinder or sphere: mast"
+    )
 
 
 @pytest.mark.parametrize(

@@ -207,7 +207,7 @@ def test_a_saved_world_opens_as_it_was_saved(caplog):
     assert bodies["wall"].collisions[0].shape == Box((0.2, 6.0, 1.0))
     assert bodies["late"].visuals[0].shape == Sphere(1.5)
     (message,) = caplog.messages
-    assert "the robot's own <model> is left out" in message
+    assert "a <model> of the robot is left out" in message
 
 
 @pytest.mark.parametrize(
@@ -329,7 +329,7 @@ def test_what_is_not_supported_is_named_once_per_kind(caplog):
     kinds += ["<gravity>", "<model>", "<include>", "<inertial>", "material"]
     for kind in kinds:
         assert sum(kind in message.split(": ")[0] for message in caplog.messages) == 1, kind
-    assert "of 3 models none is left for the lidar" in caplog.messages[-1]
+    assert "no shape of its 3 models is left" in caplog.messages[-1]
     assert len(caplog.messages) == len(kinds) + 1
     assert {record.levelno for record in caplog.records} == {logging.WARNING}
     (mesh,) = (message for message in caplog.messages if "mesh is" in message)
@@ -371,7 +371,8 @@ def test_a_second_model_of_one_name_is_left_out_as_in_gazebo(caplog):
     assert [(body.name, body.pose_in_world.position[0]) for body in bodies] == [("post", 1.0), ("other", 0.0)]
     (message,) = caplog.messages
     assert (
-        message == "a second model of one name is left out, as in Gazebo: test.world:1: model 'post' 'post'"
+        message
+        == "a second model of the same name is left out, as in Gazebo: test.world:1: model 'post' 'post'"
     )
 
 
@@ -396,7 +397,7 @@ def inertial(inside):
 
 
 def placed(text, position):
-    return cube(f"<pose>{text}</pose>"), "a <pose> has 6 numbers", text, [("m", position, 1.0, 1, 0)]
+    return cube(f"<pose>{text}</pose>"), "a <pose> needs 6 numbers", text, [("m", position, 1.0, 1, 0)]
 
 
 def flagged(tag, text):
@@ -425,7 +426,7 @@ LEFT_OUT = [
     (cube('<visual name="v"/>'), "a <visual> without a shape", "visual 'v'", [CUBE]),
     (
         solid("<plane><size>big</size></plane>").replace("<link", "<static>1</static><link"),
-        "the <size> of a plane is only drawn",
+        "a <size> of a plane that cannot be read",
         "'big'",
         [("m", (0.0, 0.0, 0.0), 0.0, 1, 0)],
     ),
@@ -437,16 +438,16 @@ LEFT_OUT = [
     placed("1", (1.0, 0.0, 0.0)),
     placed("1 2 3 0 0", (1.0, 2.0, 3.0)),
     placed("1 2 3 0 0 0 9", (1.0, 2.0, 3.0)),
-    (saved("<pose>1 2</pose>"), "a <pose> has 6 numbers", "state", [("m", (1.0, 2.0, 0.0), 1.0, 1, 0)]),
+    (saved("<pose>1 2</pose>"), "a <pose> needs 6 numbers", "state", [("m", (1.0, 2.0, 0.0), 1.0, 1, 0)]),
     (
         cube() + model(COLLISION, "<pose>0 0 -1.05e7 0 0 0</pose>", name="fallen"),
-        "what is farther than 10000 m from the origin",
+        "a link farther than 10000 m from the origin",
         "model 'fallen'",
         [CUBE],
     ),
     (
         cube(f'<collision name="d"><pose>0 2e4 0 0 0 0</pose>{BOX}</collision>'),
-        "what is farther than 10000 m from its link",
+        "a shape farther than 10000 m from its link",
         "collision 'd'",
         [CUBE],
     ),
@@ -459,7 +460,7 @@ LEFT_OUT = [
     ),
     (
         f'<model name="m"><link name="a">{COLLISION}</link><link name="a">{COLLISION}</link></model>',
-        "a second <link> of one name",
+        "a second <link> of the same name",
         "link 'a'",
         [("m::a", *CUBE[1:]), ("m::a_1", *CUBE[1:])],
     ),
@@ -474,7 +475,7 @@ LEFT_OUT = [
     # planes that could fall
     (
         solid("<plane/>") + model(name="n"),
-        "a <plane> stays where it is",
+        "a <plane> cannot move",
         "'m'",
         [("m", (0.0, 0.0, 0.0), 0.0, 1, 0), ("n", (0.0, 0.0, 0.0), 1.0, 0, 0)],
     ),
@@ -569,13 +570,13 @@ def test_links_that_joints_hold_together_are_one_body_and_pass_through_the_other
     read = parse_world(sdf(assembled(*WHEELED, inner, *inside), version="1.7"), "test.world").bodies
     places = [tuple(part.pose_in_body.position[0] for part in body.collisions) for body in read]
     assert [(b.name, xs, b.mass, b.model) for b, xs in zip(read, places)] == bodies
-    assert [("joints do not move here" in message) for message in caplog.messages] == [True] * warned
+    assert [("joints do not move" in message) for message in caplog.messages] == [True] * warned
 
 
 def test_a_joint_of_a_link_that_is_not_there_is_left_out(caplog):
     read = parse_world(sdf(assembled(*WHEELED, joint("a", "z"))), "test.world").bodies
     assert [body.name for body in read] == ["m::a", "m::b", "m::c"]
-    assert "a <joint> of a link that is not there is left out: test.world:1: model 'm'" in caplog.text
+    assert "a <joint> of a link that does not exist is left out: test.world:1: model 'm'" in caplog.text
 
 
 def test_links_that_are_held_together_stand_where_the_state_has_them():
@@ -593,7 +594,7 @@ def test_links_that_are_held_together_stand_where_the_state_has_them():
 @pytest.mark.parametrize(
     ("file", "words"),
     [
-        ("not_xml", r"is not XML: .*line 3"),
+        ("not_xml", r"is not valid XML: .*line 3"),
         ("no_world", r":1: .*needs a <world>"),
         ("version", r":1: SDF version '2\.0' is not supported; 1\.3 to 1\.12 are"),
         ("not_sdf", r":1: needs <sdf>.* not <robot>"),
@@ -669,7 +670,7 @@ BROKEN = [
     (solid("<box><size>1 -1 1</size></box>"), "size: must be greater than zero, not '1 -1 1'"),
     (solid("<box><size>1 1</size></box>"), "size: needs 3 finite numbers, not '1 1'"),
     (solid("<cylinder><radius>1</radius></cylinder>"), "<cylinder> needs a <length>"),
-    (solid("<plane><normal>0 0 0</normal></plane>"), "normal: must have a direction, not '0 0 0'"),
+    (solid("<plane><normal>0 0 0</normal></plane>"), "normal: needs a direction, not '0 0 0'"),
     (solid("<box><size>1 1 2000</size></box>"), "size (1.0, 1.0, 2000.0) is not within 0.001 to 1000 m"),
     (solid("<box><size>1 1 1</size></box>", "1 two 3 0 0 0"), "pose: needs 6 finite numbers, not '1 two 3"),
     (
@@ -708,10 +709,10 @@ REFUSED = {
     "an entity behind a comment": (ENTITIES + sdf('<model name="&b;"/>'), "entities are refused"),
     "models in each other without end": (sdf(NESTED), "too deeply"),
     "frames without end": (sdf(CHAIN, version="1.7"), "too deeply"),
-    "an unknown encoding": (LATIN.replace("iso-8859-1", "klingon") + sdf(), "is not XML"),
-    "a comment without end in the world": (sdf("<!--" * 100_000), "is not XML"),
-    **{f"{run} without end": (run * 100_000, "is not XML") for run in RUNS},
-    **{f"{run} without end before the world": (run * 100_000 + "<sdf", "is not XML") for run in RUNS},
+    "an unknown encoding": (LATIN.replace("iso-8859-1", "klingon") + sdf(), "is not valid XML"),
+    "a comment without end in the world": (sdf("<!--" * 100_000), "is not valid XML"),
+    **{f"{run} without end": (run * 100_000, "is not valid XML") for run in RUNS},
+    **{f"{run} without end before the world": (run * 100_000 + "<sdf", "is not valid XML") for run in RUNS},
 }
 
 

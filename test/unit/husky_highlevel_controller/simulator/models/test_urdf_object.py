@@ -74,7 +74,7 @@ def test_an_sdf_is_no_urdf(text):
         (urdf(link("a", SPHERE), link("b"), joint("a", "b"), joint("b", "a")), "none"),
         (urdf(link("a", SPHERE), joint("a", "nowhere")), "'nowhere' is not a link"),
         (urdf(link("a", SPHERE.replace("0.3", "nan"))), "radius is 'nan'"),
-        ("<robot><link name='a'></robot>", "not XML"),
+        ("<robot><link name='a'></robot>", "is not valid XML"),
         ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot><link name='&a;'/></robot>", "EntitiesForbidden"),
     ],
 )
