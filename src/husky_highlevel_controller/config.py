@@ -178,7 +178,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         if parameters_only:
             raise ConfigError(f"{name} = {value!r} is not a set of parameters")
         if value is None and all(not _is_required(item) for item in fields(kind)):
-            value = {}  # a key in YAML with nothing after it
+            value = {}  # YAML gives None for a key with nothing after it
         return from_plain(
             typing.cast(Type, kind), value, name + "/" if isinstance(value, dict) else f"{name} = "
         )
@@ -193,7 +193,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         return _items([args[0]] * len(_listed(value, name, metadata)), value, name, metadata, parameters_only)
     if origin in (dict, abc.Mapping):
         if value is None and not parameters_only:
-            value = {}  # also a key in YAML with nothing after it
+            value = {}  # YAML gives None for a key with nothing after it
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {_short(value)} is not a mapping")
         return {

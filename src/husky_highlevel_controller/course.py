@@ -17,7 +17,7 @@ PILLAR_RADIUS = 0.2  # [m]
 PILLAR_POSITION = (20.0, 5.0)  # [m] position of the pillar's axis in the world
 REACHED = 0.35  # [m] gap between robot and pillar that counts as reached
 TOUCH = 0.01  # [m] gap between robot and pillar that counts as a touch
-STANDS = 0.05  # [m/s] and [rad/s] fastest motion that counts as standing
+STANDS = 0.05  # fastest motion that counts as standing [m/s, rad/s]
 
 
 class PillarSize(NamedTuple):

@@ -219,7 +219,7 @@ class WheelState(NamedTuple):
     """Angles, speeds and torques of the four wheel joints, in the order of `names`."""
 
     names: Tuple[str, ...]  # joint names
-    angles: Tuple[float, ...]  # [rad], not wrapped
+    angles: Tuple[float, ...]  # [rad] angles of the joints, not wrapped
     speeds: Tuple[float, ...]  # [rad/s]
     efforts: Tuple[float, ...]  # [N m] torques of the motors
 
@@ -290,7 +290,7 @@ class OdometrySample(NamedTuple):
     """Reading of the wheel encoders, and the dead reckoning from it."""
 
     wheels: WheelState
-    from_wheels: Odometry  # both speeds from the wheels
+    from_wheels: Odometry  # forward speed and yaw rate from the wheels
     filtered: Odometry  # forward speed from the wheels, yaw rate from the gyro
 
 
@@ -317,7 +317,7 @@ class Snapshot(NamedTuple):
 
 
 class TrueState(NamedTuple):
-    """True motion of the robot at one moment, by which a drive is judged."""
+    """True motion of the robot at one moment, by which a run is graded."""
 
     stamp: float  # [s], simulated
     pose_in_world: Pose  # pose of base_link

@@ -17,7 +17,7 @@ _SOLID = 0.01  # smallest volume of a closed mesh, as a fraction of the box arou
 
 
 def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> TriangleMesh:
-    """Mesh whose faces share their corners; faces without an area are left out.
+    """Mesh whose faces share their corners; faces without an area are omitted.
 
     Args:
         vertices: (V, 3) [m], which may repeat.
@@ -45,7 +45,7 @@ def scaled_mesh(mesh: TriangleMesh, scale: Vector3) -> TriangleMesh:
 
 
 def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
-    """Volume [m^3] and centroid of a mesh in its frame; those of its box if it is not closed."""
+    """Volume [m^3] and centroid of a mesh in its frame; of its box if the mesh is not closed."""
     low, high = mesh.bounds
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2) - low
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0  # volumes of tetrahedra from faces to a corner

@@ -33,7 +33,7 @@ class Table:
     """Table of a result; a cell may be a `Cell` or a plain value."""
 
     title: str
-    header: Sequence[str]  # not printed if all texts are empty
+    header: Sequence[str]  # names of the columns; not printed if all are empty
     rows: Sequence[Sequence[Any]]
     folded: bool = False  # shown on the page only, not in the text
 
@@ -62,7 +62,8 @@ class Table:
         lines = [self.title] if self.title else []
         for row in [self.header, *self.values][not any(self.header) :]:
             *texts, last = map(_text, row)
-            last, *more = _wrapped(last, max(WIDTH - indent, MIN_WRAPPED))
+            width = max(WIDTH - indent, MIN_WRAPPED)
+            last, *more = [part for line in last.split("\n") for part in textwrap.wrap(line, width) or [""]]
             padded = zip([*texts, last], widths, are_numbers)
             aligned = [text.rjust(width) if right else text.ljust(width) for text, width, right in padded]
             lines += ["  ".join(aligned).rstrip(), *(" " * indent + part for part in more)]
@@ -124,11 +125,6 @@ class Result:
         lead, verdict = plain_markdown(self.lead), plain_markdown(self.verdict)
         tables = [text for each in self.tables for text in (plain_markdown(each.title), each.to_markdown())]
         return "\n\n".join(filter(None, [f"### {plain_markdown(self.title)}", lead, *tables, verdict]))
-
-
-def _wrapped(text: str, width: int) -> List[str]:
-    """The lines of a text, wrapped; one or more."""
-    return [part for line in text.split("\n") for part in textwrap.wrap(line, width) or [""]]
 
 
 def _text(value: Any) -> str:

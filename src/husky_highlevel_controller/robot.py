@@ -1,7 +1,7 @@
 """Robot description as data: names, topics, sizes, masses and limits, from config/robots/.
 
 The first section of the file, `robot`, is the record `Robot`; the other entries are the simulator's sensors
-(`simulator/simulation.py`). docs/robots.md says what a further robot needs.
+(`simulator/simulation.py`). docs/robots.md lists the steps for a further robot.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Wheels:
     joints: Tuple[str, ...] = setting("front left, front right, rear left, rear right", length=4)
     base: float = number(0.05, 10.0, "distance from front to rear axle [m]")
     height: float = number(-1.0, 1.0, "height of the axles above base_link [m]")
-    width: float = number(0.01, 1.0, "of each [m]")
+    width: float = number(0.01, 1.0, "width of each wheel [m]")
     mass: float = number(0.01, 1e3, "mass of each wheel [kg]")
 
 
@@ -112,7 +112,7 @@ class Robot:
 
     @cached_property
     def footprint(self) -> Footprint:
-        """Outline from above: the hull, and the wheels of either side."""
+        """Footprint from above: the hull, and the wheels of either side."""
         separation, width = self.drive.wheel_separation, self.wheels.width
         return Footprint(
             (self.hull.length / 2.0, self.hull.width / 2.0),

@@ -35,7 +35,7 @@ def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:
     try:
         robot = defusedxml.ElementTree.fromstring(text)
     except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
-        raise DescriptionError(f"not XML that can be read: {error!r}") from None
+        raise DescriptionError(f"is not valid XML: {error!r}") from None
     if robot.tag != "robot":
         raise DescriptionError(f"the root element is <{robot.tag}>; a URDF starts with <robot>")
     links, joints = ({name_of(item): item for item in robot.findall(tag)} for tag in ("link", "joint"))

@@ -37,7 +37,14 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
     try:
         with server(uri, deadline) as api:
             code, _, value = getattr(api, method)(*arguments)
-    except (OSError, HTTPException, Error, ExpatError, ValueError, TypeError):  # a port of any program
+    except (
+        OSError,
+        HTTPException,
+        Error,
+        ExpatError,
+        ValueError,
+        TypeError,
+    ):  # another program may listen on the port
         return None
     return code, value
 

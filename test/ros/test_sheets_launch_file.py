@@ -201,7 +201,7 @@ def copy(theirs):
 
 def test_nodes_of_gazebo_ros_simulate_the_world_and_the_model_of_a_copy(copy, launch, ros):
     launched = launch(copy / "launch" / "maze.launch", HUSKY_UST10_ENABLED="1")
-    launched.says("'post' is there")
+    launched.says("'post' was added")
     assert "simulating 'maze' with 1 bodies" in launched.output
     assert ros.master("getParam", "/husky_simulator/world_name") == str(copy / "worlds" / "maze.world")
     assert "ignored by this simulator: -s" in launched.output
@@ -266,7 +266,7 @@ def test_what_a_husky_of_ones_own_has_besides_is_there_or_a_warning_says_why_not
         launched.says(
             "warning: your robot description has a fault, so the Husky's is simulated and shown: link 'boom'"
         )
-        launched.says("'crate' is there")
+        launched.says("'crate' was added")
     assert ('name="boom"' in ros.master("getParam", "/robot_description")) is (joint == "fixed")
 
 

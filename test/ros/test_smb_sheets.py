@@ -102,7 +102,7 @@ def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(
     make_package(copy, "smb_gazebo", {"launch/smb_gazebo.launch": spawn})
     path = os.pathsep.join([str(theirs.parent), os.environ["ROS_PACKAGE_PATH"]])
     launched = launch(theirs / "launch" / "football.launch", ROS_PACKAGE_PATH=path)
-    launched.says("there is no world /usr/share/gazebo-11/worlds/robocup14_spl_field.world; taking ")
+    launched.says("there is no world /usr/share/gazebo-11/worlds/robocup14_spl_field.world; using ")
     launched.says("simulating")
     assert ros.master("getParam", "/husky_simulator/z") == 0.7
     topics = {name for name, _ in ros.master("getPublishedTopics", "")}

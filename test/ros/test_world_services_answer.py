@@ -73,20 +73,20 @@ class WorldServicesAnswer(RosTest):
         return set(self.list().model_names)
 
     def test_an_object_comes_moves_and_goes(self):
-        self.says(self.box("crate", 3.0), "'crate' is there")
+        self.says(self.box("crate", 3.0), "'crate' was added")
         self.assertAlmostEqual(self.ahead(), 3.0 - 0.4 - 0.337, delta=0.02)
-        self.says(self.move("crate", pose(5.0, 0.0, 0.4), ""), "'crate' has moved")
+        self.says(self.move("crate", pose(5.0, 0.0, 0.4), ""), "'crate' was moved")
         self.assertAlmostEqual(self.ahead(), 5.0 - 0.4 - 0.337, delta=0.02)
         listed = self.list()
         self.assertEqual(set(listed.model_names), {"ground_plane", "unit_cylinder", "crate"})
         self.assertAlmostEqual(listed.poses[listed.model_names.index("crate")].position.x, 5.0, delta=0.01)
-        self.says(self.delete("crate"), "'crate' is gone")
+        self.says(self.delete("crate"), "'crate' was deleted")
         self.assertEqual(self.ahead(), INF)
 
     def test_a_model_in_sdf_comes_under_the_name_asked_for_and_goes_with_all_its_parts(self):
-        self.says(self.spawn(model_name="gate", model_xml=GATE, initial_pose=pose(4.0)), "'gate' is there")
+        self.says(self.spawn(model_name="gate", model_xml=GATE, initial_pose=pose(4.0)), "'gate' was added")
         self.assertEqual(self.names() - {"ground_plane", "unit_cylinder"}, {"gate::left", "gate::right"})
-        self.says(self.delete("gate"), "'gate' is gone")
+        self.says(self.delete("gate"), "'gate' was deleted")
         self.refuses(
             self.spawn(model_name="gate", model_xml="<sdf", initial_pose=pose()), "model_xml of 'gate'"
         )
@@ -96,7 +96,7 @@ class WorldServicesAnswer(RosTest):
         self.box("crate", 3.0)
         before = self.names()
         for response, words in (
-            (self.box("crate", 6.0), "there is a body named 'crate' already"),
+            (self.box("crate", 6.0), "a body named 'crate' exists already; choose another name"),
             (self.box("new", INF), "position inf is not within"),
             (self.box("new", 6.0, size=1e3 + 1), "size 1001.0 is not within"),
             (self.box("new", 6.0, reference_frame="map"), "reference_frame 'map' is not one of world, odom"),
@@ -128,7 +128,7 @@ class WorldServicesAnswer(RosTest):
         filtered = self.remember("odometry/filtered", Odometry)
         for reset, survives in ((self.reset, False), (self.reset_world, True)):
             self.box("crate", 3.0)
-            self.says(self.move("husky", pose(-2.0, 1.0), ""), "'husky' has moved")
+            self.says(self.move("husky", pose(-2.0, 1.0), ""), "'husky' was moved")
             self.move("crate", pose(8.0, 0.0, 0.4), "")
             self.wait_until(lambda: self.truth[-1].pose.pose.position.x < -1.9, "it is there")
             self.says(reset(), "the ")
@@ -182,7 +182,7 @@ class WorldServicesAnswer(RosTest):
         self.wait_until(lambda: abs(self.truth[-1].pose.pose.position.x) < 0.01, "it is back")
 
     def test_odom_is_a_frame_too_and_stays_when_the_robot_is_put_elsewhere(self):
-        self.says(self.move("husky", pose(1.0, 2.0), ""), "'husky' has moved")
+        self.says(self.move("husky", pose(1.0, 2.0), ""), "'husky' was moved")
         listed = self.list("odom")
         pillar = listed.poses[listed.model_names.index("unit_cylinder")].position
         self.assertAlmostEqual(pillar.x, 20.0, delta=0.05)

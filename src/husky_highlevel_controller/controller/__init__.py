@@ -1,1 +1,1 @@
-"""The pillar controller and the stop guards. Knows neither ROS nor the simulator."""
+"""The pillar controller and the stop guards, without ROS and without the simulator."""

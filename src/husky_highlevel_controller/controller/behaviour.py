@@ -65,7 +65,7 @@ class Observation:
     """Scan, and the poses of its stamp."""
 
     scan: Scan
-    laser_in_base: Optional[Pose]  # None if unknown to TF
+    laser_in_base: Optional[Pose]  # pose of the lidar; None if it is unknown to TF
     base_in_odom: Optional[Pose2D]  # pose at the scan's stamp; None if unknown to TF
     outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # footprint of the robot
     ahead_of_odometry: float = 0.0  # [s] lead of the scan's clock over the clock of `base_in_odom`
@@ -90,7 +90,7 @@ class ControllerState(NamedTuple):
     base_in_odom: Optional[Pose2D] = None  # pose at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
     odom_at: float = inf  # [s] stamp of the last scan with a pose in odom; inf if there was none
-    in_room: bool = False  # true if a scan here had returns on ROOM_SHARE of its beams
+    in_room: bool = False  # true if a scan here had many returns, so that none at all are a fault
 
     @property
     def estimate(self) -> Optional[Estimate]:
@@ -105,7 +105,7 @@ class ControlOutput(NamedTuple):
     at_pillar: bool  # true if the robot has arrived and not left since, even while it is stopped
     twist: Twist2D
     pillar: Optional[Pillar]  # tracked pillar if this scan shows it, in the laser's frame
-    pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None if TF does not know odom
+    pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom
     estimate: Optional[Estimate]  # remembered pillar in odom
     target_in_base: Optional[Tuple[float, float]]  # [m] centre of the pillar, seen or otherwise remembered
     distance_error: float  # [m] remaining distance; nan without a target
@@ -146,6 +146,7 @@ def decide(
     pillars = find_pillars(observation.scan, detector_config)
     track, (pillar, pillar_in_odom), visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
+    returns = np.count_nonzero(observation.scan.valid)
     controller_state = controller_state._replace(
         track=track,
         close_at=_close_at(controller_state, target, stamp, control),
@@ -153,7 +154,7 @@ def decide(
         base_in_odom=observation.base_in_odom,
         updated_at=stamp,
         odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
-        in_room=controller_state.in_room or _shows_a_room(observation.scan),
+        in_room=controller_state.in_room or bool(returns > ROOM_SHARE * len(observation.scan.ranges)),
     )
     state, twist, reason, search = _act(
         controller_state, observation, target, pillar is not None, visibility, enabled, control
@@ -189,11 +190,6 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
     return hypot(now.x - before.x, now.y - before.y) > TELEPORT_DISTANCE + TOP_SPEED * (
         observation.scan.stamp - controller_state.updated_at
     )
-
-
-def _shows_a_room(scan: Scan) -> bool:
-    """Return whether many beams have returns, so that later scans without any show a fault of the lidar."""
-    return bool(np.count_nonzero(scan.valid) > ROOM_SHARE * len(scan.ranges))
 
 
 def _look(

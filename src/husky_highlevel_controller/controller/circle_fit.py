@@ -23,7 +23,7 @@ MAX_STEPS = 6
 _SETTLED = 3e-4  # [m] a smaller step is the last one, because the next would be a thousandth of it
 
 Products = List[List[float]]  # (4, 4) sums of products over beams; rows: derivatives by x, y, r, and error
-Number = TypeVar("Number", float, np.ndarray)  # one value, or an array for many segments
+Number = TypeVar("Number", float, np.ndarray)  # number, or an array with one for each segment
 Row3 = Tuple[Number, Number, Number]
 Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
 

@@ -167,7 +167,8 @@ class CrashDetector:
         if now - self._silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
         last = [at for at, _ in islice(reversed(self._wheels), 3)]
-        period = min((after - before for after, before in zip(last, last[1:])), default=0.0)  # not a gap
+        # the shortest of two periods, because the other may be a gap
+        period = min((after - before for after, before in zip(last, last[1:])), default=0.0)
         return bool(last) and stamp - last[0] <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
@@ -185,7 +186,7 @@ class CrashDetector:
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
         self._level(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
-        return self._judge()
+        return self._judge_change()
 
     def _average_into_last(self, sample: ImuSample, imu_in_base: Quaternion) -> None:
         """Make the last velocity change the mean over all samples of its stamp."""
@@ -238,7 +239,7 @@ class CrashDetector:
             _clamped(vertical, SHOCK) * duration,
         )
 
-    def _judge(self) -> Optional[float]:
+    def _judge_change(self) -> Optional[float]:
         """Judge the change of velocity that ended LATENESS ago."""
         window, end = self._config.window, self._stamp - LATENESS
         longest = AFTER + window + BEFORE

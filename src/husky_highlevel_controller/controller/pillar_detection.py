@@ -3,8 +3,7 @@
 In: one `Scan`. Out: the pillars in it, in the laser's own frame.
 
 A pillar is not the nearest return. It is a segment of neighbouring beams that lie on a circle of the expected
-radius, look more like a circle than like straight walls, and have beams at
-both sides that pass the circle.
+radius, look more like a circle than like straight walls, and have beams at both sides that pass the circle.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid.any()):
         return []  # no beam has a direction, or none has a return
-    pillars = [_judge(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
+    pillars = [_pillar_of(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
     return sorted(_distinct([pillar for pillar in pillars if pillar]), key=lambda pillar: pillar.distance)
 
 
@@ -84,7 +83,7 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
 def cluster(scan: Scan, config: PillarConfig) -> Segments:
     """Split the valid beams, one or more, into segments that may each lie on one body.
 
-    The pillar's size limits the distance between neighbours. Single beams amid a segment are left out.
+    The pillar's size limits the distance between neighbours. Single beams amid a segment are omitted.
     """
     (beams,) = scan.valid.nonzero()
     ranges = scan.returns[beams]
@@ -136,7 +135,7 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
     return plausible
 
 
-def _judge(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pillar]:
+def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pillar]:
     """Return the pillar that a segment shows, or None."""
     radius, tolerance = config.pillar_radius, config.radius_tolerance
     circle = fit_circle(segment, radius, config.range_noise)
@@ -188,7 +187,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     if circle.sum_squared_error < slack**2:  # no beam of its own is farther off than the root of the sum
         is_own[beams] = True
     others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
-    missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))  # also counts beams beyond the scan's ends
+    # a beam beyond either end of the scan counts as hidden
+    missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
     if len(others):
         psi = (others - centre) * step
         across, square = distance * np.sin(psi), circle.radius * circle.radius

@@ -2,7 +2,7 @@
 
 In: scans and velocities. Out: the clearance, and whether to call for a stop now.
 
-A planar lidar sees what is at its own height, and nothing behind the robot beyond its view.
+A planar lidar sees only objects at its own height, and none behind the robot beyond its view.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from husky_highlevel_controller.geometry import advance, matrix_from_quat
 from husky_highlevel_controller.robot import DriveConfig, Robot
 
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s] slower is standing, because odometry has noise
-FASTEST = 100.0  # [m/s] and [rad/s] a measured velocity beyond it is not valid
+FASTEST = 100.0  # [m/s, rad/s] a measured velocity beyond it is not valid
 PATH_STEPS = 12  # number of checked poses on the way to standstill
 APPROACH = 1e-3  # [m] the robot approaches a return if the clearance falls by this much
 STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop is driven by another node
@@ -69,7 +69,10 @@ def too_close(
     path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
     now = _clearance(points_in_base, Pose2D(), outline)
-    within = now < config.margin + _longest_move(path, outline)
+    # no point of the footprint moves farther on the path than this
+    reach = hypot(outline.half_length, outline.half_width)
+    longest_move = max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
+    within = now < config.margin + longest_move
     points_in_base, now = points_in_base[within], now[within]
     nearest = now
     for pose in path:
@@ -99,12 +102,6 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
         pose = advance(pose, slower, duration)
         path.append(pose)
     return path
-
-
-def _longest_move(path: List[Pose2D], outline: Footprint) -> float:
-    """Upper bound of the motion of any point of the footprint [m]."""
-    reach = hypot(outline.half_length, outline.half_width)
-    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:

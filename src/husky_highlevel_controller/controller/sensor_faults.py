@@ -1,4 +1,4 @@
-"""Faults of a sensor's stamps and frames: clocks that differ, frames that TF does not know.
+"""Faults of a sensor's stamps and frames: clocks that differ, frames that are unknown to TF.
 
 In: stamps as messages come, names of frames. Out: the offset between two clocks, sentences with the remedy.
 """
@@ -48,10 +48,11 @@ class ClockOffset:
         self._smallest, self._largest = min(self._smallest, difference), max(self._largest, difference)
         age = now - self._begin[0]
         if (age >= WINDOW and self._count >= MIN_MESSAGES and self._references) or age >= MAX_WINDOW:
-            self.seconds = self._judge(stamp, now)
+            self.seconds = self._offset(stamp, now)
             self._count = 0
 
-    def _judge(self, stamp: float, now: float) -> float:
+    def _offset(self, stamp: float, now: float) -> float:
+        """Offset that all messages of the window show [s]; 0 if it is within the tolerance."""
         begin, first, first_reference = self._begin
         progress = (self._reference or 0.0) - first_reference
         if progress <= 0.0 or not self._references or self._count < 2:

@@ -30,7 +30,7 @@ _AT_PLACE = 2.0  # [m] distance from the lidar within which a position should be
 _MANY_BEAMS = 8  # number of beams with which a pillar is accepted even at a rejected position
 _LONGEST_PERIOD = 0.1  # [s] a longer gap between scans counts as this
 _DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
-_GATE, _GATE_SHARE = 0.5, 0.03  # [m] and fraction of the distance: association gate
+_GATE, _GATE_SHARE = 0.5, 0.03  # association gate: [m], and fraction of the distance
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
 BASELINE, WATCH_TIME = 0.3, 2.0  # [m] between positions of the lidar; [s] a step of a walk takes 0.6 s
 WALK = 0.2  # [m] motion beyond sighting errors; legs walk at 0.5 to 1.5 m/s, odom drifts below 0.1 m/s
@@ -52,8 +52,8 @@ class Visibility(Enum):
     SEEN = "seen"
     OUT_OF_VIEW = "out of view"
     HIDDEN = "hidden"  # hidden by a nearer object
-    EMPTY = "empty"  # not there, although a pillar would be seen
-    UNKNOWN = "unknown"  # nothing is remembered
+    EMPTY = "empty"  # empty position, where a pillar would be seen
+    UNKNOWN = "unknown"  # result without a remembered position
 
 
 class Anchor(NamedTuple):
@@ -77,7 +77,7 @@ class Track(NamedTuple):
 
     @property
     def doubtful(self) -> bool:
-        """Return whether the estimate may be the one that walked, so the robot must not drive to it yet."""
+        """Return whether the estimate may be the object that walked, so that the robot must not drive yet."""
         return self.walked_to is not None and not self.confirmed
 
 
@@ -208,7 +208,7 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
 
 
 def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
-    """Update the estimate with a sighting; the gains are those of a Kalman filter."""
+    """Update the estimate with a sighting, with the gains of a Kalman filter."""
     pillar, (x, y, _) = sighting
     radius = pillar.radius
     # a quarter of the spacing of the beams, and the remaining noise

@@ -43,7 +43,7 @@ class InputConfig:
     config: Tuple[bool, ...] = setting("whether each of the VARIABLES is measured", ())
     differential: bool = setting("a pose counts as velocity since the last", False)
     relative: bool = setting("poses count from the first one on", False)
-    queue_size: int = number(0, 100000, "messages", 1)
+    queue_size: int = number(0, 100000, "maximum number of messages that wait", 1)
     remove_gravitational_acceleration: bool = setting("the acceleration contains gravity", False)
 
     def __post_init__(self) -> None:
@@ -59,7 +59,7 @@ class FilterOptions:
     sensor_timeout: Optional[float] = number(
         0.0, 1e6, "time until it predicts without measurements [s]", None
     )
-    two_d_mode: bool = setting("true", False)
+    two_d_mode: bool = setting("planar filter; must be true", False)
     predict_to_current_time: bool = setting(
         "an estimate has the present time, not the time of a measurement", False
     )
@@ -67,8 +67,8 @@ class FilterOptions:
     odom_frame: str = setting("frame of the start of the path", "odom")
     base_link_frame: str = setting("frame of the robot", "base_link")
     base_link_frame_output: str = setting("name of the frame in published messages", "", optional=True)
-    world_frame: str = setting("odom_frame", "", optional=True)
-    gravitational_acceleration: float = number(0.0, 100.0, "[m/s^2]", 9.80665)
+    world_frame: str = setting("must be odom_frame, if it is given", "", optional=True)
+    gravitational_acceleration: float = number(0.0, 100.0, "gravity [m/s^2]", 9.80665)
 
     def __post_init__(self) -> None:
         if not self.two_d_mode:
@@ -90,7 +90,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
     """Return the filter's parameters, and a sentence about each ignored one; `source` is for error texts.
 
     Raises:
-        ConfigError: a parameter asks for what this filter does not do, or has a value that is not allowed.
+        ConfigError: a parameter asks for an unsupported feature, or has a value that is not allowed.
     """
     options: Dict[str, Any] = {}
     by_input: Dict[str, Dict[str, Any]] = {}

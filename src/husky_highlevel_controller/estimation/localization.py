@@ -36,8 +36,8 @@ class Localization:
         }
         self._ekf = PlanarEkf(config.process_noise, config.initial_covariance)
         self._waiting: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
-        self._first = inf  # [s], stamp of the first reading
-        self._last: Dict[str, float] = {}  # [s], stamps by sensor
+        self._first = inf  # [s] stamp of the first reading
+        self._last: Dict[str, float] = {}  # [s] last stamp by sensor
         self._set_at = self._sent = -inf  # [s] stamps of the set pose and of the last estimate
         self._slot = 0  # time of the next estimate in periods
 
@@ -59,7 +59,9 @@ class Localization:
         """
         last = self._last.get(name, -inf)
         if reading.stamp <= last:
-            raise ReadingError(f"its stamp is {reading.stamp:.6f} s, that of the one before {last:.6f} s")
+            raise ReadingError(
+                f"its stamp {reading.stamp:.6f} s is not later than the last stamp, {last:.6f} s"
+            )
         reading = self._sensors[name].checked(reading)
         self._first = min(self._first, reading.stamp)
         self._last[name] = reading.stamp

@@ -2,7 +2,7 @@
 
 In: measurements of some of the states, in the order of their stamps. Out: state and covariance.
 
-Model and rules are those of robot_localization's EKF with two_d_mode, without its seven states off the plane
+Model and rules follow robot_localization's EKF with two_d_mode, without its seven states off the plane
 (T. Moore, D. Stouch: A Generalized Extended Kalman Filter Implementation for the Robot Operating System,
 IAS-13, 2014).
 """

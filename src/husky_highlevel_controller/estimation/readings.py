@@ -190,7 +190,7 @@ def _both(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def _planar(
     stamp: float, states: Tuple[int, ...], used: np.ndarray, values: np.ndarray, covariance: np.ndarray
 ) -> Measurement:
-    """Measurements of three states from those of six values that lie on the plane."""
+    """Measurements of three states, from the three of six values that lie on the plane."""
     kept = [i for i in ON_PLANE if used[i]]
     chosen = tuple(state for state, i in zip(states, ON_PLANE) if used[i])
     return Measurement(stamp, chosen, values[kept], covariance[np.ix_(kept, kept)])

@@ -22,7 +22,7 @@ def points_from_scan(scan: Scan) -> np.ndarray:
 
 
 def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarray:
-    """Finite points, evenly thinned; none where a point or a row has no room for x, y and z of 32 bits."""
+    """Finite points, evenly thinned; none if a point or a row has no room for x, y and z of 32 bits."""
     nothing = np.zeros((0, 3), np.float32)
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
@@ -50,7 +50,7 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
 
 
 def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
-    """Points (height, width, 3) [m], a row of the cloud for each of the image; NaN where nothing was seen."""
+    """Cloud of points (height, width, 3) [m], a row for each row of the image; NaN for a miss."""
     height, width, _ = points.shape
     return PointCloud2(
         header=header(stamp, frame),

@@ -49,9 +49,9 @@ from husky_highlevel_controller.geometry import pose_from_2d
 
 MIN_INCREMENT = 1e-6  # [rad] smallest increment of a real lidar
 TURN_TOLERANCE = 0.01  # [rad] excess over 2 pi that a full turn of 32-bit angles may have
-MAX_NEAREST = 200.0  # [m], a nearest return that is farther is given in millimetres
+MAX_NEAREST = 200.0  # [m] a nearest return that is farther is given in millimetres
 MILLIMETRES = (100.0, 60000.0)  # smallest and largest range of a lidar, in mm
-MAX_RANGE_MAX = 1000.0  # [m], a larger one is a lidar's in millimetres
+MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is given in millimetres
 
 # Diagonals as husky_control/config/control.yaml publishes them (x, y, z, roll, pitch, yaw)
 ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
@@ -100,7 +100,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
     steps = max(len(ranges) - 1, 0)
     scan = Scan(
         stamp=msg.header.stamp.to_sec(),
-        frame=msg.header.frame_id.lstrip("/"),  # tf2 knows no leading slash, older drivers send one
+        frame=msg.header.frame_id.lstrip("/"),  # older drivers send a leading slash, which tf2 refuses
         angle_min=msg.angle_min,
         angle_max=msg.angle_min + (msg.angle_increment * steps if steps else 0.0),
         range_min=msg.range_min,
@@ -140,7 +140,8 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
 def _check_unit(scan: Scan) -> None:
     """Refuse ranges that can only be millimetres."""
     measured = scan.ranges[scan.valid]
-    if not len(measured):  # they may all be beyond a range_max in metres; one value again and again is a miss
+    # a driver that gives the same range for each beam gives a miss
+    if not len(measured):  # ranges in mm may all be beyond range_max
         measured = scan.ranges[np.isfinite(scan.ranges) & (scan.ranges > 0.0)]
         if not len(measured) or measured.min() == measured.max():
             return
@@ -208,7 +209,7 @@ def tree_to_msg(branches: Iterable[Tuple[str, str, Pose]], stamp: float) -> TFMe
 
 
 def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TransformStamped:
-    """A pose as the transform that tf2 wants."""
+    """A pose as a transform of tf2."""
     msg = TransformStamped(header=header(stamp, parent), child_frame_id=child)
     msg.transform.translation = Vector3(*pose_child_in_parent.position)
     msg.transform.rotation = Quaternion(*pose_child_in_parent.quat_xyzw)
@@ -245,8 +246,8 @@ def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
 
 # ---------------------------------------------------------------------------- IMU
 
-# As the Husky's plugin publishes it: roll and pitch follow from the accelerometer's noise, (0.005 / 9.8)^2;
-# those of rates and accelerations are all 0, which means unknown (REP 145)
+# The Husky's plugin publishes this: roll and pitch follow from the accelerometer's noise, (0.005 / 9.8)^2.
+# The covariances of rates and accelerations are all 0, which means unknown (REP 145)
 IMU_ORIENTATION_COVARIANCE = tuple(np.diag([(0.005 / 9.8) ** 2] * 2 + [0.0]).ravel().tolist())
 NO_ORIENTATION = (-1.0, *[0.0] * 8)  # REP 145: not measured
 

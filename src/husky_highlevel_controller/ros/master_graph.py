@@ -1,4 +1,4 @@
-"""ROS graph as the master and the nodes know it.
+"""ROS graph, from the answers of the master and the nodes.
 
 In: the address of a ROS master. Out: topics with their nodes and types. Only the standard library, because
 `./dev doctor` asks too.
@@ -47,7 +47,7 @@ def read_absent_services(master_uri: str) -> List[Sequence[str]]:
 
 
 def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
-    """Return parameters that no node has read, as `./dev launch`'s master tells; none by another master.
+    """Return parameters that no node has read, by `./dev launch`'s master; none from another master.
 
     Each has the node below whose name it is set, its name, and the one that the node asked for in vain.
     """

@@ -122,7 +122,7 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
         faulthandler.enable()
     replace_transport()
     level = rospy.DEBUG if debug else rospy.INFO
-    # argv: else rospy takes the remappings that stood there when it was imported, before a program was forked
+    # without argv rospy takes the remappings from its import, which was before a program was forked
     rospy.init_node(
         name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
     )

@@ -1,6 +1,6 @@
-"""ROS master of `./dev launch`, which also tells what nodes ask for in vain: parameters and services.
+"""ROS master of `./dev launch`, which also lists parameters and services that nodes ask for in vain.
 
-It tells of parameters that are set and that their node never reads, and of services that no node offers.
+It lists parameters that are set and that their node never reads, and services that no node offers.
 Any other master writes the requests for parameters nowhere (rosmaster 1.15.15 has them in its log only with
 --master-logger-level debug, with every other call and answer). So nothing is found if a plain roscore runs.
 """
@@ -126,13 +126,13 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         return code, message, address
 
     def getAbsentServices(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
-        """Tell the services that a node asked for and that are not there: node, service."""
+        """Return the services that a node asked for and that do not exist: node, service."""
         with self._requests_lock:
             asked = list(self._services_in_vain)
         return 1, "", [[node, name] for node, name in asked if name not in self.services]
 
     def getUnreadParams(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
-        """Tell the unread parameters: node, parameter, and the one that the node asked for."""
+        """Return the unread parameters: node, parameter, and the parameter that the node asked for."""
         with self._requests_lock:
             if self._unread is None:
                 names = self.param_server.get_param_names()

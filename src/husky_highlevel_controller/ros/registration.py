@@ -1,10 +1,10 @@
-"""Registration of a node with its ROS master: a node that the master does not know any more stands still.
+"""Registration of a node with its ROS master: a node that the master has lost stands still.
 
 rospy registers a node once, when it starts. If the master dies and another one starts in its place, the
-node's connections go on from peer to peer, but nobody who comes later finds it: `rostopic pub /e_stop` has no
-subscriber, and `start_stop` is not there.
+node's connections continue from peer to peer, but no new program finds the node. `rostopic pub /e_stop` has
+no subscriber, and `start_stop` does not exist.
 
-In: the master. Out: whether it knows this node.
+In: the master. Out: whether it lists this node.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ LOST = (
 
 
 class Registration:
-    """Registration of this node, as its master tells it; once lost it stays lost, until the node ends."""
+    """Registration of this node by its master's answers; once lost it stays lost, until the node ends."""
 
     def __init__(self) -> None:
         self.is_lost = False
         self._master_uri = rosgraph.get_master_uri()
 
     def look(self) -> Optional[bool]:
-        """Ask the master whether it knows this node; None if it does not answer within DEADLINE.
+        """Ask the master whether it lists this node; None if it does not answer within DEADLINE.
 
         A master that is slow, or that cannot be reached for a while, says nothing about the registration. A
         node of the same name at another address is not this one.
@@ -73,7 +73,7 @@ class RegistrationWatch:
 
     @property
     def is_lost(self) -> bool:
-        """Return whether a master answered that does not know this node."""
+        """Return whether a master answered that does not list this node."""
         return self._registration.is_lost
 
     def start(self) -> None:

@@ -1,4 +1,4 @@
-"""Start of RViz where a display answers, and once more if it crashes, as RViz 1.14 does now and then.
+"""Start of RViz if a display answers, and a second start if it crashes, as RViz 1.14 sometimes does.
 
 In: a command line, as roslaunch's launch-prefix hands it over. Out: the program's exit code.
 
@@ -59,7 +59,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
     """Run a command, a second time if a crash ended it; SIGINT and SIGTERM are passed on.
 
     Returns:
-        Its exit code; negative where a signal ended it.
+        Its exit code; negative if a signal ended it.
     """
     stopping = 0  # number of the signal
     process: Optional[subprocess.Popen] = None
@@ -71,7 +71,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
             process.send_signal(number)
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, pass_on)  # before the program starts: no signal is lost
+        signal.signal(number, pass_on)  # set before the program starts, so that no signal is lost
     for attempt in (1, 2):
         process = subprocess.Popen(list(command))
         if stopping:  # a signal came before `process` was known
@@ -85,7 +85,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
 
 
 def with_own_config(command: Sequence[str]) -> List[str]:
-    """The command line with a copy of its configuration file, which lies beside the log that roslaunch names.
+    """The command line with a copy of its configuration file, next to the log that roslaunch names.
 
     The command line stays as it is without a file (`-d FILE`), without a log (`__log:=FILE`), and if the file
     cannot be copied.

@@ -23,7 +23,7 @@ def lookup_transform(
     One leading slash of the child, as before tf2, is taken off.
 
     Returns:
-        None if TF knows no such transform, a frame's name is illegal, or the pose is not finite or
+        None if TF has no such transform, a frame's name is illegal, or the pose is not finite or
         beyond MAX_COORDINATE.
     """
     try:
@@ -42,7 +42,7 @@ def lookup_pose(
 
 
 def latest_stamp(transforms: tf2_ros.BufferCore, parent: str, child: str) -> float:
-    """Stamp of the newest transform between two frames [s]; 0 where TF knows none, or one that is fixed."""
+    """Stamp of the newest transform between two frames [s]; 0 if there is none, or if it is fixed."""
     try:
         stamp: float = transforms.get_latest_common_time(parent, child).to_sec()
     except tf2_ros.TransformException:

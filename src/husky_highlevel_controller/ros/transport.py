@@ -1,4 +1,4 @@
-"""Transport of topics and services, where rospy's own is slow, or waits for a peer that says nothing.
+"""Transport of topics and services, because rospy's own is slow, or waits for a peer that sends nothing.
 
 Sending: directly if the socket has room, by a queue otherwise. rospy hands every message of a publisher with
 a queue to a thread of each subscriber, and waking that thread takes four times as long as sending. Here the
@@ -49,14 +49,14 @@ class PromptConnection(QueuedConnection):
         return bool(super().write_data(data))
 
     def _send(self, data: bytes) -> bool:
-        """Send what there is room for; the thread sends what is left."""
+        """Send as much as there is room for; the thread sends the rest."""
         connection = self._connection
         try:
             sent = connection.socket.send(data, socket.MSG_DONTWAIT)
         except BlockingIOError:
             sent = 0
         except OSError:
-            return bool(connection.write_data(data))  # rospy knows what to do when it meets the same
+            return bool(connection.write_data(data))  # rospy meets the same error, and handles it
         connection.stat_bytes += sent
         if sent < len(data):
             with self._lock:

@@ -26,7 +26,7 @@ from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 
-CONTROLLER = "husky_highlevel_controller"  # its node's name, in this node's namespace
+CONTROLLER = "husky_highlevel_controller"  # name of the controller's node, in this node's namespace
 POLL_PERIOD = 0.02  # [s] wall time, which is half a simulated second of a fast simulation
 STANDING_TIME = 1.0  # [s] simulated time that an arrived robot stands
 
@@ -58,11 +58,12 @@ class ArrivalExit:
         rospy.Subscriber(self._robot.topics.odometry, Odometry, self._on_odometry, queue_size=1)
 
     def run(self) -> None:
-        """Return at arrival; HuskyError at the deadline, or where the controller is stopped on its way."""
+        """Return at arrival; HuskyError at the deadline, or if the controller is stopped on its way."""
         while not (self._arrived or rospy.is_shutdown()):
             if self._starts_enabled and self._state == State.STOPPED.value:
                 raise HuskyError(
-                    f"stopped on its way after {rospy.get_time():.1f} s, by a guard or its service"
+                    f"stopped on its way after {rospy.get_time():.1f} s of simulated time, "
+                    "by a guard or the start/stop service"
                 )
             if rospy.get_time() > self._config.deadline:
                 raise HuskyError(
@@ -96,20 +97,22 @@ class ArrivalExit:
         stands = self._has_driven and stamp - self._standing_since >= STANDING_TIME
         if not stands or self._announcements.get_num_connections():
             return
-        if self._scans is None:  # not from the start: a controller that announces needs none
+        if (
+            self._scans is None
+        ):  # subscribed late, because a controller that announces its arrival needs no scans
             self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
         if self._clearance <= REACHED and not self._arrived:
             self._arrived = True
             rospy.loginfo(
                 f"arrived after {self._standing_since:.2f} s of simulated time: the robot stands, "
-                f"{self._clearance:.3f} m from its outline to what is nearest"
+                f"{self._clearance:.3f} m from the nearest object"
             )
 
     def _on_scan(self, message: LaserScan) -> None:
         try:
             scan = conversions.scan_from_msg(message)
         except conversions.ScanError:
-            return  # the simulator's own are valid; another node's are none to judge by
+            return  # a scan of another node; the simulator's own are valid
         if scan.stamp >= self._standing_since:
             self._clearance = nearest_clearance(scan, self._pose_laser_in_base, self._robot.footprint)
 

@@ -20,7 +20,7 @@ from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] ROS time between two messages
 OUR_CLOCK = "this computer's clock"
-OLD, TOO_OLD = 0.5, 2.0  # [s], age of a scan or of odom's transform that is worth a warning, an error
+OLD, TOO_OLD = 0.5, 2.0  # [s] age of a scan or of odom's transform for a warning, for an error
 STILL_POLLS = 5  # calls of update() without a change of ROS time: a paused world, or a busy machine
 
 
@@ -35,7 +35,7 @@ class Health:
     scan_rate: Optional[float]  # [Hz] rate by the stamps of the last scans; None for fewer than two
     scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
     scan_frame: str
-    mounted: bool  # does TF know where the lidar is?
+    mounted: bool  # is there a transform from the lidar to base_link?
     tf_silence: Optional[float]  # [s] time since odom -> base_link changed; None if there is none
     tf_age: float  # [s] age of the latest odom -> base_link, by its stamp
     ahead: float  # [s] lead of the scans' clock over odometry's
@@ -95,7 +95,7 @@ class Diagnostics:
     """Publisher of the status; polled, since a rospy.Timer would wake at every message on /clock."""
 
     def __init__(self, examine: Callable[[bool], Health]) -> None:
-        """Publish what `examine` tells; it gets whether simulated time stands still."""
+        """Publish the result of `examine`, whose argument says whether simulated time stands still."""
         self._examine = examine
         self._new_subscribers = NewSubscribers()
         self._publisher = rospy.Publisher(

@@ -1,4 +1,4 @@
-"""Causes why the robot does not do what the controller commands, as far as the network can tell them.
+"""Causes why the robot does not follow the controller's commands, as far as the network shows them.
 
 In: the ROS graph, the simulator's emergency stop. Out: a sentence.
 """
@@ -28,7 +28,7 @@ class Disobedience:
         self._is_locked = message.data
 
     def sentence(self, twist: Twist2D, seconds: float) -> str:
-        """Return what was commanded for how long [s], and what takes the commands."""
+        """Return a sentence with the command, its duration [s], and the cause."""
         command = f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
         return f"commanded {command} for {seconds:.0f} s, but the robot stands; {self._cause()}"
 

@@ -13,15 +13,14 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.controller.behaviour import ControlOutput, Observation, State
-from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.geometry import inverse, transform_point
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 ODOM, BASE = "odom", "base_link"
-# namespaces of the markers, and their colours. The first two are the markers that the exercise sheet wants,
-# sent one by one. The others are what this package adds, sent as an array
+# namespaces of the markers, and their colours. The first two are the markers of the exercise sheet, which are
+# sent one by one. The others are this package's own, which are sent as an array
 IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
 ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
 COLORS = {
@@ -58,7 +57,7 @@ class Display:
         self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
         self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
         self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
-        # namespaces of the markers that RViz shows of each topic, so that one that is no more is deleted
+        # namespaces of the markers that RViz shows, by topic; a marker that ends must be deleted
         self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
         # stamp [s] and state of the last array: the next one is due after ARRAY_PERIOD, or with another state
         self._array_at = -inf
@@ -70,13 +69,13 @@ class Display:
     def show(
         self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
     ) -> None:
-        """Show a scan and what follows from it.
+        """Show a scan and the controller's answer to it.
 
         Args:
             observation: the scan, and where its lidar was.
             output: the answer to the scan.
-            stop_distance: where the lidar stops, from the pillar's surface [m].
-            pillar_height: from the ground to the pillar's top [m].
+            stop_distance: distance from the lidar to the pillar's surface at the stop [m].
+            pillar_height: height of the pillar's top above the ground [m].
         """
         with self._turn:
             self._last = (observation, output, stop_distance, pillar_height)
@@ -104,7 +103,11 @@ class Display:
             self._array_at = -inf
         if output.moved:
             self._path.clear()
-        self._follow(observation.base_in_odom)
+        place = observation.base_in_odom
+        if place is not None:
+            last = self._path[-1] if self._path else Point(inf, inf, 0.0)
+            if hypot(place.x - last.x, place.y - last.y) >= PATH_STEP:
+                self._path.append(Point(place.x, place.y, 0.0))
         if self._marker.get_num_connections():
             pillars = _pillar_markers(observation, output, self._ground, pillar_height)
             for each in self._deleting(self._marker, pillars, stamp):
@@ -112,25 +115,16 @@ class Display:
         due = output.state is not self._state or stamp >= self._array_at + ARRAY_PERIOD
         if due and self._array.get_num_connections():
             top = self._ground + pillar_height
-            markers = [*_state_markers(observation, output, stop_distance, top), *self._path_marker(stamp)]
+            markers = _state_markers(observation, output, stop_distance, top)
+            if len(self._path) > 1:
+                points, width = list(self._path), (0.04, 0.0, 0.0)
+                markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
             publish(self._array, MarkerArray(self._deleting(self._array, markers, stamp)))
             self._array_at, self._state = stamp, output.state
         self._publish_numbers(stamp, output)
 
-    def _follow(self, base_in_odom: Optional[Pose2D]) -> None:
-        if base_in_odom is None:
-            return
-        last = self._path[-1] if self._path else Point(inf, inf, 0.0)
-        if hypot(base_in_odom.x - last.x, base_in_odom.y - last.y) >= PATH_STEP:
-            self._path.append(Point(base_in_odom.x, base_in_odom.y, 0.0))
-
-    def _path_marker(self, stamp: float) -> List[Marker]:
-        if len(self._path) < 2:
-            return []
-        return [marker(Marker.LINE_STRIP, PATH, stamp, ODOM, (0.04, 0.0, 0.0), points=list(self._path))]
-
     def _deleting(self, publisher: rospy.Publisher, markers: List[Marker], stamp: float) -> List[Marker]:
-        """The markers, and orders to take away those that were shown before and are not among them."""
+        """The markers, and deletions of the markers that were shown before and are no longer there."""
         namespaces = {each.ns for each in markers}
         header, gone = conversions.header(stamp, BASE), self._shown[publisher] - namespaces
         deletions = [Marker(header=header, ns=namespace, action=Marker.DELETE) for namespace in gone]

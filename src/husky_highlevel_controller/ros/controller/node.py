@@ -86,10 +86,10 @@ class ControllerNode:
             )
         self._enabled = switch.start_enabled
         self._controller_state = ControllerState()
-        self._deciding = threading.Lock()  # so that nothing but zero follows a stop
+        self._deciding = threading.Lock()  # held to decide and to stop, so that only zero follows a stop
         self._arrived: Optional[bool] = None
         self._seen, self._reason = "unknown", ""
-        self._range_logged_at = -inf  # [s], stamp of a scan
+        self._range_logged_at = -inf  # [s] stamp of a scan
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
@@ -120,7 +120,7 @@ class ControllerNode:
         rospy.loginfo("waiting for scans on %s", rospy.resolve_name(topic.scan_topic_name))
         if not self._enabled:
             rospy.loginfo(
-                "standing still until it is started; start with rosservice call %s true",
+                "standing still until started; start with rosservice call %s true",
                 rospy.resolve_name(service),
             )
 
@@ -142,7 +142,7 @@ class ControllerNode:
             self._diagnostics.wait(POLL_PERIOD)
 
     def _notice_disobedience(self) -> None:
-        """Log once why the robot does not do what was commanded, and keep it for the status."""
+        """Log once why the robot does not follow the commands, and keep it for the status."""
         if self._obedience.obeys:
             self._disobeyed = ""
         elif not self._disobeyed:
@@ -185,7 +185,7 @@ class ControllerNode:
             if not request.data:
                 self._stop()
         self._diagnostics.hasten()
-        now = "driving to the pillar" if request.data else "standing still until it is started"
+        now = "driving to the pillar" if request.data else "standing still until started"
         message = f"{'already ' if already else ''}{now}"
         rospy.loginfo("%s: %s", "started" if request.data else "stopped", message)
         return SetBoolResponse(True, message)
@@ -227,16 +227,17 @@ class ControllerNode:
             self._diagnostics.hasten()
         self._stamps.append(observation.scan.stamp)
         self._log(observation, before, output, control)
-        self._announce(output.at_pillar)
+        if output.at_pillar is not self._arrived:
+            publish(self._announcement, Bool(output.at_pillar))
+        self._arrived = output.at_pillar
         self._display.show(observation, output, control.stop_distance, detector_config.pillar_height)
 
     def _log(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
     ) -> None:
-        """Log each scan at DEBUG level; the smallest range and what changed at INFO, or WARN with the remedy.
+        """Log each scan at DEBUG level; the smallest range and changes at INFO, or WARN with the remedy.
 
-        The smallest range is the first number of its line: it is what the exercise sheet asks for, and what
-        readers look for.
+        The smallest range is the first number of its line, because the exercise sheet asks for it.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
         if observation.ahead_of_odometry > 0.0:
@@ -289,12 +290,6 @@ class ControllerNode:
         if not self._enabled:
             return State.STOPPED
         return State.WAITING if state is State.STOPPED else state
-
-    def _announce(self, arrived: bool) -> None:
-        """Publish ~arrived when it changes."""
-        if arrived is not self._arrived:
-            publish(self._announcement, Bool(arrived))
-        self._arrived = arrived
 
     def _examine(self, paused: bool) -> Health:
         """Figures for /diagnostics."""

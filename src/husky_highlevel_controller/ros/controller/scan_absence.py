@@ -1,4 +1,4 @@
-"""Cause why no scans come, as far as the network can tell it.
+"""Cause why no scans come, as far as the network shows it.
 
 In: the ROS graph. Out: a sentence.
 """
@@ -16,7 +16,7 @@ PATIENCE = 5.0  # [s] ROS time without a scan before the master is asked
 
 
 class ScanAbsence:
-    """Asks who publishes the scans while none come; it waits for the master: no callback calls it."""
+    """Asks who publishes the scans while none come; no callback calls it, because it waits for the master."""
 
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""

@@ -1,7 +1,7 @@
 """Pairs each scan with the pose of its own stamp from TF; no callback waits.
 
 A scan and its transform travel by separate topics and arrive in either order. The scan is kept pending, and
-whichever of the two arrives last completes the observation. Where the transform does not come, the node's
+whichever of the two arrives last completes the observation. If the transform does not come, the node's
 main loop ends the wait at a deadline of wall time, since ROS time may stand still until the scan is answered.
 """
 
@@ -36,7 +36,7 @@ class Listener(tf2_ros.TransformListener):
     """Fills a TF buffer, and calls a function after every message on /tf and /tf_static."""
 
     def __init__(self, buffer: tf2_ros.Buffer, on_change: Callable[[], None]) -> None:
-        self._on_change = on_change  # before the subscribers exist
+        self._on_change = on_change  # set before the subscribers exist
         super().__init__(buffer, tcp_nodelay=True)
 
     def callback(self, data: Any) -> None:
@@ -57,9 +57,9 @@ class _PendingScan(NamedTuple):
 
 
 class ScanPlacement:
-    """Turns every scan into one observation, as soon as TF knows the pose of its stamp.
+    """Turns every scan into one observation, as soon as TF has the pose of its stamp.
 
-    At most one scan is pending. Of those that arrive meanwhile the newest is kept, and is the next.
+    At most one scan is pending. Of the scans that arrive meanwhile the newest is kept, and is the next.
     """
 
     def __init__(
@@ -112,14 +112,14 @@ class ScanPlacement:
                 self._on_observation(observation)
 
     def discard(self) -> None:
-        """Forget the pending scans, for a newer one is unusable."""
+        """Forget the pending scans, because a newer one is unusable."""
         with self._lock:
             self._pending = self._next = None
 
     def lookup(
         self, parent: str, child: str, stamp: Optional[rospy.Time] = None
     ) -> Optional[TransformStamped]:
-        """The transform at a stamp or (None) the latest; None where TF does not know it. Never waits."""
+        """The transform at a stamp or (None) the latest; None if TF does not have it. Never waits."""
         return lookup_transform(self._transforms, parent, child, stamp)
 
     @property
@@ -145,7 +145,7 @@ class ScanPlacement:
 
         If the scans' clock is ahead, the latest is the pose of the scan, and no other comes in time.
         """
-        # the latest is mostly that of the stamp; a lookup of a stamp that is not there yet costs more
+        # the latest transform mostly has the scan's stamp; the lookup of a missing stamp costs more
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
             return False, latest
@@ -163,6 +163,7 @@ class ScanPlacement:
         return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
+        """Pose of the lidar; warn if many scans in a row had none."""
         transform = self.lookup(BASE, frame)
         self._unplaced_scans = 0 if transform else self._unplaced_scans + 1
         if self._unplaced_scans > MAX_UNPLACED_SCANS:

@@ -1,8 +1,8 @@
-"""Node of the planar filter, where robot_localization is not installed.
+"""Node of the planar filter, if robot_localization is not installed.
 
 Stands in for ekf_localization_node of robot_localization 2.7 (Noetic) with two_d_mode, together with
 `estimation/`, the script planar_ekf and `compat/robot_localization`. No test compares the two, because Debian
-does not have the original: `test_planar_ekf.py` holds the filter to the laws of a Kalman filter, and
+does not have the original. `test_planar_ekf.py` tests the laws of a Kalman filter, and
 `test/ros/test_bag_gives_one_path.py` starts the node under the original's name, with the course's parameters.
 """
 
@@ -46,7 +46,7 @@ class LocalizationNode:
     """Wheel odometry and IMU in, odometry/filtered and the transform of odom to base_link out."""
 
     def __init__(self) -> None:
-        """Raises ConfigError where the parameters ask for what the filter does not do."""
+        """Raises ConfigError if the parameters ask for a feature that the filter does not have."""
         self._config, remarks = read_filter_config(rospy.get_param("~", {}), rospy.get_name() + "/")
         for remark in remarks:
             rospy.logerr(remark)
@@ -79,7 +79,9 @@ class LocalizationNode:
         stamp = msg.header.stamp.to_sec()
         self._heard[name] = inf  # while its thread waits its turn
         with self._lock:
-            now = rospy.get_time()  # not before: a fast bag goes on by seconds while this thread waits
+            now = (
+                rospy.get_time()
+            )  # read under the lock, because a fast bag advances by seconds while this thread waits
             if now < self._now - CLOCK_BACK:
                 rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s; the filter starts again")
                 self._begin()
@@ -93,7 +95,7 @@ class LocalizationNode:
             held.append(msg)
             mounting = self._mounting(msg, name)
             if mounting is None:
-                self._heard[name] = 0.0  # the others go on without it
+                self._heard[name] = 0.0  # the others continue without it
                 del held[:-QUEUE]
                 return
             self._held[name] = []
@@ -116,7 +118,7 @@ class LocalizationNode:
                 publish(self._tf, conversions.tree_to_msg([(frame, self._base, pose)], estimate.stamp))
 
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
-        """Frames of a message; None, with a complaint, where TF does not know them."""
+        """Frames of a message; None, with a warning, if TF does not have them."""
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
         frames = [(options.base_link_frame, sensor)]
@@ -139,7 +141,7 @@ class LocalizationNode:
         if not np.isfinite([*pose, *covariance.ravel()]).all():
             rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is not a valid pose")
         elif frame.lstrip("/") not in ("", odom):
-            rospy.logwarn(f"set_pose: a pose in '{frame}', not in '{odom}'")
+            rospy.logwarn(f"set_pose: the pose is in '{frame}' and is ignored; send it in '{odom}'")
         else:
             with self._lock:
                 stamp = (msg.header.stamp or rospy.Time.now()).to_sec()
@@ -198,7 +200,7 @@ def _numbers(vector: Any) -> Vector3:
 
 
 def _unit(quat: Any) -> Optional[Quaternion]:
-    """A quaternion at length 1; None where it is hardly one: drivers send zeros for what they do not know."""
+    """A quaternion at length 1; None if it is much shorter, such as the zeros of an unknown attitude."""
     length = hypot(quat.x, quat.y, quat.z, quat.w)
     return None if length < 0.5 else (quat.x / length, quat.y / length, quat.z / length, quat.w / length)
 

@@ -24,10 +24,10 @@ Points = List[Tuple[float, float]]
 
 
 def paths_of_bag(file: Path) -> Dict[str, Points]:
-    """Places [m] of every topic of odometry in a bag.
+    """Positions [m] of every topic of odometry in a bag.
 
     Raises:
-        HuskyError: it cannot be read, or has no such topic.
+        HuskyError: the bag cannot be read, or has no such topic.
     """
     paths: Dict[str, Points] = {}
     try:
@@ -44,7 +44,7 @@ def paths_of_bag(file: Path) -> Dict[str, Points]:
 
 
 def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
-    """Places [m] that are published until Ctrl-C."""
+    """Positions [m] that are published until Ctrl-C."""
     paths: Dict[str, Points] = {topic: [] for topic in topics}
     rospy.init_node("plot_path", anonymous=True, disable_signals=True)
     for topic in topics:
@@ -62,7 +62,7 @@ def _place(msg: Odometry) -> Tuple[float, float]:
 
 
 def main() -> None:
-    """Draw the paths; exit with 2 where there is nothing to draw."""
+    """Draw the paths; exit with 2 if there is nothing to draw."""
     parser = argparse.ArgumentParser(prog="plot_path", description=f"Draw x and y of {KIND} as a PNG file.")
     source_help = "all odometry of a bag, or a topic until Ctrl-C"
     parser.add_argument("sources", nargs="+", metavar="FILE.bag|TOPIC", help=source_help)

@@ -18,7 +18,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 QUEUE = 1000  # messages
-CLOCK_TOLERANCE = 0.1  # [s], more between the clocks of IMU and odometry makes a crash of braking
+CLOCK_TOLERANCE = 0.1  # [s] a larger offset of IMU and odometry makes braking look like a crash
 LONG_DELAY = 0.6  # [s] wait of samples for odometry that causes a warning
 
 
@@ -63,7 +63,7 @@ class CrashStopNode:
         self._guard.judge(stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:
-        """Mounting of the IMU in base_link; as base_link where TF does not know."""
+        """Mounting of the IMU in base_link; the same axes if there is no transform."""
         if frame.lstrip("/") == BASE:
             return IDENTITY.quat_xyzw
         return (lookup_pose(self._transforms, BASE, frame) or IDENTITY).quat_xyzw

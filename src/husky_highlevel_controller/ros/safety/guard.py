@@ -27,7 +27,7 @@ from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
-FRESH = 0.5  # [s], an older velocity says nothing about now
+FRESH = 0.5  # [s] an older velocity says nothing about now
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Guard:
         Args:
             config: the service to call.
             robot: its twist_mux has an input above the controller's, which is the weakest.
-            clock_tolerance: offset between the clocks of a sensor and odometry that is none [s].
+            clock_tolerance: largest offset between the clocks of a sensor and odometry that counts as 0 [s].
             on_odometry: also called with stamp [s] and twist of every odometry message.
-            queue_size: of odometry; of 1 message only the newest counts.
+            queue_size: number of odometry messages that wait; with 1, only the newest counts.
         """
         self._latch = Latch()
         self._odometry: Optional[Odometry] = None
@@ -78,9 +78,9 @@ class Guard:
             self._pass_on(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
 
     def time_of(self, stamp: float, who: str, effect: str) -> float:
-        """Time of a message by odometry's clock [s]: its stamp, or that of the newest odometry.
+        """Time of a message by odometry's clock [s]: its stamp, or the stamp of the newest odometry.
 
-        Where they differ, a warning names the messages with their verb ("scans are") and the effect.
+        If the clocks differ, a warning names the messages with their verb ("scans are") and the effect.
         """
         self.clocks.add(stamp, time.monotonic())
         if self.clocks.seconds == 0.0 or self._odometry is None:
@@ -91,7 +91,7 @@ class Guard:
         return newest
 
     def twist(self, stamp: float) -> Optional[Twist2D]:
-        """Velocity at a time [s]; None where odometry is missing or not fresh."""
+        """Velocity at a time [s]; None if odometry is missing or not fresh."""
         msg = self._odometry
         if msg is None or abs(stamp - msg.header.stamp.to_sec()) > FRESH:
             return None
@@ -126,7 +126,7 @@ class Guard:
                 rospy.spin()
 
     def _call(self) -> Optional[str]:
-        """Call the service; the reason of a failure, or None."""
+        """Call the service. Return the reason of a failure, or None."""
         try:
             answer = rospy.ServiceProxy(self._service, SetBool)(False)
         except (rospy.ServiceException, rospy.ROSException) as error:

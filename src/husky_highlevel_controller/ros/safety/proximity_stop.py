@@ -29,7 +29,7 @@ class ProximityStopNode:
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._blind_since = inf  # [s], time of the first scan that could not be judged
+        self._blind_since = inf  # [s] time of the first scan that could not be judged
         self._guard = Guard(service, self._robot, CLOCK_TOLERANCE)
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 

@@ -33,7 +33,7 @@ class StopRequest:
         """Set up without a pending stop.
 
         Args:
-            call: calls the service; the reason of a failure, or None. May hang or raise.
+            call: calls the service, and returns the reason of a failure, or None. May hang or raise.
             command_zero: publishes a zero Twist.
             on_failure: gets the danger and the reason after each failed call.
             on_success: gets the danger when the service has answered.
@@ -95,7 +95,7 @@ class StopRequest:
         def call() -> None:
             try:
                 answers.put(self._call())
-            except Exception as error:  # after any error the service was not answered
+            except Exception as error:  # any error means that the service did not answer
                 answers.put(f"{type(error).__name__}: {error}")
             finally:
                 self._hung.release()

@@ -1,6 +1,8 @@
-"""/status and /diagnostics of a real Husky's base, once a simulated second.
+"""/status and /diagnostics of a real Husky's base, once per simulated second.
 
-Names, thresholds and levels of the four diagnostics: husky_base of husky 0.6.10.
+Stands in for husky_base 0.6.10 (Noetic, repository husky_robot). Names, thresholds and levels of the four
+diagnostics are the original's. No test runs the original, which needs the base's board:
+`test_robot_launch_drives.py` reads this one's messages.
 """
 
 from __future__ import annotations
@@ -27,10 +29,10 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 
 class BaseStatus:
-    """Publishes what the base knows of itself."""
+    """Publishes the base's state."""
 
     def __init__(self, control_rate: float) -> None:
-        """`control_rate`: of the base's control loop [Hz]."""
+        """`control_rate`: rate of the base's control loop [Hz]."""
         self._control_rate = control_rate
         self._status = rospy.Publisher("status", HuskyStatus, queue_size=10)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
@@ -47,7 +49,7 @@ class BaseStatus:
 
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
-    """The base's state at `stamp` [s], with no fault but what the battery and the emergency stop say."""
+    """The base's state at `stamp` [s], without faults except battery and emergency stop."""
     left, right = range(2)
     return HuskyStatus(
         header=conversions.header(stamp, ""),
@@ -71,10 +73,15 @@ def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: f
 
 def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
     """Diagnostics as husky_base makes them: system, power, safety and software."""
+    low_charge = _low(status.charge_estimate, LOW_CHARGE)
     array = DiagnosticArray(header=status.header)
     array.status = [
         _diagnostic("system_status", _system_level(status), _fields(status, "voltage", "current", "temp")),
-        _diagnostic("power_status", _power_level(status), _fields(status, "estimate")),
+        _diagnostic(
+            "power_status",
+            (low_charge, "low charge" if low_charge > OK else "power OK"),
+            _fields(status, "estimate"),
+        ),
         _diagnostic(
             "safety_status",
             (ERROR, "emergency stop") if status.e_stop else (OK, "safety OK"),
@@ -97,11 +104,6 @@ def _system_level(status: HuskyStatus) -> Level:
     ]
     worst = max(levels, key=lambda level: level[0])
     return worst if worst[0] > OK else (OK, "system OK")
-
-
-def _power_level(status: HuskyStatus) -> Level:
-    level = _low(status.charge_estimate, LOW_CHARGE)
-    return level, "low charge" if level > OK else "power OK"
 
 
 def _high(value: float, limits: Sequence[float]) -> int:

@@ -46,9 +46,9 @@ class CallQueue:
     def ask(
         self, work: Callable[[], str], changes: bool = True, between_steps: bool = False
     ) -> Tuple[bool, str]:
-        """`call` work that says what it did: success and a message; a refusal is logged.
+        """`call` work that returns a sentence on its result. Return success and a message; log a refusal.
 
-        With `changes`, `on_change` is told.
+        With `changes`, `on_change` is called with the sentence.
         """
         try:
             sentence = self.call(work, between_steps)

@@ -20,7 +20,11 @@ from husky_highlevel_controller.simulator.command_habits import CommandHabits, H
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
 MAIN = "cmd_vel"
-OUR_NODES = {"husky_highlevel_controller", "proximity_stop", "crash_stop"}  # say themselves why they stand
+OUR_NODES = {
+    "husky_highlevel_controller",
+    "proximity_stop",
+    "crash_stop",
+}  # nodes that log themselves why they stand
 QUEUE = 1000  # commands kept between two physics steps; older ones are overruled anyway
 
 
@@ -47,13 +51,13 @@ class Commands:
         }
         self._main, self._direct = subscribers[MAIN], subscribers[topics.wheel_command]
         self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
-        # latched: a page that starts later knows whether the emergency stop is on
+        # latched, so that a page that starts later gets the state of the emergency stop
         self._locked = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
         publish(self._locked, Bool(False))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
-        """Topic and command of those to obey that have arrived, oldest first; they arrive at `stamp` [s]."""
+        """Topic and twist of each new command to obey, oldest first; they count from `stamp` [s]."""
         obeyed: List[Tuple[str, Twist2D]] = []
         if self._is_refusing:
             self._arrived.clear()
@@ -66,7 +70,7 @@ class Commands:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                if self._passed.get_num_connections() > 1:  # one of them is our own
+                if self._passed.get_num_connections() > 1:  # this node itself is one of them
                     publish(self._passed, msg)
             else:
                 stronger = self._mux.stronger(topic, stamp)
@@ -76,7 +80,7 @@ class Commands:
     def _notice_habits(
         self, stamp: float, topic: str, msg: Twist, twist: Twist2D, stronger: Optional[str]
     ) -> None:
-        """Log what is found of the sender of a command for the first time."""
+        """Log each habit of a command's sender that is found for the first time."""
         sender = msg._connection_header["callerid"]
         if stronger is None and twist != STOP:
             self.driver = sender
@@ -94,7 +98,7 @@ class Commands:
         return self._mux.locked
 
     def refuse(self) -> None:
-        """Obey no command any more, from whomever. Any thread."""
+        """Obey no command any more, of any node. Any thread."""
         self._is_refusing = True
 
     def forget(self) -> None:

@@ -27,7 +27,7 @@ QUEUE = 2  # images are large
 
 
 class DepthCamera:
-    """Starts an image when one is due, publishes it when it is drawn; one that comes too late is left out."""
+    """Starts an image when one is due, and publishes it when it is drawn; skips an image that is late."""
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
         """A camera that is due every `steps` steps; with `wait` the simulation waits for each image."""
@@ -48,16 +48,17 @@ class DepthCamera:
             self._update(simulation, snapshot)
         except (OSError, EOFError):
             rospy.logerr_throttle(
-                60.0, "camera/depth: its renderer has died, so there are no more images until a restart"
+                60.0, "camera/depth: the renderer has died, so no images come; start the simulator again"
             )
-        except Exception as error:  # the simulation goes on without this image
+        except Exception as error:  # the simulation continues without this image
             rospy.logerr_throttle(
                 60.0, f"camera/depth: cannot render an image: {type(error).__name__}: {error}"
             )
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
         self._publish(0.0)
-        if snapshot.step % self._steps == 0 and not self._renderer.busy and self._has_subscribers():
+        is_watched = any(topic.get_num_connections() for topic in (self._image, self._info, self._points))
+        if snapshot.step % self._steps == 0 and not self._renderer.busy and is_watched:
             poses = {
                 name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
             }
@@ -66,9 +67,6 @@ class DepthCamera:
             self._stamp = snapshot.stamp
             if self._wait:
                 self._publish(None)
-
-    def _has_subscribers(self) -> bool:
-        return any(topic.get_num_connections() for topic in (self._image, self._info, self._points))
 
     def _publish(self, timeout: Optional[float]) -> None:
         buffer = self._renderer.take(timeout)

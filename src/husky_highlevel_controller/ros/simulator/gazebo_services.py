@@ -98,7 +98,7 @@ class GazeboServices:
             self._simulation.place_model(model, in_world(motion, frame))
         except HuskyError as error:
             raise ObjectError(f"'{state.model_name}' stays where it is: {error}") from error
-        return f"'{state.model_name}' has moved"
+        return f"'{state.model_name}' was moved"
 
     def _spawn(self, request: SpawnModelRequest) -> str:
         name = request.model_name
@@ -108,11 +108,11 @@ class GazeboServices:
             self._simulation.spawn(bodies_of_xml(request.model_xml, name, in_world(motion, frame).pose))
         except HuskyError as error:
             raise ObjectError(f"'{name}' is not spawned: {error}") from error
-        return f"'{name}' is there"
+        return f"'{name}' was added"
 
     def _delete(self, request: DeleteModelRequest) -> str:
         self._simulation.delete(self._model(request.model_name, "model_name"))
-        return f"'{request.model_name}' is gone"
+        return f"'{request.model_name}' was deleted"
 
     def _read(self, work: Any, what: str) -> Tuple[Any, str]:
         """Result of work in the simulation's thread, or None and the reason."""

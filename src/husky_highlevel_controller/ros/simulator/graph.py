@@ -71,7 +71,7 @@ class Partners:
 def _launches() -> Iterator[Set[str]]:
     """Names of the nodes that each roslaunch on this master has started, and that have not ended."""
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
-        processes = ask(uri, "list_processes")  # None if it has ended
+        processes = ask(uri, "list_processes")  # names and counts; None if the roslaunch has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
         yield {name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0]}
 
@@ -101,7 +101,7 @@ class SecondFilter:
         self.filter_node = ""  # filter node that has the topic; empty if there is none
 
     def look(self, graph: Graph) -> None:
-        """Look for new publishers; one that was started later is told as a second publisher instead."""
+        """Look for new publishers; a node that was started later is logged as a second publisher instead."""
         for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen):
             self._seen.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
@@ -143,9 +143,9 @@ class GraphWatch:
             time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:
-        """Warn of what is new in a graph."""
+        """Warn of new mistakes in a graph."""
         if self._clock is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
-            # only its messages tell, because rosbag play advertises /clock and sends none without --clock
+            # a second clock shows by its messages, because rosbag play advertises /clock also without --clock
             self._clock = rospy.Subscriber("/clock", Clock, self._on_clock)
         if self._filter_watch is not None:
             self._filter_watch.look(graph)

@@ -1,9 +1,9 @@
 """Detects from /proc whether all subscribers of a topic are idle: none of their threads runs.
 
 A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
-clock goes on. What it sends does not distinguish it from one that computes; what its threads do does. A
-thread that waits for a message runs from the moment it is sent. Unread messages say nothing: rospy reads none
-during a callback, in which it may sleep.
+clock advances. Its messages do not distinguish it from a node that computes, but its threads do. A thread
+that waits for a message runs from the moment it is sent. Unread messages show nothing, because rospy reads
+none during a callback, in which it may sleep.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Listeners:
     """
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
-        """Find those of `publisher`, which is None if the topic is not published."""
+        """Find the listeners of `publisher`, which is None if the topic is not published."""
         self._publisher, self._clock = publisher, clock
         self._ports: Set[Ports] = set()  # ports of both topics' connections
         self._own_threads = _Threads(os.getpid())
@@ -56,7 +56,7 @@ class Listeners:
         """Return whether all of them stay asleep until something is sent; takes up to some milliseconds."""
         self._find()
         if not self._complete:
-            return False  # elsewhere than on this machine nothing is known
+            return False  # a process on another machine cannot be seen
         end, before = time.monotonic() + ASLEEP_FOR, None
         while True:
             if self._own_threads.turns() is None:  # a thread of ours that is about to send
@@ -73,7 +73,7 @@ class Listeners:
             before = turns
 
     def _find(self) -> None:
-        """Find the processes, where connections have changed."""
+        """Find the processes, if connections have changed."""
         on_topic, on_clock = _ports(self._publisher), _ports(self._clock)
         if on_topic | on_clock == self._ports:
             return
@@ -125,12 +125,14 @@ class _Threads:
                 turns[thread] = os.pread(schedule, SIZE, 0)
                 if os.pread(stat, SIZE, 0).rpartition(b") ")[2][:1] in RUNNING:
                     return None
-            except OSError:  # it has just ended
+            except OSError:  # the thread has just ended
                 self._forget(thread)
         return turns
 
     def _open(self, thread: str) -> None:
-        files = self._files[thread] = []  # closed by _forget, also where the thread ends before the second
+        files = self._files[
+            thread
+        ] = []  # _forget closes both, also if the thread ends before the second opens
         for name in (SCHEDULE, STAT):
             files.append(os.open(f"{self._folder}/{thread}/{name}", os.O_RDONLY | os.O_CLOEXEC))
 
@@ -144,7 +146,7 @@ def _ports(publisher: Any) -> Set[Ports]:
     pairs = set()
     for queued in list(publisher.impl.connections) if publisher else []:
         transport = getattr(queued, "_connection", queued)
-        with contextlib.suppress(AttributeError, OSError):  # it has just been closed
+        with contextlib.suppress(AttributeError, OSError):  # the connection has just been closed
             pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))
     return pairs
 

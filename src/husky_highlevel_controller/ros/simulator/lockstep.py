@@ -23,10 +23,10 @@ RESEND_TIMEOUT = 1.0  # wait for the first command before the scan is published 
 SLEEP_TIMEOUT = 0.3  # wait for the answer of a controller that does nothing meanwhile
 WATCH_TIMEOUT = 1.0  # wait until processes that have answered sleep; some, such as RViz, never do
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
-PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from those who start
+PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from nodes that start
 
 MAX_LEAD = 2  # scans sent since the last command
-CONTROLLER_TIMEOUT = 0.1  # [s] wall time; the simulator does not wait for a slower controller
+CONTROLLER_TIMEOUT = 0.1  # [s] wall time after which the simulator no longer waits for a controller
 FOLLOWING_SCANS = 10  # scans in a row with a command in between: it answers every scan again
 
 AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
@@ -116,7 +116,7 @@ class Lockstep:
                 f"{partners.command_topics}"
             )
         missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
-        self._wait(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
+        self._wait_or_end(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:
         """Call before a scan is published: commands until now do not answer it."""
@@ -169,7 +169,12 @@ class Lockstep:
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
     ) -> None:
-        since, resent, nudged = time.monotonic(), self._begun, not self._begun  # neither more than once
+        """Wait for the command that answers a scan.
+
+        Until the very first command the scan is sent once more, by `resend`. Later, idle listeners get one
+        more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
+        """
+        since, resent, nudged = time.monotonic(), self._begun, not self._begun
 
         def answered() -> bool:
             nonlocal since, resent, nudged
@@ -189,21 +194,21 @@ class Lockstep:
         if self._answered.is_set():
             return
         could_nudge = not nudged
-        self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
+        self._wait_or_end(answered, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
         elif could_nudge and nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
     def _settle(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until the listeners are idle, where the mode wants it."""
+        """Wait until the listeners are idle, if the mode requires it."""
 
         def settled() -> bool:
             meanwhile()
             return self._listeners.asleep()
 
         if self._mode is Mode.SLEEPING:
-            self._wait(settled, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy")
+            self._wait_or_end(settled, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy")
         elif self._mode in _WATCHED:
             end = time.monotonic() + WATCH_TIMEOUT
             while self._mode in _WATCHED and not settled():
@@ -211,7 +216,10 @@ class Lockstep:
                     self._mode = Mode.ANSWERING
                 time.sleep(0.001)
 
-    def _wait(self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001) -> None:
+    def _wait_or_end(
+        self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
+    ) -> None:
+        """Wait until something is done; after `timeout` [s] of wall time warn, and end lockstep."""
         end = time.monotonic() + timeout
         while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:
@@ -241,7 +249,7 @@ class LeadLimit:
         self._arrived.set()
 
     def before_scan(self) -> None:
-        """Call before a scan is sent: waits where the controller is too far behind."""
+        """Call before a scan is sent; it waits if the controller is too far behind."""
         if not self._is_on:
             return
         answered = self._arrived.is_set()

@@ -1,4 +1,4 @@
-"""Frames of other nodes' markers: RViz silently draws nothing in a frame that TF does not know.
+"""Frames of other nodes' markers, because RViz silently draws nothing in a frame that TF does not have.
 
 In: the ROS graph, the simulator's frames. Out: a sentence for each unknown frame.
 """
@@ -18,7 +18,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 FRAME_TOPICS = ("/tf", "/tf_static")
 MESSAGES = 50  # largest number of checked messages of a topic
-OTHER_FRAMES = "robot_state_publisher"  # its frames are the robot's own
+OTHER_FRAMES = "robot_state_publisher"  # node that publishes the robot's own frames
 
 
 class MarkerFrames:

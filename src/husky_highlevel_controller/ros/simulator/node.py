@@ -87,7 +87,7 @@ class SimulatorNode:
         self._fallen = False
         self._touched: Set[str] = set()  # names of objects
         self._arrival = ArrivalWatch(config.robot.footprint)
-        # this node tells the arrival itself
+        # a node arrival_exit logs the arrival itself
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
@@ -126,7 +126,8 @@ class SimulatorNode:
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.wait_for_rviz and not self._paused and not publishers.truth_log.is_open:
-            self._wait_for_rviz()  # first: the partners count as joined when RViz is connected, too
+            # RViz comes first, because the partners have joined only when RViz is connected too
+            self._wait_for_rviz()
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)
             publishers.truth_log.wait_to_begin(self._hold_time)
@@ -154,7 +155,7 @@ class SimulatorNode:
         simulation.close()
 
     def _follow_wall_time(self) -> None:
-        """Without simulated time, let stamps be wall time: what looks up a transform of now finds it."""
+        """Without simulated time, let stamps be wall time, so that lookups of transforms of now succeed."""
         if self._publishers.tells_time:
             return
         self._simulation.set_stamp(time.time())
@@ -166,12 +167,12 @@ class SimulatorNode:
             )
 
     def _hold_time(self) -> None:
-        """Answer calls and tell the time, which stands still."""
+        """Serve calls and publish the clock, which stands still."""
         self._calls.process()
         self._publishers.publish_clock(self._simulation.stamp)
 
     def _wait_for_launch(self, partners: Partners) -> None:
-        """Wait for the nodes launched: unpaced, ten simulated seconds pass while a controller starts."""
+        """Wait for the launched nodes; at full speed ten simulated seconds pass while a controller starts."""
 
         def missing() -> str:
             beside = launched_beside() if not partners.joined() else ()
@@ -181,7 +182,7 @@ class SimulatorNode:
         self._hold_time_while(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)
 
     def _wait_for_rviz(self) -> None:
-        """Wait for the RViz that a launch file opens: nobody sees the begin of a drive without it."""
+        """Wait for the RViz that a launch file opens, because it shows the begin of a run."""
         master_uri, caller = rosgraph.get_master_uri(), rospy.get_name()
         begin, found = time.monotonic(), False
 
@@ -214,7 +215,7 @@ class SimulatorNode:
         return False
 
     def _advance(self) -> bool:
-        """Advance the physics by one step and publish its messages; whether /clock was published."""
+        """Advance the physics by one step and publish its messages. Return whether /clock was published."""
         for topic, twist in self._commands.take(self._simulation.stamp):
             try:
                 self._simulation.command(twist)
@@ -260,7 +261,7 @@ class SimulatorNode:
         self._fallen = fallen
 
     def _notice_touches(self, snapshot: Snapshot) -> None:
-        """Log the first touch of each object since the start or a reset, but not for a recorder's drive."""
+        """Log the first touch of each object since the start or a reset, except in a run that is graded."""
         for name in sorted(set(snapshot.contacts) - self._touched):
             self._touched.add(name)
             if not self._publishers.truth_log.is_open:
@@ -374,6 +375,6 @@ def main() -> None:
     simulator_name = running_simulator(master_uri)
     if simulator_name is not None:
         sys.exit(f"husky_simulator: {why_not_two(simulator_name, master_uri)}")
-    # commands come in on threads of their own; as fast as it goes, Python's 5 ms are 0.15 s of simulated time
+    # threads take commands; without pacing, Python's default of 5 ms is 0.15 s of simulated time
     sys.setswitchinterval(0.0005)
     run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

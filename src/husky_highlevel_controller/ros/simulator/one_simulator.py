@@ -1,9 +1,9 @@
-"""Check that no simulator runs on this master yet: a second one would set another time, or end the first.
+"""Check that no simulator runs on this master yet. A second one would set another time, or end the first.
 
 In: the ROS master. Out: the name of the simulator that runs already, the other publishers of /clock.
 
-A launch file asks while it is read, before any of its nodes starts: they have the names of those that run,
-and the master ends the first of each name. Only the standard library, because every launch waits for it.
+A launch file asks while it is read, before any of its nodes starts. Its nodes have the names of the running
+nodes, and the master ends the first of each name. Only the standard library, because every launch waits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ CALLER = "/one_simulator"
 
 
 def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -> List[str]:
-    """Names of the nodes that publish /clock by what the master knows, and have not been killed."""
+    """Names of the nodes that publish /clock by the master's list, and have not been killed."""
 
     def answers(name: str) -> bool:
         node_uri = ask(master_uri, "lookupNode", CALLER, name)
@@ -53,7 +53,7 @@ def has_own_master(command_line: Sequence[str]) -> bool:
 def main() -> None:
     """Exit with 1 and a sentence if a simulator runs on $ROS_MASTER_URI; print 'none' otherwise."""
     master_uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
-    graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ  # the running one belongs to who reads the launch file
+    graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ  # the grader owns the running simulator
     reader = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
     name = None if graded or has_own_master(reader) else running_simulator(master_uri)
     if name is not None:

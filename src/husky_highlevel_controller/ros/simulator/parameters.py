@@ -68,8 +68,10 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
 
 
 def read_robot_description() -> str:
-    """URDF text of the robot. Raises ConfigError where there is none."""
+    """URDF text of the robot. Raises ConfigError if there is none."""
     name = rospy.search_param("robot_description")
     if name is None:
-        raise ConfigError(f"{rospy.resolve_name('robot_description')} is missing (URDF text of the robot)")
+        raise ConfigError(
+            f"{rospy.resolve_name('robot_description')} is missing; load the robot's URDF into it"
+        )
     return str(rospy.get_param(name))

@@ -1,6 +1,6 @@
-"""Node from a point cloud on cloud_in to a scan, where pointcloud_to_laserscan is not installed.
+"""Node from a point cloud on cloud_in to a scan, if pointcloud_to_laserscan is not installed.
 
-`simulator/sensors/points_to_scan.py` tells what it stands in for, and which test compares the two.
+`simulator/sensors/points_to_scan.py` names the original, and the test that compares the two.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 MAX_POINTS = 1_000_000
-REPORT_PERIOD = 5.0  # [s] between two complaints about the same
+REPORT_PERIOD = 5.0  # [s] between two warnings about the same
 
 
 class PointsToScanNode(rospy.SubscribeListener):
     """Listens to the cloud while something listens to the scan, as the real node does."""
 
     def __init__(self) -> None:
-        parameters = rospy.get_param("~", {})  # unknown ones are ignored, as there
+        parameters = rospy.get_param("~", {})  # unknown ones are ignored, as in the original
         (self._config,) = read_config(parameters_of(parameters), rospy.get_name() + "/", FlattenConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None
@@ -55,7 +55,9 @@ class PointsToScanNode(rospy.SubscribeListener):
         if target != frame:
             pose = lookup_pose(self._transforms, target, frame)
             if pose is None:
-                sentence = f"no scan from the cloud: no transform from '{frame}' to '{target}'"
+                sentence = (
+                    f"no scan from the cloud, because there is no transform from '{frame}' to '{target}'"
+                )
                 rospy.logwarn_throttle(REPORT_PERIOD, sentence)
                 return
             points = transform_points(pose, points)

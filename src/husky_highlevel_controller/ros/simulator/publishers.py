@@ -36,7 +36,7 @@ class Publishers:
     """Publishes snapshots; no message is made for a topic without a subscriber."""
 
     def __init__(self, config: SimulatorConfig, robot: RobotModel) -> None:
-        """Raises HuskyError where a rate does not divide that of the physics."""
+        """Raises HuskyError if a rate does not divide the rate of the physics."""
         topics = config.robot.topics
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         # a real base reports its wheels less often
@@ -56,7 +56,7 @@ class Publishers:
         self._transform_connections: List[Any] = []  # connections at the last look
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
-        self.scan: Optional[rospy.Publisher] = None  # None for a robot without a lidar
+        self.scan: Optional[rospy.Publisher] = None  # stays None for a robot without a lidar
         if robot.laser_frame in robot.fixed_poses:
             self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
@@ -93,7 +93,7 @@ class Publishers:
         self._set_time(rospy.Time())
 
     def publish(self, snapshot: Snapshot, on_clock: Callable[[], None] = lambda: None) -> bool:
-        """Publish the samples of a snapshot; whether /clock was published.
+        """Publish the samples of a snapshot. Return whether /clock was published.
 
         The time goes first, then the robot's pose and the scan: a controller needs no more to answer it.
         `on_clock` is called when the time is out.
@@ -143,7 +143,7 @@ class Publishers:
         trees = []
         if not self.leaves_filter:
             trees.append([(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))])
-        if stamp == 0.0 or not self._has_state_publisher():  # it sends nothing at time 0
+        if stamp == 0.0 or not self._has_state_publisher():  # a state publisher sends nothing at time 0
             trees.append(list(self._wheel_branches(odometry)))
         # TF warns of a transform that comes twice
         self._send_to_new(publisher, [conversions.tree_to_msg(tree, stamp) for tree in trees])
@@ -206,7 +206,7 @@ class Publishers:
         self._bumped.clear()
 
     def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
-        """Transforms from the world to where the robot truly is, to its wheels, and to odom."""
+        """Transforms from the world to the robot's true pose, to its wheels, and to odom."""
         base_in_world = snapshot.robot.pose_in_world
         base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
         odom_in_world = compose(pose_from_2d(pose_to_2d(base_in_world)), inverse(base_in_odom))
@@ -231,7 +231,7 @@ class Publishers:
         self.send_last_transforms()
 
     def publish_clock_between_ticks(self, stamp: float) -> None:
-        """Publish a time between that of the last snapshot and the next tick of /clock [s]."""
+        """Publish a time between the last snapshot's stamp and the next tick of /clock [s]."""
         self.publish_clock(stamp + 0.95 * self._tick)
 
     def _set_time(self, now: rospy.Time) -> None:

@@ -32,8 +32,8 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
 DURATION = 90.0  # [s]
-MAX_SEED = 2**31 - 1  # as the simulator's
-STANDING = 3.0  # [s], before and after the drive
+MAX_SEED = 2**31 - 1  # limit of the simulator's seed
+STANDING = 3.0  # [s] time of standing before and after the drive
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
 IMU_RATE, POINTS_RATE = 50, 1  # [Hz]; a cloud is as large as all else of ten seconds
@@ -130,7 +130,7 @@ def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]])
                 "md5sum": msg._md5sum,
                 "message_definition": msg._full_text,
                 "callerid": "/husky_simulator",
-                "latching": str(int(topic == "/tf_static")),  # rosbag play keeps it for those that come late
+                "latching": str(int(topic == "/tf_static")),  # rosbag play keeps it for late subscribers
             }
             stamp = conversions.time_to_msg(snapshot.stamp)
             (truth if topic == TRUTH_TOPIC else sensors).write(topic, msg, stamp, connection_header=header)

@@ -19,7 +19,7 @@ SERVICE = "reload_shaders"  # private service of every RViz with an open window
 
 
 def is_rviz(node: str) -> bool:
-    """Return whether a launched node is an RViz, by its name, because roslaunch does not tell its program."""
+    """Return whether a launched node is an RViz, by its name, because roslaunch does not give its program."""
     return NAMES.search(node) is not None
 
 

@@ -1,7 +1,7 @@
 """True poses, and calls that changed the world, over a private socket to the parent process.
 
 ROS topics and parameters can be written by every node; a Unix socket whose listener is gone after the first
-connection cannot. Grading judges by what comes here.
+connection cannot. Grading uses only these messages.
 """
 
 from __future__ import annotations

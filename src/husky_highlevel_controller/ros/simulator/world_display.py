@@ -1,7 +1,7 @@
 """Displays the world in RViz as interactive markers; RViz's tools change it.
 
-Drawn in odom, since the Husky's TF has no frame of the world: bodies lie where the lidar's points are shown,
-also when odom drifts. A body can be dragged and deleted; *Publish Point* drops a box, *2D Pose Estimate*
+Bodies are drawn in odom, because the Husky's TF has no frame of the world. So they lie at the lidar's points,
+also when odom drifts. A body can be dragged and deleted. *Publish Point* drops a box, and *2D Pose Estimate*
 moves the robot.
 """
 
@@ -43,7 +43,7 @@ BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 class _Shown(NamedTuple):
     body: Body
     up: Vector3  # vertical in the body's frame when it was drawn; it is dragged across it
-    pose_in_world: Optional[Pose]  # None if it must be sent again
+    pose_in_world: Optional[Pose]  # pose at which it was sent; None if it must be sent again
 
 
 class _Server(InteractiveMarkerServer):
@@ -78,7 +78,7 @@ class _Server(InteractiveMarkerServer):
         try:
             self.applyChanges()
             super().keepAlive(None)
-        except (rospy.ROSException, ValueError):  # as in ros.node.publish
+        except (rospy.ROSException, ValueError):  # the topics may be closed, see ros.node.publish
             if not rospy.core.is_shutdown_requested():
                 raise
 
@@ -90,7 +90,7 @@ class WorldDisplay:
         self._simulation, self._calls = simulation, calls
         self._shown: Dict[str, _Shown] = {}
         self._world_in_odom = Pose()  # pose at which everything was last drawn
-        self._due = 0.0  # [s], simulated
+        self._due = 0.0  # [s] simulated time of the next refresh
         self._dragged: Set[str] = set()
         self._transforms: Optional[tf2_ros.Buffer] = None
         self._server = _Server("~world", self._on_feedback)
@@ -101,19 +101,19 @@ class WorldDisplay:
         )
 
     def update(self, stamp: float) -> None:
-        """Refresh what is drawn, where it is time for it [s]."""
+        """Refresh the markers if it is time for it, at `stamp` [s]."""
         if stamp >= self._due:
             self._due = stamp + PERIOD - 1e-6  # a hair less, for rounding
             self.refresh()
 
     def refresh(self) -> None:
-        """Draw what is new, moved or gone; nothing without a subscriber."""
+        """Draw new and moved bodies, and delete others; nothing without a subscriber."""
         if self._transforms is None and any(tool.get_num_connections() for tool in self._tools):
-            # not from the start: to follow TF is dear
+            # begun late, because following TF costs CPU time
             self._transforms = tf2_ros.Buffer(debug=False)
             tf2_ros.TransformListener(self._transforms)
         if self._server.is_watched:
-            with contained("drawing the world's objects"):  # the world goes on without a picture of it
+            with contained("drawing the world's objects"):  # the world continues without its picture
                 self._draw()
                 self._server.send()
 
@@ -149,12 +149,12 @@ class WorldDisplay:
             number += 1
         box = Body(f"box_{number}", upright, (geometry,), (geometry,), BOX_MASS)
         self._simulation.spawn([checked(box)])
-        return f"'{box.name}' is there"
+        return f"'{box.name}' was added"
 
     def _move_robot(self, msg: PoseWithCovarianceStamped) -> str:
         pose = self._in_world(msg.pose.pose, msg.header.frame_id)
         self._simulation.move(ROBOT, pose_from_2d(pose_to_2d(pose)))
-        return f"'{ROBOT}' has moved"
+        return f"'{ROBOT}' was moved"
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         name = feedback.marker_name
@@ -163,11 +163,11 @@ class WorldDisplay:
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
         self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # keeps its height
-        return f"'{name}' has moved"
+        return f"'{name}' was moved"
 
     def _delete(self, feedback: InteractiveMarkerFeedback) -> str:
         self._simulation.delete(feedback.marker_name)
-        return f"'{feedback.marker_name}' is gone"
+        return f"'{feedback.marker_name}' was deleted"
 
     def _in_world(self, msg: PoseMsg, frame: str) -> Pose:
         pose = checked_pose(conversions.pose_from_msg(msg))
@@ -189,14 +189,16 @@ class WorldDisplay:
             self._ask(self._delete, feedback)
         elif event == InteractiveMarkerFeedback.POSE_UPDATE:
             self._dragged.add(name)
-        elif event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged:  # else a mere click
+        elif (
+            event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged
+        ):  # otherwise it is only a click
             self._dragged.remove(name)
             self._ask(self._drag, feedback)
 
     def _ask(self, work: Callable[[Any], str], msg: Any) -> None:
         done, sentence = self._calls.ask(partial(work, msg))
         if done:
-            rospy.loginfo(f"by the mouse: {sentence}")
+            rospy.loginfo(f"RViz: {sentence}")
 
 
 def _noticeable(before: Pose, after: Pose, radius: float) -> bool:

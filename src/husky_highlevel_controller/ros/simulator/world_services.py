@@ -32,16 +32,16 @@ class WorldServices:
     def _spawn(self, request: srv.SpawnObjectRequest) -> str:
         pose = self._in_world(request.initial_pose, request.reference_frame)
         self._simulation.spawn(_bodies_of(request, pose))
-        return f"'{request.model_name}' is there"
+        return f"'{request.model_name}' was added"
 
     def _delete(self, request: srv.DeleteObjectRequest) -> str:
         self._simulation.delete(request.model_name)
-        return f"'{request.model_name}' is gone"
+        return f"'{request.model_name}' was deleted"
 
     def _move(self, request: srv.MoveObjectRequest) -> str:
         pose = self._in_world(request.pose, request.reference_frame)
         self._simulation.move(request.model_name, pose)
-        return f"'{request.model_name}' has moved"
+        return f"'{request.model_name}' was moved"
 
     def _in_world(self, pose: PoseMsg, frame: str) -> Pose:
         pose_in_frame = checked_pose(conversions.pose_from_msg(pose))

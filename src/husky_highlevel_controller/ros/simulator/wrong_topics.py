@@ -30,7 +30,7 @@ MIN_LIKENESS = 0.85  # smallest likeness by difflib's ratio; cmd_val is like cmd
 
 
 class WrongTopic(NamedTuple):
-    """Topic that only one side uses, and the one that its node probably means."""
+    """Topic that only one side uses, and the topic that its node probably means."""
 
     node: str
     topic: str
@@ -105,12 +105,12 @@ SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics th
 
 
 def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongType]:
-    """Return the nodes whose messages the simulator, or which the simulator's messages, cannot reach.
+    """Return the nodes that cannot exchange messages with the simulator, because their types differ.
 
     Args:
         graph: topics and nodes.
         simulator: name of the simulator's node.
-        kinds_of: types of a node's topics, as the node itself says; the master knows one for each topic.
+        kinds_of: types of a node's topics, by the node itself; the master has only one for each topic.
     """
     found = []
     for publishes, others in ((True, graph.publishers), (False, graph.subscribers)):
@@ -136,7 +136,7 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
 
 
 def unread_parameters(master_uri: str) -> List[UnreadParameter]:
-    """Return what the master tells of parameters that no node has read; nothing if it does not know."""
+    """Return the master's list of parameters that no node has read; empty if it keeps none."""
     return [UnreadParameter(*map(str, each[:3])) for each in read_unread_parameters(master_uri)]
 
 

@@ -163,7 +163,7 @@ def test_a_bad_reading_is_left_out_and_the_rest_counts():
         except ReadingError as error:
             complaints.append(str(error))
     assert len(complaints) == 3
-    assert "its stamp is 0.050000 s, that of the one before 0.8" in complaints[0]
+    assert "its stamp 0.050000 s is not later than the last stamp, 0.8" in complaints[0]
     assert "its velocity's covariance is [[nan" in complaints[2]
     assert due[-1].state[:3] == pytest.approx(path(localization(), drive())[-1, 1:4], abs=0.02)
 

@@ -335,7 +335,7 @@ def test_it_starts_and_stops_at_once_by_its_service_and_drives_with_the_paramete
         assert controller.answer_at(3.0).linear.x == pytest.approx(0.3 * 2.0, abs=0.01)
         told = len(controller.sent("cmd_vel"))
         stopped = controller.start_stop(False)
-        assert (stopped.success, stopped.message) == (True, "standing still until it is started")
+        assert (stopped.success, stopped.message) == (True, "standing still until started")
         assert controller.sent("cmd_vel")[told:] == [Twist()], "it stops without a scan"
     assert controller.start_stop(False).message.startswith("already")
     controller.start_stop(True)
