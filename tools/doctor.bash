@@ -1,4 +1,4 @@
-# `./dev doctor`: what is installed, what is missing, and whether ROS nodes can reach one another. Changes nothing.
+# `./dev doctor`: lists installed and missing parts, and checks whether ROS nodes can reach one another. Changes nothing.
 # shellcheck shell=bash disable=SC2154  # sourced by ./dev
 
 problems=0
@@ -39,7 +39,7 @@ check_installation() {
   done
   local lacking
   if done_before venv-launch requirements/launch.txt; then
-    # as every program of the package asks at its start
+    # the question of every program of the package at its start
     if lacking=$(PYTHONPATH=$here/src "$venv/bin/python" -m husky_highlevel_controller.missing_packages 2>&1); then
       good "Python packages in .dev/venv"
     else
@@ -54,7 +54,7 @@ check_installation() {
   else bad "cannot write logs to $folder; set ROS_HOME to a folder where you may write"; fi
 }
 
-# Whether something listens on port $2 of host $1.
+# Test whether a program listens on port $2 of host $1.
 # shellcheck disable=SC2016  # bash -c expands them
 listens() { timeout 3 bash -c 'exec 3<>"/dev/tcp/$0/$1"' "$1" "$2" 2>/dev/null; }
 
@@ -66,7 +66,7 @@ check_topics() {
   )
 }
 
-# Dependencies of the packages around the caller that are no packages.
+# Report dependencies of the packages around the caller that are not packages.
 check_packages() {
   [ -f "$workspace/devel/setup.bash" ] || return 0
   local sentence

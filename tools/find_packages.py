@@ -27,7 +27,7 @@ from husky_highlevel_controller.dependencies import (
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 DEPTH = 4  # folders from a place down to a package: catkin_ws/src/repository/package from a home folder
-MOST_FOLDERS = 20_000  # that are looked into below a place: a home folder may have millions
+MOST_FOLDERS = 20_000  # largest number of folders searched below a place; a home folder may have millions
 SYSTEM = {Path("/usr"), Path("/opt")}  # folders of packages that are installed
 # folders of a workspace and of other tools that hold no sources of packages
 SKIPPED = {"build", "devel", "install", "logs", "log", "node_modules", "site-packages", "__pycache__"}
@@ -55,7 +55,7 @@ def is_students(package: Path) -> bool:
 
 
 def dependency_sentences(folders: Iterable[Path]) -> List[str]:
-    """Return sentences on dependencies of people's packages that are no packages here."""
+    """Return sentences on dependencies of people's packages that are not packages here."""
     own = [folder for folder in dict.fromkeys(folders) if is_students(folder)]
     if not own:
         return []
@@ -76,7 +76,7 @@ def package_around(path: Path) -> Optional[Path]:
 
 
 def workspace_around(path: Path) -> Optional[Path]:
-    """Folder `src` of the catkin workspace that a file or folder lies in; a home folder is no workspace."""
+    """Folder `src` of the catkin workspace around a file or folder; a home folder is not a workspace."""
     for folder in (path, *path.parents):
         if folder == Path.home():
             return None
@@ -98,7 +98,7 @@ def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
                 return
             try:
                 entries = {entry.name: entry for entry in os.scandir(folder)}
-            except OSError:  # a folder of somebody else's
+            except OSError:  # another user's folder
                 continue
             if "CATKIN_IGNORE" in entries:
                 continue
@@ -128,7 +128,7 @@ def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
     """File at any depth in the nearest package of that name which has it, as roslaunch finds it."""
     around = [(name, folder) for place in places(caller) for name, folder in packages_below(place)]
     beside = packages_below(PACKAGE_FOLDER.parent)
-    paths = _paths()
+    paths = gazebo_packages.package_paths()
     packages = rospkg.RosPack(paths)
     known = [(package, Path(packages.get_path(package)))] if package in packages.list() else []
     if package == PACKAGE:  # another clone beside this one has the same files
@@ -167,14 +167,10 @@ def source_workspace(path: Path) -> None:
         os.environ["PATH"] = os.pathsep.join((os.path.dirname(sys.executable), os.environ.get("PATH", "")))
 
 
-def _paths() -> List[str]:
-    return [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
-
-
 def main() -> None:
     """Print a sentence on each wrong dependency of the packages around the folder of the command line."""
     caller = Path(sys.argv[1])
-    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(add_packages(_paths(), caller))
+    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(add_packages(gazebo_packages.package_paths(), caller))
     folders = [folder for place in places(caller) for _, folder in packages_below(place)]
     print("\n".join(dependency_sentences(folders)))
 

@@ -1,4 +1,4 @@
-"""Stand-ins for Gazebo's packages: those of compat/, joined with a workspace's copies of the same packages.
+"""Stand-ins for Gazebo's packages, from compat/, joined with a workspace's copies of the same packages.
 
 Run by its path it prints a ROS_PACKAGE_PATH for plain roslaunch.
 """
@@ -22,7 +22,7 @@ import rospkg  # noqa: E402
 from defusedxml import ElementTree  # noqa: E402
 
 COMPAT = Path(__file__).resolve().parents[1] / "compat"
-# that workspaces have copies of, with launch files that need Gazebo or other missing packages
+# packages of which workspaces have copies, with launch files that need Gazebo or other missing packages
 COURSE_PACKAGES = (
     "husky_control", "husky_description", "husky_gazebo", "smb_control", "smb_description", "smb_gazebo",
 )  # fmt: skip
@@ -30,6 +30,11 @@ OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
 # arguments that people edit in a copy
 SENSORS = {"laser_enabled", "kinect_enabled"}
 WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "z", "yaw", *SENSORS}
+
+
+def package_paths() -> List[str]:
+    """Folders of ROS_PACKAGE_PATH."""
+    return [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
 
 
 def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
@@ -40,21 +45,22 @@ def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
 
 
 def join_copies(paths: List[str]) -> Dict[str, Path]:
-    """Folders of packages joined of ours and of copies of COURSE_PACKAGES in a ROS_PACKAGE_PATH, by name.
+    """Join our packages with copies of COURSE_PACKAGES in a ROS_PACKAGE_PATH. Return the folders by name.
 
-    They are kept in ~/.ros/gazebo_packages, named by their content, until the copy is gone.
+    Without gazebo_ros the launch files of a copy start nothing. The folders are in ~/.ros/gazebo_packages,
+    named by their content, until the copy is gone.
     """
     kept = Path(rospkg.get_ros_home()) / "gazebo_packages"
     for folder in kept.glob("[!.]*/*"):
-        if not (folder / "package.xml").exists():  # a link to that of a copy
+        if not (folder / "package.xml").exists():  # a link to a copy that is gone
             shutil.rmtree(folder.parent, ignore_errors=True)
     packages = rospkg.RosPack(paths)
     known = packages.list()
     if "gazebo_ros" in known:
         return {}
-    joined = {}  # without it the launch files of a copy start nothing
+    joined = {}
     for name in [name for name in COURSE_PACKAGES if name in known]:
-        copy = (Path(packages.get_path(name)) / "package.xml").resolve().parent  # or of one that is joined
+        copy = (Path(packages.get_path(name)) / "package.xml").resolve().parent
         if copy != COMPAT / name:
             kept.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=".", dir=kept) as scratch:
@@ -64,7 +70,7 @@ def join_copies(paths: List[str]) -> Dict[str, Path]:
                 try:
                     new.rename(place)
                 except OSError:
-                    if not place.is_dir():  # else another launch, which may still read it, made the same
+                    if not place.is_dir():  # otherwise another launch made the same folder
                         raise
             joined[name] = place / name
     return joined
@@ -101,13 +107,13 @@ def join(copy: Path, ours: Path, target: Path) -> None:
 
 
 def references(text: str, names: Set[str]) -> Set[str]:
-    """Those of a launch file's arguments that a text has in $(arg ...) or $(eval ...)."""
+    """Arguments of a launch file that a text has in $(arg ...) or $(eval ...)."""
     commands = [text] if text.startswith("$(eval ") else re.findall(r"\$\(arg ([^)]*)\)", text)
     return names & set(re.findall(r"\w+", " ".join(commands)))
 
 
 def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
-    """World, pose and sensors that a launch file gives its robot, with what it includes beside it."""
+    """World, pose and sensors that a launch file and its includes in the same folder give the robot."""
     root = ElementTree.parse(file).getroot()
     names = {arg.get("name", "") for arg in root.findall("arg")}
     given: Dict[str, str] = {}
@@ -133,7 +139,7 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     try:
         given = world_and_pose(copy)
     except (OSError, ParseError, ValueError, LookupError):
-        return  # the copy has no such file, or one that is no XML, has entities or an unknown encoding
+        return  # the copy has no such file, or it is not valid XML, has entities or an unknown encoding
     ours = world_and_pose(link)
     # Noetic's file asks a variable whether there is a lidar, and so does ours, with another default
     asked = {name for name in SENSORS if "$(" in given.get(name, "")}
@@ -151,7 +157,7 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
 
 def main() -> None:
     """Print a ROS_PACKAGE_PATH."""
-    paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
+    paths = package_paths()
     print(os.pathsep.join(package_path(paths, join_copies(paths).values())))
 
 

@@ -18,7 +18,7 @@ os_release() { sed -n "s/^$1=//p" /etc/os-release 2>/dev/null | tr -d "\"'"; }
 os_name() { local name; name=$(os_release PRETTY_NAME); printf '%s' "${name:-this system}"; }
 os_codename() { local name; name=$(os_release UBUNTU_CODENAME); printf '%s' "${name:-$(os_release VERSION_CODENAME)}"; }
 
-# Print the names of GROUP's packages (launch, rviz, page, test, lint or grade), one a line.
+# Print the names of GROUP's packages (launch, rviz, page, test, lint or grade), one on each line.
 packages_of() {
   local -n plain=$1_packages ros=$1_ros_packages
   printf '%s\n' "${plain[@]}"
@@ -33,7 +33,7 @@ missing_packages() {
 
 in_list_of_releases() { [[ " ${ros_in_archive[*]} " == *" $(os_codename) "* ]]; }
 
-# Take the packages that the archive of a later release has not out of the array `missing`, and name them.
+# Take packages that the archive of a later release lacks out of the array `missing`, and name them.
 leave_out_absent() {
   local absent
   apt-cache pkgnames | sort -u >"$state/archive"
@@ -46,8 +46,8 @@ leave_out_absent() {
   mapfile -t missing < <(printf '%s\n' "${missing[@]}" | comm -12 - "$state/archive")
 }
 
-# Show how far apt-get is: a line that counts in a terminal, else a line every ten percent. In: its output with
-# APT::Status-Fd=1; the rest of it goes to the log $1.
+# Show how far apt-get is: a line that counts in a terminal, otherwise a line every ten percent. In: its output with
+# APT::Status-Fd=1. The rest of the output goes to the log $1.
 show_progress() {
   local line shown=-1 percent doing stage=
   while IFS= read -r line; do
@@ -111,7 +111,7 @@ install_debian_packages() {
   "${apt[@]}" update >>"$log" 2>&1 || true      # a third party's broken source must not stop this one
   if [ -z "$opt_ros" ] && ! in_list_of_releases; then leave_out_absent; fi
   [ ${#missing[@]} -gt 0 ] || return 0
-  # what an installation that was interrupted has left half done
+  # finish an installation that was interrupted
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a >>"$log" 2>&1 || true
   local sizes
   sizes=$("${apt[@]}" install --no-install-recommends --assume-no "${missing[@]}" 2>&1 | tee -a "$log" \
@@ -127,11 +127,11 @@ fingerprint() { { printf '%s\n' "$here"; cat "$@"; } | cksum; }
 done_before() { local name=$1; shift; [ "$(cat "$state/$name.done" 2>/dev/null)" = "$(fingerprint "$@")" ]; }
 mark_done() { local name=$1; shift; fingerprint "$@" >"$state/$name.done"; }
 
-# Print what lock files hold for this Python: of those for others pip names one by one that it ignores them.
+# Print the entries of lock files for this Python, because pip names every other entry that it ignores.
 requirements_here() {
   "$venv/bin/python" - "$@" <<'PYTHON'
 import re, sys
-from pip._vendor.packaging.markers import Marker  # as pip itself judges
+from pip._vendor.packaging.markers import Marker  # pip's own
 
 for file in sys.argv[1:]:
     for entry in re.findall(r"^\w.*(?:\n .*)*", open(file, encoding="utf-8").read(), re.MULTILINE):
@@ -175,8 +175,8 @@ install_kept_wheel() {
     && venv_pip install --quiet --no-deps --no-index --find-links "$state/wheels" "$1" 2>/dev/null
 }
 
-# Install a wheel of PyBullet: one that was compiled before, else PyPI's, else one that is compiled now. What fits this
-# processor and Python is for pip to say.
+# Install a wheel of PyBullet: one that was compiled before, otherwise PyPI's, otherwise one that is compiled now. pip
+# decides which wheel fits this processor and Python.
 install_pybullet() {
   local wanted=$state/pybullet.txt name
   requirements_here requirements/launch.txt | awk '/^[a-z]/ {here = /^pybullet/} here' >"$wanted"
@@ -211,12 +211,12 @@ install_pybullet() {
 make_venv() {
   local site file=requirements/launch.txt
   done_before venv-launch "$file" && [ -x "$venv/bin/python" ] && return
-  # the programs of an environment name the folder that it was made in: those of a copy would change the original's
+  # the programs of an environment name the folder that it was made in, so a copy's programs would change the original
   if [ ! -L "$venv" ] && [ -e "$venv/bin/pip" ] && ! grep -qF "$venv/bin/python" "$venv/bin/pip"; then
     say "this clone was moved or copied to $here; making its .dev/venv again"
     rm -rf "$venv"
   fi
-  # Debian's own python3, because rospy is built for it; what is there already is not fetched again
+  # Debian's own python3, because rospy is built for it; installed packages are not fetched again
   if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
     [ ! -L "$venv" ] || die ".dev/venv links to an incomplete environment. Remove the link"
     /usr/bin/python3 -m venv --clear "$venv"
@@ -224,8 +224,8 @@ make_venv() {
   rm -f "$state"/venv-*.done
   install_pybullet
   pip_install "NumPy (20 MB)" "$file"
-  # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
-  # stay out, which put another matplotlib and another NumPy in front of those that belong together.
+  # rospy comes from Debian. A path rather than --system-site-packages, so that Debian's own .pth files and /usr/local
+  # stay out, which would put another matplotlib and another NumPy first.
   site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
   echo /usr/lib/python3/dist-packages >"$site/debian.pth"
   # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
@@ -234,7 +234,7 @@ make_venv() {
   mark_done venv-launch "$file"
 }
 
-# Add what the commands GROUP... need to the virtual environment: none of it is needed to launch.
+# Add the packages that the commands GROUP... need to the virtual environment. A launch needs none of them.
 complete_venv() {
   local files=(requirements/run.txt)
   case " $* " in *" page "* | *" grade "* | *" test "* | *" lint "*) ;; *) return 0 ;; esac
@@ -255,7 +255,7 @@ build_workspace() {
   local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* compat/gazebo_msgs/*.* compat/gazebo_msgs/*/* src/*/__init__.py src/*/controller/control.py src/*/controller/pillar_detection.py)
   # a folder of links rather than one link: rosrun searches the package, and must not find .dev in it
   mkdir -p "$package"
-  # those of what is gone, and those that a moved or copied clone has brought along
+  # delete links to files that are gone, and links of a clone that was moved or copied
   find "$package" -type l \( -xtype l -o ! -lname "$here/*" \) -delete
   for entry in *; do
     [ "$entry" = dev ] || [ -L "$package/$entry" ] || ln -s "$here/$entry" "$package/$entry"
@@ -263,7 +263,7 @@ build_workspace() {
   done_before build "${sources[@]}" && [ -f "$workspace/devel/setup.bash" ] && return
   say "building the catkin workspace in .dev/ws"
   rm -rf "$workspace/build" "$workspace/devel"
-  # cmake itself rather than catkin_make, which wants a C++ compiler
+  # cmake itself rather than catkin_make, which needs a C++ compiler
   { cmake -S "$package" -B "$workspace/build" -DCATKIN_DEVEL_PREFIX="$workspace/devel" \
       -DCMAKE_INSTALL_PREFIX="$workspace/install" -DPYTHON_EXECUTABLE="$venv/bin/python" -DCATKIN_ENABLE_TESTING=OFF \
     && cmake --build "$workspace/build"; } >"$log" 2>&1 \
@@ -305,7 +305,7 @@ set_up() {
   fi
   # another Python (pyenv, conda, a PYTHONPATH) must not get between rospy and the venv
   unset PYTHONPATH PYTHONHOME CONDA_PREFIX VIRTUAL_ENV
-  unset PYTHONDONTWRITEBYTECODE              # many images set it: each process would compile the package anew
+  unset PYTHONDONTWRITEBYTECODE              # many images set it, and then each process would compile the package again
   export PYTHONNOUSERSITE=1
   export PYTHONUNBUFFERED=1                  # a log that is piped is seen line by line
   # NumPy's threads spin as each process imports it, 0.1 s of CPU time; no matrix here is large enough for them

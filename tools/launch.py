@@ -18,7 +18,7 @@ import threading
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
 
-if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or half of the start is setuptools
+if sys.version_info < (3, 12):  # rosclean imports distutils; Python's own is faster than setuptools'
     with contextlib.suppress(ImportError, AttributeError):
         import _distutils_hack
 
@@ -42,7 +42,7 @@ from roslaunch import substitution_args
 
 from husky_highlevel_controller.ros.restart import display_problem
 
-MASTER_TIMEOUT = 3.0  # [s] of wall time for a connection to a master elsewhere
+MASTER_TIMEOUT = 3.0  # [s] wall time for a connection to a master elsewhere
 GAZEBO_MESSAGES = "share/gazebo_msgs/python"  # end of the path of the messages that compat/ brings
 OWN_RVIZ, WINDOW = "husky_rviz", "gazebo_gui"  # RViz nodes of this package's launch files
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
@@ -84,7 +84,7 @@ def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
 
 
 def check_master() -> None:
-    """Refuse a ROS_MASTER_URI that names another machine where no master answers; roslaunch would raise."""
+    """Refuse a ROS_MASTER_URI that names another machine without a master; roslaunch would raise."""
     uri = rosgraph.get_master_uri()
     address = re.fullmatch(r"http://([^:/]+):(\d+)/?", uri)
     if address is None:
@@ -104,7 +104,7 @@ def check_master() -> None:
 
 
 def check_display() -> None:
-    """Run headless where DISPLAY names a display that does not answer."""
+    """Run headless if DISPLAY names a display that does not answer."""
     problem = display_problem(os.environ.get("DISPLAY", ""))
     if problem:
         say(f"warning: {problem}; running headless, without RViz")
@@ -125,7 +125,7 @@ def check_quotes(config: Any) -> None:
 
 
 def drop_missing_terminals(config: Any) -> None:
-    """Start nodes whose launch-prefix is a terminal without it where it cannot open."""
+    """Start nodes without a launch-prefix that is a terminal, if the terminal cannot open."""
     for node in config.nodes:
         program = shlex.split(node.launch_prefix or "")[:1]
         if not program:
@@ -139,7 +139,7 @@ def drop_missing_terminals(config: Any) -> None:
 
 
 def drop_missing_rviz(config: Any) -> None:
-    """Start no RViz without a display, nor where it is not installed: Debian forky's archive has none."""
+    """Start no RViz without a display, or if it is not installed; Debian forky's archive lacks it."""
     others = [node for node in config.nodes if node.package != "rviz"]
     if len(others) < len(config.nodes) and "rviz" not in rospkg.RosPack().list():
         say("warning: RViz is not installed; web:=true shows the robot in a browser")
@@ -160,7 +160,7 @@ def check_integers(config: Any) -> None:
 
 
 def hide_own_package() -> None:
-    """Take this package's workspace out of the environment: another package has its name."""
+    """Take this package's workspace out of the environment, because another package has its name."""
     own = str(PACKAGE_FOLDER / ".dev")
     for variable in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH", "PYTHONPATH"):
         paths = os.environ.get(variable, "").split(os.pathsep)
@@ -170,7 +170,7 @@ def hide_own_package() -> None:
 
 
 def find_packages_for(file: Path) -> Path:
-    """Make a launch file's own package found first, and stand-ins for Gazebo's; the file, or its stand-in."""
+    """Make a launch file's own package and stand-ins for Gazebo's found. Return the file, or its stand-in."""
     folder = file.resolve().parent
     package = find_packages.package_around(folder)
     if package == PACKAGE_FOLDER:
@@ -179,10 +179,10 @@ def find_packages_for(file: Path) -> Path:
         find_packages.source_workspace(folder)
     if package and find_packages.name_of(package) == PACKAGE:
         hide_own_package()
-    paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
+    paths = gazebo_packages.package_paths()
     if package:
         paths.insert(0, str(package))
-    if folder != PACKAGE_FOLDER / "launch":  # whose files need no package of anybody else's
+    if folder != PACKAGE_FOLDER / "launch":  # this package's own files need no other package
         # the other packages of its workspace too, which need not be built
         paths = find_packages.add_packages(paths, folder, Path.cwd())
     joined = gazebo_packages.join_copies(paths)
@@ -199,7 +199,7 @@ def find_packages_for(file: Path) -> Path:
 
 
 def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path]) -> Path:
-    """The stand-in of a launch file that needs Gazebo; else the file itself."""
+    """Return the stand-in of a launch file that needs Gazebo, otherwise the file itself."""
     if package is None:
         return file
     name = find_packages.name_of(package)
@@ -215,7 +215,7 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
 
 
 def starts_robot(node: Any) -> bool:
-    """Whether a node is a stand-in that starts this package's simulator."""
+    """Return whether a node is a stand-in that starts this package's simulator."""
     spawns = (node.package, node.type) == ("gazebo_ros", "spawn_model") and "-urdf" in node.args
     return node.type == "spawn_husky" or bool(spawns)
 
@@ -230,7 +230,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
             refuse(file, name, arguments.known, arguments.known)
     if is_true(arguments.for_simulator.get("exit_on_arrival", "false")):
         for node in robots:
-            node.required = True  # it ends at the arrival, and the launch with it
+            node.required = True  # the node ends at the arrival, and ends the launch
     if not is_true(arguments.for_simulator.get("rviz", "true")):
         config.nodes = [n for n in config.nodes if n.package != "rviz" or n.name == WINDOW]
     drop_missing_terminals(config)
@@ -239,7 +239,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
     has_world = "/gazebo_world/world_name" in config.params or ("gazebo_ros", "gzserver") in programs
     for node in config.nodes:
         if (node.package, node.type) == ("gazebo_ros", "spawn_model"):
-            node.output = "screen"  # it refuses a model by a sentence, or becomes the simulator
+            node.output = "screen"  # the node may print why it refuses a model, or become the simulator
     if has_world and not robots:
         say("warning: the launch file has a world but no robot; add husky_gazebo/launch/spawn_husky.launch")
     if any(node.package == "rviz" and node.name not in (OWN_RVIZ, WINDOW) for node in config.nodes):
@@ -247,7 +247,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
 
 
 def warn_of_dependencies(config: Any, file: Path) -> None:
-    """Warn of dependencies that are no packages, of the packages that people have of their own."""
+    """Warn of dependencies of people's own packages that are not packages here."""
     folder = find_packages.package_around(file.resolve().parent)
     packages = rospkg.RosPack()
     names = {node.package for node in config.nodes} & set(packages.list())
@@ -257,12 +257,12 @@ def warn_of_dependencies(config: Any, file: Path) -> None:
 
 
 def is_true(value: str) -> bool:
-    """Whether a value of an argument is true for roslaunch."""
+    """Return whether a value of an argument is true for roslaunch."""
     return value.lower() in ("true", "1")
 
 
 def shorten_summary(config: Any) -> None:
-    """Leave the parameters out of roslaunch's summary: a hundred lines would hide the first useful one."""
+    """Leave the parameters out of roslaunch's summary; a hundred lines would hide the first useful one."""
     summary = config.summary
     config.summary = lambda *args, **kwargs: re.sub(
         r"PARAMETERS\n.*?(?=NODES\n)", "", summary(*args, **kwargs), flags=re.DOTALL
@@ -311,7 +311,7 @@ def tell_end(text: str) -> None:
 
 
 def start_own_master() -> None:
-    """Let roslaunch start the master of this package, which knows the parameters that no node reads."""
+    """Let roslaunch start the master of this package, which lists the parameters that no node reads."""
     create = roslaunch.launch.create_master_process
 
     def create_own(*arguments: Any, **named: Any) -> Any:
@@ -323,7 +323,7 @@ def start_own_master() -> None:
 
 
 def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
-    """Run roslaunch; 0, or 1 if a required node failed."""
+    """Run roslaunch. Return 0, or 1 if a required node failed."""
     roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
     failures = Failures()
     run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
@@ -345,7 +345,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             if "--screen" not in arguments.options:
                 shorten_summary(self.config)
             run["robots"] = {n.name for n in self.config.nodes if starts_robot(n)}
-            # as roslaunch calls their processes
+            # names of their processes in roslaunch
             names = [rosgraph.names.ns_join(n.namespace, n.name) for n in self.config.nodes if n.required]
             failures.required = {name.lstrip("/") for name in names}
 
@@ -363,7 +363,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
                 if process.popen is not None and process.popen.poll() is None:
                     os.killpg(process.popen.pid, signal.SIGTERM)
         end(number, frame)
-        if not run["started"]:  # or roslaunch would wait for the master that it has ended
+        if not run["started"]:  # roslaunch would wait for the master that it has ended
             sys.stdout.flush()
             output.close()
             os._exit(128 + signal.SIGINT)  # an exception could be raised where Python ignores it

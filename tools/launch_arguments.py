@@ -24,22 +24,22 @@ PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 SIMULATOR = PACKAGE_FOLDER / "launch" / "simulator.launch"
 OF_CONTROLLER = {"naive", "parameters"}  # simulator.launch only hands them on
 VARIABLE = "HUSKY_SIMULATOR_ARGUMENTS"  # name:=value words, as on a command line, for stand-ins of compat/
-# what the stand-ins read of the Husky of ROS Melodic; simulator.launch has the same for robot:=husky_melodic
+# variables of the Husky of ROS Melodic, for stand-ins; simulator.launch has the same for robot:=husky_melodic
 MELODIC = {"HUSKY_LMS1XX_TOPIC": "scan", "HUSKY_LMS1XX_PREFIX": "base"}
 
 
 class Arguments(NamedTuple):
     """Checked arguments of a launch file."""
 
-    options: List[str]  # for roslaunch
-    for_simulator: Dict[str, str]  # that only a file takes which starts this package's simulator
+    options: List[str]  # words for roslaunch
+    for_simulator: Dict[str, str]  # arguments for a file that starts this package's simulator
     known: Set[str]  # names that the file takes
 
 
 def declared_arguments(file: Path) -> Optional[Set[str]]:
-    """Names of the arguments that a launch file takes; None if that cannot be said before it runs.
+    """Names of the arguments that a launch file takes; None if they are unknown before it runs.
 
-    An include with pass_all_args hands down what the file itself does not declare.
+    An include with pass_all_args takes arguments that the file itself does not declare.
     """
     try:
         names = set(roslaunch.arg_dump.get_args([str(file)]))
@@ -50,7 +50,7 @@ def declared_arguments(file: Path) -> Optional[Set[str]]:
             if inner is None:
                 return None
             names |= inner
-    except Exception:  # roslaunch reports what is wrong with the file, in more detail
+    except Exception:  # roslaunch reports the error, in more detail
         return None
     return names
 
@@ -62,15 +62,15 @@ def included_files(file: Path) -> Iterator[Tuple[Path, bool]]:
         passes_all = include.get("pass_all_args", "").lower() in ("1", "true")
         try:
             yield Path(substitution_args.resolve_args(include.get("file"), context=context)), passes_all
-        except Exception:  # it has an argument in its name
+        except Exception:  # the name of the included file has an argument
             if passes_all:
                 raise
 
 
 def own_arguments(file: Path) -> Set[str]:
-    """Names of the arguments that files of this package take which a launch file includes."""
+    """Names of the arguments of this package's files that a launch file includes."""
     names: Set[str] = set()
-    with contextlib.suppress(Exception):  # as above
+    with contextlib.suppress(Exception):  # roslaunch reports the error, in more detail
         for included, _ in included_files(file):
             own = PACKAGE_FOLDER in included.resolve().parents
             names |= (declared_arguments(included) or set()) if own else own_arguments(included)

@@ -14,9 +14,9 @@ from typing import Callable, Dict, List, Tuple
 
 from husky_highlevel_controller.ros.refused_connection import shorten
 
-REPORT_PERIOD = 5.0  # [s] of wall time between two lines that count
-MAX_LINES = 200  # of a traceback that is held back until its end
-CLOSE_TIMEOUT = 2.0  # [s], for what still holds the output open
+REPORT_PERIOD = 5.0  # [s] wall time between two lines that count
+MAX_LINES = 200  # longest traceback that is held back until its end
+CLOSE_TIMEOUT = 2.0  # [s] longest wait for programs that hold the output open
 TRACEBACK = "Traceback (most recent call last):"
 BETWEEN = ("During handling of the above exception", "The above exception was the direct cause")
 _COLOUR = re.compile(rb"\x1b(\[([0-9;]*m|[0-9;]*$)|$)")
@@ -30,11 +30,11 @@ class Folder:
         self._line, self._passing = b"", False  # an unfinished line, and whether its begin has passed
         self._held: List[bytes] = []  # lines of a traceback
         self._folded = False  # the last traceback was not shown
-        self._counts: Dict[Tuple[str, ...], int] = {}  # by traceback: not yet reported
+        self._counts: Dict[Tuple[str, ...], int] = {}  # number not yet reported, by traceback
         self._counts_since = now()
 
     def feed(self, data: bytes) -> bytes:
-        """What of the data passes."""
+        """Take data, and return the part that passes."""
         *lines, self._line = (self._line + data).split(b"\n")
         passed = b"".join(self._take(line + b"\n") for line in lines)
         if self._line and not self._held and not self._may_be_dropped(self._line):
@@ -46,7 +46,7 @@ class Folder:
         return self._report() if self._now() - self._counts_since >= REPORT_PERIOD else b""
 
     def close(self) -> bytes:
-        """What was held back, and the last counts."""
+        """Return the lines that were held back, and the last counts."""
         held, self._held = b"".join(self._held) + self._line, []
         return held + self._report()
 
@@ -66,7 +66,7 @@ class Folder:
         return os.fsencode(shorten(os.fsdecode(line)))
 
     def _hold(self, line: bytes, text: str) -> bytes:
-        """Another line of a traceback: it ends with the first one that is not indented."""
+        """Take another line of a traceback, which ends with the first line that is not indented."""
         self._held.append(line)
         lines = [_plain(each) for each in self._held]
         begin = lines.index(TRACEBACK) if TRACEBACK in lines[:2] else None
@@ -92,7 +92,7 @@ class Folder:
         return "".join(sentences).encode()
 
     def _may_be_dropped(self, line: bytes) -> bool:
-        """Whether a line that begins like this may not pass, or not as it is."""
+        """Return whether a line that begins like this may not pass, or not as it is."""
         text = _plain(line)
         begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._folded else ()))
         return not self._passing and any(begin.startswith(text) or text.startswith(begin) for begin in begins)
@@ -103,7 +103,7 @@ def _plain(line: bytes) -> str:
 
 
 class FoldedOutput:
-    """Standard output and error of this process and those it starts, through a `Folder` each."""
+    """Standard output and error of this process and its children, through a `Folder` each."""
 
     def __init__(self) -> None:
         same = os.path.sameopenfile(1, 2)
@@ -112,10 +112,10 @@ class FoldedOutput:
     @staticmethod
     def _divert(targets: Tuple[int, ...]) -> Tuple[Tuple[int, ...], int, threading.Thread]:
         real = os.dup(targets[0])
-        if os.isatty(real):  # nodes that write to a terminal go on to
+        if os.isatty(real):  # nodes that write to a terminal get one
             source, sink = pty.openpty()
             attributes = termios.tcgetattr(sink)
-            attributes[1] &= ~termios.OPOST  # the real terminal does it
+            attributes[1] &= ~termios.OPOST  # the real terminal does this
             termios.tcsetattr(sink, termios.TCSANOW, attributes)
             with contextlib.suppress(termios.error, AttributeError):  # Python 3.11
                 termios.tcsetwinsize(sink, termios.tcgetwinsize(real))
@@ -129,7 +129,7 @@ class FoldedOutput:
         return targets, real, thread
 
     def close(self) -> None:
-        """Give the real output back; what is on its way comes first."""
+        """Give the real output back, after the rest of the data."""
         for targets, real, thread in self._channels:
             for target in targets:
                 os.dup2(real, target)

@@ -24,7 +24,7 @@ done
 folder=$caller
 case $folder/ in "$here"/*) folder=$(dirname "$here") ;; esac        # next to the clone, not in it
 workspace=
-if [ "$kind" = cpp ] && [ "$(basename "$folder")" != src ]; then     # what is compiled needs a workspace
+if [ "$kind" = cpp ] && [ "$(basename "$folder")" != src ]; then     # a compiled package needs a workspace
   workspace=$folder/${name}_ws
   folder=$workspace/src
 elif [ "$kind" = cpp ]; then

@@ -2,7 +2,7 @@
 # shellcheck shell=bash disable=SC2034  # sourced by ./dev
 
 # the package.xml of a ROS package often sits in its -dev package, and roslaunch needs it
-launch_packages=(ca-certificates cmake gcc libc6-dev make python3 python3-venv)  # catkin's cmake wants a C compiler
+launch_packages=(ca-certificates cmake gcc libc6-dev make python3 python3-venv)  # catkin's cmake needs a C compiler
 # robot_state_publisher is for other people's launch files: our simulator sends its frames itself
 launch_ros_packages=(
   catkin rosbash rosout ros-robot-state-publisher
@@ -18,10 +18,10 @@ launch_ros_packages=(
   ros-diagnostic-msgs ros-geometry-msgs ros-nav-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
   ros-visualization-msgs
 )
-# where PyPI has no wheel of PyBullet
+# packages to compile PyBullet, if PyPI has no wheel of it
 compile_packages=(g++ python3-dev)
 compile_ros_packages=()
-# where there is a display
+# packages for a display
 rviz_packages=()
 # RViz on Qt 6 draws none of its icons without it, and complains of each
 if grep -qx 'VERSION_CODENAME=trixie' /etc/os-release; then rviz_packages+=(qt6-svg-plugins); fi
@@ -29,11 +29,11 @@ rviz_ros_packages=(rviz)
 # the page in the browser needs PyPI's packages only
 page_packages=()
 page_ros_packages=()
-# `run ... grade` and `run catkin_make`: builds hand-ins, keeps them in namespaces
+# `run ... grade` and `run catkin_make`: builds submissions, keeps them in namespaces
 grade_packages=(bubblewrap g++ procps util-linux valgrind libc6-dbg)
 grade_ros_packages=(
   libroscpp-dev
-  # what hand-ins of the courses use
+  # packages that submissions of the courses use
   libactionlib-dev libangles-dev liblaser-geometry-dev libmessage-filters-dev libmove-base-msgs-dev libroslib-dev
   libshape-msgs-dev libtf-conversions-dev libtf-dev libtf2-eigen-dev libtf2-geometry-msgs-dev libtf2-sensor-msgs-dev
   libtrajectory-msgs-dev tf-tools
@@ -43,7 +43,7 @@ grade_ros_packages=(
 # `run rostest`
 rostest_packages=()
 rostest_ros_packages=(python3-rostest librostest-dev)
-# `test`, which also marks hand-ins
+# `test`, which also grades submissions
 test_packages=("${grade_packages[@]}" "${rviz_packages[@]}" openbox xvfb)
 # Ubuntu has Chromium as a snap only; without it the tests of the page are skipped
 if grep -qx 'ID=debian' /etc/os-release; then test_packages+=(chromium-headless-shell fonts-dejavu-core); fi

@@ -22,13 +22,13 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PACE = 0.08  # simulated seconds a second
+PACE = 0.08  # real-time factor
 STILL_SIZE, SIZE = ViewportSize(width=1600, height=900), ViewportSize(width=1280, height=720)
-STILL_TIME = 6.0  # [s], simulated, of the drive
-PERIOD, SPEED = 0.1, 1.6  # [s], simulated, between two frames; simulated seconds a second of the animation
-WIDTH, QUALITY = 800, 60  # of the animation, pixels and of 100
-STANDS = 0.5  # [s], simulated, that are shown after the arrival
-TIMEOUT = 300.0  # [s]
+STILL_TIME = 6.0  # [s] simulated time of the still picture
+PERIOD, SPEED = 0.1, 1.6  # [s] simulated time between two frames; real-time factor of the animation
+WIDTH, QUALITY = 800, 60  # width of the animation in pixels, and its quality of 100
+STANDS = 0.5  # [s] simulated time that is shown after the arrival
+TIMEOUT = 300.0  # [s] wall time
 SOFTWARE_WEBGL = (
     "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing", "--no-sandbox"
 )  # fmt: skip
@@ -65,7 +65,7 @@ def main() -> None:
             page.close()
             page = open_page(browser, url, SIZE, WIDTH / SIZE["width"])
             pictures = frames(page, env)
-            page.close()  # it would draw on
+            page.close()  # an open page would draw on
             save(pictures)
         finally:
             launch.terminate()
@@ -84,7 +84,7 @@ def address(log: Path) -> str:
 
 
 def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> Page:
-    """The page, once it knows the time, drawn at a scale."""
+    """Open the page at a scale, and wait until it shows the time."""
     page = browser.new_page(viewport=size, device_scale_factor=scale)
     page.set_default_timeout(1000.0 * TIMEOUT)
     page.goto(f"{url}/?antialias")
@@ -94,9 +94,9 @@ def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> P
 
 
 def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> List[Tuple[float, bytes]]:
-    """Times [s] and PNGs of a drive from the start, each PERIOD later than the one before, or once drawn.
+    """Times [s] and PNGs of a run from the start, one for each PERIOD, or as soon as one is drawn.
 
-    With `last`, only the one at this time [s].
+    With `last`, only the PNG at this time [s].
     """
     reset = ["rosservice", "call", "/husky_simulator/reset"]
     subprocess.run(reset, check=True, env=env, stdout=subprocess.DEVNULL)

@@ -25,7 +25,7 @@ trace = rollout(course_scenario(seed=0))
 versions = (
     f"Python {platform.python_version()}, NumPy {np.__version__}, PyBullet API {pybullet.getAPIVersion()}"
 )
-# + 0.0: a small negative number that is rounded is -0.0, whose bits are not those of 0.0
+# + 0.0, because a small negative number becomes -0.0, which has other bits than 0.0
 rounded = np.round(trace.poses, 9) + 0.0
 hashes = f"{digest(trace.poses)} to the bit, {digest(rounded)} to a nanometre"
 print(f"{hashes}: {len(trace.poses)} poses, {versions}")

@@ -14,15 +14,15 @@ import find_packages
 import gazebo_packages
 import rospkg
 
-# they make the workspace that would be sourced
+# commands that make the workspace that would be sourced
 BUILDS = ("catkin_make", "catkin_make_isolated", "catkin", "cmake")
 LAUNCHES = ("roslaunch", "rostest")
 
 
 def sees_neighbours(words: List[str]) -> bool:
-    """Whether a command finds the packages around; a program of this package does if it is told a package.
+    """Return whether a command finds the packages around; our own programs do if they are given a package.
 
-    `grade --all` must not: a hand-in would find the packages of the others.
+    `grade --all` must not, because a submission would find the packages of the others.
     """
     named = [word for word in words[1:] if word[0:1] != "-"]
     is_own = words[0] == "rosrun" and named[0:1] == [find_packages.PACKAGE]
@@ -60,7 +60,7 @@ def launch_here(words: List[str], caller: Path) -> None:
 
 
 def warn_of_dependencies(words: List[str]) -> None:
-    """Warn of dependencies of a package that are no packages; `words` are those of rosrun."""
+    """Warn of dependencies of a package that are not packages; `words` is the command line of rosrun."""
     packages = rospkg.RosPack()
     named = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]
     for sentence in find_packages.dependency_sentences(named[:1]):
@@ -76,8 +76,7 @@ def main() -> None:
     if sees_neighbours(words):
         if words[0] not in BUILDS:
             find_packages.source_workspace(caller)
-        paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
-        paths = find_packages.add_packages(paths, caller)
+        paths = find_packages.add_packages(gazebo_packages.package_paths(), caller)
         joined = gazebo_packages.join_copies(paths)
         paths = gazebo_packages.package_path(paths, joined.values())
         os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)

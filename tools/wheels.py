@@ -52,7 +52,7 @@ def resolve(requirements: list[str], system: str, python: str) -> str | None:
 
 
 def cell(requirements: list[str], system: str, python: str) -> str:
-    """What a person gets on a system with a Python."""
+    """Result of an installation on a system with a Python."""
     found = resolve(requirements, system, python)
     if found is not None:
         return re.search(r"^pybullet[\w-]*", found, re.MULTILINE)[0].replace("-", "_")  # type: ignore[index]

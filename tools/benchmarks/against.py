@@ -15,9 +15,9 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tup
 from checkouts import OURS, CheckoutError, run_in
 from marking import marking
 
-PAIRS = 7  # the fewest that can be judged
-CHANCE = 0.01  # that a figure which has not changed is called worse, or better, at most
-Key = Tuple[str, str]  # what a figure is, and its unit
+PAIRS = 7  # smallest number of pairs that can be judged
+CHANCE = 0.01  # largest probability that an unchanged figure is called worse, or better
+Key = Tuple[str, str]  # name of a figure, and its unit
 
 
 class Reading(NamedTuple):
@@ -39,18 +39,18 @@ class Comparison:
     new: float  # median
     old: float  # median
     ratio: float  # median of the pairs' ratios; above 1 the new checkout is worse
-    spread: Tuple[float, float]  # of the ratios
+    spread: Tuple[float, float]  # limits of the ratios
     judged: bool  # False if the pairs are too few
-    runs: List[Tuple[float, float]]  # (new, old), in the order measured
+    runs: List[Tuple[float, float]]  # values (new, old), in the order measured
 
     @property
     def worse(self) -> bool:
-        """Whether the new checkout is worse by more than the spread."""
+        """Return whether the new checkout is worse by more than the spread."""
         return self.judged and self.spread[0] > 1.0
 
     @property
     def better(self) -> bool:
-        """Whether the new checkout is better by more than the spread."""
+        """Return whether the new checkout is better by more than the spread."""
         return self.judged and self.spread[1] < 1.0
 
 
@@ -129,7 +129,7 @@ def compare_checkouts(
     """
     for folder in (OURS, old):
         print(f"setting up {folder}", file=sys.stderr)
-        run_in(folder, "setup", "grade")  # before the clock runs
+        run_in(folder, "setup", "grade")  # done before the clock runs
     found: List[Comparison] = []
     problems: List[str] = []
     for name in names:
@@ -205,6 +205,6 @@ def cells(comparisons: Sequence[Comparison]) -> List[Tuple[str, ...]]:
 
 
 def document(comparisons: Sequence[Comparison], problems: Sequence[str], old: Path) -> Dict[str, Any]:
-    """Return what is written to the JSON file."""
+    """Return the content of the JSON file."""
     rows = [{**asdict(row), "worse": row.worse, "better": row.better} for row in comparisons]
     return {"against": str(old), "comparisons": rows, "problems": list(problems)}

@@ -28,16 +28,16 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 
 STEP_RATE, SCAN_RATE = 240, 50  # [Hz]
 WHEEL_SPEED, WHEEL_TORQUE = 3.0, 100.0  # [rad/s], [N m]
-OUTSIDE = 0.15  # [m] from the optical centre: here rays are out of the lidar's own hull
+OUTSIDE = 0.15  # [m] distance from the optical centre at which rays are out of the lidar's own hull
 
 
 def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[str, float]:
-    """Simulate the Husky in the course's world as one does who knows PyBullet's quick start.
+    """Simulate the Husky in the course's world as in PyBullet's quick start.
 
-    240 steps and 50 batches of 720 rays a second; the robot drives on, its ranges are not used.
+    240 steps and 50 batches of 720 rays per second; the robot drives on, its ranges are not used.
 
     Args:
-        seconds: of simulated time.
+        seconds: simulated time [s].
         tuned: with wheels that are true cylinders, 20 solver iterations, and rays that start outside the
             robot: Bullet takes three times as long for a ray that starts within a hull.
         paced: at real time, by a sleep after each scan.
@@ -137,7 +137,7 @@ def _load_husky(client: int, flags: int) -> int:
 
 
 def _with_joints(robot: RobotModel) -> str:
-    """The robot's URDF with wheels that turn on joints, as one has it who knows nothing of traction.py."""
+    """The robot's URDF with wheels that turn on joints, without the model of traction.py."""
     root = ET.fromstring(robot.physics_urdf)
     base = root.find("link")
     assert base is not None
@@ -148,7 +148,7 @@ def _with_joints(robot: RobotModel) -> str:
         solid = ET.SubElement(link, "inertial")
         ET.SubElement(solid, "mass", value=repr(wheel.mass))
         axial = repr(wheel.axial_inertia)
-        across = repr(wheel.axial_inertia / 1.8)  # as the published wheel's
+        across = repr(wheel.axial_inertia / 1.8)  # ratio of the published wheel
         ET.SubElement(solid, "inertia", ixx=across, ixy="0", ixz="0", iyy=axial, iyz="0", izz=across)
         joint = ET.SubElement(root, "joint", name=wheel.joint, type="continuous")
         place = " ".join(map(repr, wheel.position))

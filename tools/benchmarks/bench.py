@@ -1,8 +1,8 @@
 """Benchmark of the package against baselines: `./dev bench`.
 
-Every figure is measured by turns with its yardstick, so that what else the machine does falls on both; the
-ratios are what to look at. With --against the yardstick is another checkout, and the exit code is 1 if a
-figure is worse by more than its spread or could not be compared.
+Every figure is measured by turns with its baseline, so that other work of the machine slows both. Look at the
+ratios. With --against the baseline is another checkout, and the exit code is 1 if a figure is worse by more
+than its spread or could not be compared.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RESULTS = Path(__file__).resolve().parents[2] / ".dev" / "bench.json"
 
 
 def machine() -> Dict[str, object]:
-    """What the figures were measured on."""
+    """Machine and versions of a measurement."""
     memory = Path("/proc/meminfo").read_text().split()[1]
     return {
         "cpu": processor() or platform.machine(),
@@ -69,14 +69,14 @@ def markdown(cells: Sequence[Tuple[str, ...]]) -> str:
 
 
 def reached(row: Row) -> str:
-    """How near a figure is to its goal, and what limits it."""
+    """Text on the distance of a figure from its goal, and its limit."""
     if row.near is None or row.near >= 1.0:
         return "" if row.near is None else "yes"
     return f"{row.near:.0%}" + (f": {row.limit}" if row.limit else "")
 
 
 def main() -> int:
-    """Measure, print, write; the exit code."""
+    """Measure, print and write. Return the exit code."""
     parser = argparse.ArgumentParser(prog="./dev bench", description=__doc__)
     parser.add_argument("--json", type=Path, metavar="FILE", default=RESULTS,
                         help="file for the metrics of every run (default: .dev/bench.json)")  # fmt: skip
@@ -103,7 +103,7 @@ def main() -> int:
 
 
 def compare_with(wanted: argparse.Namespace) -> int:
-    """Measure this checkout and another by turns, print, write; 1 if one is worse or not compared."""
+    """Measure this checkout and another by turns. Return 1 if a figure is worse or was not compared."""
     names = wanted.only or [*FIGURES, *([] if wanted.short else ["marking"])]
     host, pairs = machine(), wanted.repeats or (1 if wanted.short else PAIRS)
     try:

@@ -25,10 +25,10 @@ from husky_evaluation.scenarios import SICK, course_scenario, pillar_scene, scan
 from husky_evaluation.tasks.fingerprint import processor
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 
-WARM_UP = 1.0  # [s] of simulated time that does not count
-# at least, over the bare loop: an AMD EPYC runs Python faster beside Bullet than an Intel Xeon does
+WARM_UP = 1.0  # [s] simulated time that does not count
+# smallest ratios over the bare loop; an AMD EPYC runs Python faster next to Bullet than an Intel Xeon does
 ROLLOUT, FAST, LOCKSTEP = (7.5, 3.5, 2.5) if "AMD" in processor() else (5.5, 2.5, 1.6)
-SCAN_TO_COMMAND = 1.3  # at most, over the empty Twist
+SCAN_TO_COMMAND = 1.3  # largest ratio over the empty Twist
 ARRIVED = "/husky_highlevel_controller/arrived"
 # Gazebo 11.1 with the Noetic Husky stack, headless, this package's controller driving, on an Intel Xeon of
 # 2.1 GHz with 2 cores: how fast it goes, and roslaunch to arrival [s]. It steps at 1000 Hz, and loses scans.
@@ -118,7 +118,7 @@ def without_ros(effort: Effort) -> List[Row]:
 
 
 def real_time(effort: Effort) -> List[Row]:
-    """What the simulator and the controller take of the CPU at real time; and the simulator's memory."""
+    """CPU time of the simulator and the controller at real time, and the simulator's memory."""
     runs: Dict[str, List[Tuple[float, float]]] = defaultdict(list)
     for _ in range(effort.repeats):
         bare = _bare_process(effort.real)
@@ -154,7 +154,7 @@ def _bare_process(seconds: float) -> Dict[str, float]:
 
 
 def start(effort: Effort) -> List[Row]:
-    """From roslaunch to the first scan, where a master runs; the first run warms the file cache."""
+    """Time from roslaunch to the first scan if a master runs; the first run warms the file cache."""
 
     def first(launch: Callable[[Network], None]) -> float:
         with network() as ros:
@@ -176,7 +176,7 @@ def start(effort: Effort) -> List[Row]:
 
 
 def drive(effort: Effort) -> List[Row]:
-    """From the command to the arrival at the course's pillar, where a master runs, as fast as it goes."""
+    """Time from roslaunch to the arrival at the course's pillar if a master runs, at full speed."""
     took = []
     for _ in range(effort.repeats):
         with network() as ros:
@@ -191,7 +191,7 @@ def drive(effort: Effort) -> List[Row]:
 
 
 def latency(effort: Effort) -> List[Row]:
-    """From a scan to its command, against a node that answers with an empty one."""
+    """Time from a scan to its command, against a node that answers with an empty command."""
 
     def answered(join: Callable[[Network], None]) -> List[float]:
         with network() as ros:
@@ -218,7 +218,7 @@ def latency(effort: Effort) -> List[Row]:
 
 
 def clutter(effort: Effort) -> List[Row]:
-    """Finding pillars where there is nothing but a hedge, against a scan of one pillar."""
+    """Time to find pillars in a scan of a hedge, against a scan of one pillar."""
     config, pillar = PillarConfig(), pillar_scene(3, 5).scan
     rows = []
     for beams, maximum in ((720, 80.0), (16384, 800.0)):

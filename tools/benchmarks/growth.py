@@ -20,7 +20,7 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 
 
 def growth(effort: Effort) -> List[Row]:
-    """What a scan costs, by beams and by objects, against Bullet's rays; a twentieth of the objects move."""
+    """Time of a scan by beams and by objects, against Bullet's rays; a twentieth of the objects move."""
     rows = []
     cases = [("mixed", 100, beams) for beams in (180, 720, 2880, 10000)]
     cases += [(kind, count, 720) for kind in KINDS for count in (1, 10, 100, 1000)]
@@ -77,7 +77,7 @@ def _scan_cost(kind: str, count: int, beams: int, repeats: int) -> Row:
 
 
 def milliseconds(call: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
-    """The median of some calls, after one that warms up, by a clock of wall time or of the CPU's."""
+    """Median time of some calls after a first one [ms], by a clock of wall time or of CPU time."""
     call()
     times: List[float] = []
     end = time.perf_counter() + 0.05

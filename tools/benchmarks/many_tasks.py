@@ -1,4 +1,4 @@
-"""What the seam for many tasks costs: ./dev run python tools/benchmarks/many_tasks.py [--cluster tcp://HOST:8786].
+"""Cost of `Workers.map`: ./dev run python tools/benchmarks/many_tasks.py [--cluster tcp://HOST:8786].
 
 Prints overhead for one-second tasks, how much faster two workers are than one, memory over 10 000 short
 tasks, and the size of a report of 10 000 drives. On two idle cores; with --cluster, start two workers.
@@ -25,7 +25,7 @@ TASKS, SHORT_TASKS, GROUP = 16, 10000, 20  # short ones are sent in groups, as e
 
 
 def compute(rounds: int) -> float:
-    """Something that takes time, and no memory."""
+    """Compute for some time, without memory."""
     values = np.ones(1000)
     for _ in range(rounds):
         values = np.sqrt(values + 1.0)
@@ -45,7 +45,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def rounds_for_a_second() -> int:
-    """How often to go round for a second of this machine."""
+    """Number of rounds that take this machine a second."""
     return int(20000 / min(seconds(lambda: compute(20000)) for _ in range(3)))
 
 
@@ -59,7 +59,7 @@ def main() -> None:
     rounds = [rounds_for_a_second()] * TASKS
     alone = seconds(lambda: [compute(one) for one in rounds])
     with Workers(2, options.cluster) as workers:
-        workers.map(compute, [1, 1])  # so that what is imported once is not counted
+        workers.map(compute, [1, 1])  # imports are done here, so they are not counted
         two = seconds(lambda: workers.map(compute, rounds))
     print(f"{TASKS} tasks of {alone / TASKS:.2f} s: two workers {alone / two:.2f} times one (wanted: 1.8)")
     if not options.cluster:

@@ -10,15 +10,15 @@ from typing import Dict, Tuple
 
 from checkouts import OURS, PACKAGE, run_in
 
-# of test/submissions: C++, rospy with an RViz file, C++ with an error
+# submissions of test/submissions: C++, rospy with an RViz file, C++ with an error
 SUBMISSIONS = ("drives_in_cpp", "complete", "does_not_build")
 
 
 def marking(checkout: Path) -> Dict[Tuple[str, str], float]:
-    """Mark each hand-in once as a class of one.
+    """Mark each submission once as a class of one.
 
     Returns:
-        CPU seconds of all programs and wall seconds, by what they are and their unit.
+        CPU seconds of all programs and wall seconds, by name and unit.
     """
     found = {}
     for name in SUBMISSIONS:
@@ -33,7 +33,7 @@ def _mark(checkout: Path, name: str) -> Tuple[float, float]:
         run_in(checkout, "run", "python", packages, f"{folder}/class", name)
         begin, cpu = time.monotonic(), _children_cpu()
         grade = ("rosrun", PACKAGE, "grade", "--all", f"{folder}/class", "--out", f"{folder}/out")
-        run_in(checkout, "run", *grade, accepted=(0, 1))  # 1 is a hand-in without full marks
+        run_in(checkout, "run", *grade, accepted=(0, 1))  # 1 means less than full marks
         return _children_cpu() - cpu, time.monotonic() - begin
 
 

@@ -16,8 +16,8 @@ from husky_grading.isolation.process import Process, wait, with_variable
 
 HERE = Path(__file__).parent
 PACKAGE = "husky_highlevel_controller"
-DEADLINE = 60.0  # [s] of wall time, for anything that hangs
-POLL_PERIOD = 0.01  # [s] of wall time between two looks
+DEADLINE = 60.0  # [s] wall time after which a program counts as hung
+POLL_PERIOD = 0.01  # [s] wall time between two looks
 
 
 class BenchError(Exception):
@@ -31,11 +31,11 @@ class Network(ros_network.Network):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        self._probes: Dict[Path, Process] = {}  # by where their figures will be
+        self._probes: Dict[Path, Process] = {}  # probes by the file of their figures
         self.wait(["rosparam", "get", "/run_id"])
 
     def variables(self) -> Dict[str, str]:
-        """As marking has them, but for the user's own ROS_HOME, whose caches are warm."""
+        """Variables as in marking, except that ROS_HOME is the user's own, whose caches are warm."""
         return {name: value for name, value in super().variables().items() if name != "ROS_HOME"}
 
     def launch(self, file: str, *arguments: str) -> None:
@@ -43,7 +43,7 @@ class Network(ros_network.Network):
         self._roslaunch(PACKAGE, file, "gui:=false", *arguments)
 
     def launch_text(self, text: str) -> None:
-        """Start what a launch file of this text says."""
+        """Start the nodes of a launch file of this text."""
         file = self.folder / f"bench_{len(self.processes)}.launch"
         file.write_text(text)
         self._roslaunch(str(file))

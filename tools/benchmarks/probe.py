@@ -38,8 +38,8 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 PERIOD = 0.02  # [s] between two scans
-WAY = 19.2  # [s] at 1 m/s: it ends 1.2 m from the pillar's centre
-ANSWER_TIMEOUT = 1.0  # [s] of wall time for the answer to one scan
+WAY = 19.2  # [s] time at 1 m/s until 1.2 m from the pillar's centre
+ANSWER_TIMEOUT = 1.0  # [s] wall time for the answer to one scan
 Arrival = Tuple[float, float]  # stamp of a scan, and when it was received [s]
 
 
@@ -57,7 +57,7 @@ def arrived() -> Dict[str, Any]:
 
 
 def scans(start: float, end: float) -> Dict[str, Any]:
-    """Receive scans until the stamp `end`; unread but for their stamps, to take little from the others."""
+    """Receive scans until the stamp `end`; read only their stamps, to take little time from the others."""
     arrivals: List[Arrival] = []
     done = Event()
 
@@ -125,7 +125,7 @@ def latency(count: int) -> Dict[str, Any]:
 
 
 def recorded(count: int) -> List[Snapshot]:
-    """What the robot sees on a straight way to the course's pillar: with 3 beams on it, and in the end 50."""
+    """Snapshots of a straight way to the course's pillar, with 3 beams on it at first and 50 at the end."""
     course = course_scenario()
     (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
     x, y, _ = pillar.pose_in_world.position

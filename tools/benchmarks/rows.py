@@ -11,12 +11,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to measure."""
+    """Length of a measurement."""
 
     repeats: int = 5
-    simulated: float = 20.0  # [s], of the fast runs
-    real: float = 10.0  # [s], of the run at real time
-    scans: int = 500  # that the controller is to answer, each time; of fewer, one hundredth is a few outliers
+    simulated: float = 20.0  # [s] simulated time of the fast runs
+    real: float = 10.0  # [s] duration of the run at real time
+    scans: int = 500  # number of scans to answer in each run; with fewer, p99 is a few outliers
     most_objects: int = 1000
     most_beams: int = 10000
 
@@ -26,25 +26,27 @@ SHORT = Effort(repeats=1, simulated=2.0, real=2.0, scans=50, most_objects=10, mo
 
 @dataclass(frozen=True)
 class Row:
-    """One figure beside its yardstick; medians."""
+    """Medians of one figure and of its baseline."""
 
     what: str
     unit: str
     ours: float
     yardstick: float
-    against: str  # what the yardstick is
-    ratio: float  # the median of the runs' own ratios, ours to the yardstick
+    against: str  # name of the baseline
+    ratio: float  # median of the runs' own ratios, ours to the baseline
     goal: str = ""
-    near: Optional[float] = None  # share of the goal; 1.0 and more: reached
-    limit: str = ""  # what keeps it from the goal
-    runs: List[Tuple[float, float]] = field(default_factory=list)  # (ours, yardstick), in the order measured
+    near: Optional[float] = None  # fraction of the goal, which is reached at 1.0
+    limit: str = ""  # cause that keeps it from the goal
+    runs: List[Tuple[float, float]] = field(
+        default_factory=list
+    )  # values (ours, baseline), in the order measured
     more_is_better: bool = False  # True for a speed
 
 
 def compare(
     what: str, unit: str, runs: Sequence[Tuple[float, float]], against: str, more_is_better: bool = False
 ) -> Row:
-    """A row of what was measured by turns: (ours, yardstick) of each run."""
+    """A row of values that were measured by turns: (ours, baseline) of each run."""
     ours, baselines = zip(*runs)
     ratio = median(a / b for a, b in runs)
     return Row(
@@ -62,6 +64,6 @@ def compare(
 def reaching(
     row: Row, goal: str, value: float, minimum: float = 0.0, maximum: float = np.inf, limit: str = ""
 ) -> Row:
-    """The row with a goal, how near `value` is to its minimum or maximum, and what keeps it from it."""
+    """The row with a goal, the fraction of its minimum or maximum that `value` reaches, and the limit."""
     near = value / minimum if minimum else maximum / value
     return replace(row, goal=goal, near=near, limit=limit)

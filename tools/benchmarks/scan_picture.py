@@ -20,7 +20,7 @@ mpl.use("Agg")
 from matplotlib import pyplot as plt
 
 STILL = RobotState(Pose(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-CENTRE = (8.0, 0.0)  # [m], of the pillar
+CENTRE = (8.0, 0.0)  # [m] centre of the pillar
 
 
 def main(path: str) -> None:

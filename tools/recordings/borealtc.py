@@ -1,8 +1,8 @@
 """Reader of BorealTC, recordings of a real Husky A200 on five grounds (norlab-ulaval/BorealTC, CC0 1.0).
 
 Its folder data/borealtc has GROUND/imu_NN.csv at 100 Hz and pro_NN.csv (currents, wheels' speeds) at 6.5. The
-wheels' messages have no stamps of their own and some are missing: their clock is laid where yaw rate and
-acceleration agree best with the IMU's, anew each 4 s.
+wheels' messages have no stamps of their own and some are missing. So every 4 s their clock is laid again,
+where yaw rate and acceleration agree best with the IMU's.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import List, NamedTuple
 import numpy as np
 
 HARD, SOFT = ("FLOORING", "ICE", "ASPHALT"), ("SANDY_LOAM", "SNOW")
-SPEED_SCALE = 1.27  # of the recorded wheel speeds, in units of 0.13/0.1651 of the driver's
+SPEED_SCALE = 1.27  # factor on the recorded wheel speeds, whose unit is 0.13/0.1651 of the driver's
 WHEELS_PERIOD = 1.0 / 6.5  # [s]
-TRACK = 1.05  # [m], effective, between the sides; only to lay the clocks
+TRACK = 1.05  # [m] effective track, used only to lay the clocks
 
 
 class Run(NamedTuple):
@@ -37,7 +37,7 @@ class Run(NamedTuple):
 
 
 def read_runs(folder: Path) -> List[Run]:
-    """The runs on one ground each; those without IMU file are left out."""
+    """The runs on one ground each, without the runs that have no IMU file."""
     runs = []
     for path in sorted(folder.glob("*/imu_*.csv")):
         name = f"{path.parent.name}_{path.stem[-2:]}"
@@ -70,7 +70,7 @@ def wheel_stamps(imu: np.ndarray, speeds: np.ndarray) -> np.ndarray:
 
     def acceleration(values: np.ndarray) -> np.ndarray:
         smooth = _mean(values, 31)
-        return smooth - _mean(smooth, piece)  # without tilt
+        return smooth - _mean(smooth, piece)  # the mean is the tilt
 
     yaw_rate, ahead = _mean(imu[:, 3], 15), acceleration(imu[:, 4])
     pieces = np.arange(0, len(imu), piece)

@@ -32,11 +32,11 @@ LOSS, LOSS_TIME, FELT_WITHIN = 0.4, 0.08, 0.3  # [m/s], [s], [s]
 PLACES, FOLDS, ENOUGH = 18, 5, 0.96  # added losses in a run; folds by run; share felt
 ROUGH_LOSSES, FACTORS = np.arange(0.14, 0.45, 0.02).round(2).tolist(), (0.0, 0.5, 1.0, 1.5, 2.0)
 LEVEL = (0.0, 0.0, 0.0, 1.0)
-Changes = List[Tuple[float, Change]]  # with stamps [s]
+Changes = List[Tuple[float, Change]]  # stamps [s] and changes
 
 
 class Evidence(NamedTuple):
-    """Changes of a run that may be crashes, and those after each added loss."""
+    """Changes of a run that may be crashes, and the changes after each added loss."""
 
     run: Run
     free: Changes
@@ -128,7 +128,7 @@ def outcome(runs: Sequence[Evidence], config: CrashConfig) -> Outcome:
 
 
 def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
-    """The configuration of fewest false stops, on hard ground first, of those that feel enough there."""
+    """The configuration of fewest false stops, on hard ground first, that detects enough losses there."""
     hard, soft = ([run for run in runs if run.run.ground in grounds] for grounds in (HARD, SOFT))
     best, fewest = config, (len(runs) * 10**6, 0)
     for rough, factor in product(ROUGH_LOSSES, FACTORS):
@@ -144,7 +144,7 @@ def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
 def held_out(
     runs: Sequence[Evidence], config: CrashConfig, fold: Callable[[Evidence], object]
 ) -> Dict[str, List[Outcome]]:
-    """Outcomes of each ground, every run with what was fitted to the runs of the other folds."""
+    """Outcomes of each ground; each run uses the configuration fitted to the runs of the other folds."""
     results: Dict[str, List[Outcome]] = {}
     for out in sorted({fold(run) for run in runs}, key=str):
         chosen = fitted([run for run in runs if fold(run) != out], config)
@@ -213,8 +213,8 @@ def main() -> None:
     most_often = replace(config, max_loss_rough=min(ROUGH_LOSSES), vibration_factor=min(FACTORS))
     runs = [evidence(run, options.rate, most_often) for run in read_runs(options.folder)]
     number = {run.run.name: i for i, run in enumerate(runs)}
-    show("by run", held_out(runs, config, lambda run: number[run.run.name] % FOLDS))
-    show("by ground", held_out(runs, config, lambda run: run.run.ground))
+    show("folds by run", held_out(runs, config, lambda run: number[run.run.name] % FOLDS))
+    show("folds by ground", held_out(runs, config, lambda run: run.run.ground))
     print(f"fitted to all runs: {fitted(runs, config)}")
     grounds = (*HARD, *SOFT)
     shipped = {g: [outcome([run for run in runs if run.run.ground == g], config)] for g in grounds}

@@ -34,19 +34,19 @@ from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
 from husky_highlevel_controller.geometry import pose_from_2d, transform_point, wrap_angle
 
 CONFIG = Path(__file__).parents[2] / "config"
-ELSEWHERE, FARTHEST = 0.7, 12.0  # [m], of scans that judge a place: from where it was sighted, from it
-SLACK = 0.1  # [m], errors of the poses
+ELSEWHERE, FARTHEST = 0.7, 12.0  # [m] distances of scans that judge a place: from the sighting's, from it
+SLACK = 0.1  # [m] errors of the poses
 STANDS, GHOST, VOTERS = 0.5, 0.2, 3
 LONGEST_DRIVE = 40  # scans after a start in which an estimate may be confirmed
-ROUND_SECTORS = 5  # of eight round a place, with returns on the circle: a standing round body
+ROUND_SECTORS = 5  # number of eight sectors with returns on the circle that shows a standing round body
 
 
 class Log(NamedTuple):
-    """Scans of one lidar, and where each was taken."""
+    """Scans of one lidar, and the pose of each."""
 
     name: str
     scans: List[Scan]
-    poses: np.ndarray  # (N, 3) of the lidar: x, y [m], yaw [rad]
+    poses: np.ndarray  # (N, 3) poses of the lidar: x, y [m], yaw [rad]
     at_rest: bool  # the lidar never moved
 
 
@@ -64,7 +64,7 @@ def read_carmen(path: Path, max_range: float, speeds: Tuple[float, float]) -> Lo
     """The scans of a CARMEN log with the poses of a map.
 
     Args:
-        path: of the log; 180 or 181 beams a degree apart, 360 or 361 half a degree.
+        path: path of the log; 180 or 181 beams a degree apart, 360 or 361 half a degree.
         max_range: readings from here on are misses [m].
         speeds: [m/s] and [rad/s] at which the path is driven, as few logs have true stamps.
     """
@@ -108,7 +108,7 @@ def read_bag(path: Path) -> List[Log]:
 
 
 def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
-    """Whether each scan has a return at the place, and whether it looks through it, (N,) bool each."""
+    """Masks of the scans with a return at the place, and of the scans that look through it, (N,) bool."""
     first = log.scans[0]
     step, count = first.angle_increment, len(first.ranges)
     dx, dy = place.x - log.poses[:, 0], place.y - log.poses[:, 1]
@@ -146,7 +146,7 @@ def share_standing(log: Log, place: Place) -> Optional[float]:
 
 
 def is_round(log: Log, place: Place) -> bool:
-    """Whether the returns of all scans near a place lie on its circle, most of the way round."""
+    """Return whether the returns of all scans near a place lie on its circle, most of the way round."""
     hit, _ = looks(log, place)
     points = []
     for i in hit.nonzero()[0]:
@@ -239,7 +239,7 @@ def report(log: Log, config: PillarConfig) -> Dict[str, Tuple[int, int, int, int
 
 
 def followed_alone(log: Log, found: List[List[Pillar]], body: Place) -> Optional[bool]:
-    """Whether a body is confirmed where the tracker is offered nothing else; None if seen from one place."""
+    """Return whether the tracker confirms a body that is alone; None if it was seen from one place only."""
     own = [
         [p for p in pillars if dist(in_odom(log, i, p), (body.x, body.y)) < 0.4]
         for i, pillars in enumerate(found)

@@ -44,7 +44,7 @@ def means(run: Run, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def simulated_yaw_rate(run: Run) -> Tuple[np.ndarray, np.ndarray]:
-    """Stamps [s] and yaw rates [rad/s] of the simulated robot whose wheels turn as those of a run."""
+    """Stamps [s] and yaw rates [rad/s] of the simulated robot with the wheel speeds of a run."""
     config, robot = simulator_config(), model_of(load_robot(), "robot")
     ground = RobotProfile().on("hard" if run.ground in HARD else "soft").ground
     traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
@@ -69,7 +69,7 @@ def simulated_yaw_rate(run: Run) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def track(run: Run) -> float:
-    """Effective track of the real robot [m]; nan where it hardly turned."""
+    """Effective track of the real robot [m]; nan if it hardly turned."""
     true = means(run, run.imu[:, 0], run.imu[:, 3])
     stamps = np.arange(run.imu[0, 0], run.imu[-1, 0], 0.01)
     difference = np.interp(stamps, run.wheels[:, 0], run.wheels[:, 2] - run.wheels[:, 1])
@@ -82,13 +82,13 @@ def track(run: Run) -> float:
 
 
 class Turning(NamedTuple):
-    """How a run turns, and how well the simulated robot does."""
+    """Turning of a run, and the errors of the simulated robot."""
 
-    time: float  # [s], in which the real robot turns
-    stuck: float  # [s], in which only the simulated one does
-    rate: float = np.nan  # [rad/s], mean of the real one's
-    median: float = np.nan  # [rad/s], of the error
-    most: float = np.nan  # [rad/s], 90 % of the errors are smaller
+    time: float  # [s] time in which the real robot turns
+    stuck: float  # [s] time in which only the simulated robot turns
+    rate: float = np.nan  # [rad/s] mean rate of the real robot
+    median: float = np.nan  # [rad/s] median of the error
+    most: float = np.nan  # [rad/s] error that 90 % of the errors do not reach
 
 
 def compare(run: Run) -> Turning:

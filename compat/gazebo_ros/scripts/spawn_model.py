@@ -3,8 +3,8 @@
 The URDF of a Husky or an SMB is the robot: it starts the simulator, as husky_gazebo's spawn_husky does.
 What the URDF adds to the robot is simulated with it.
 
-Stands in for spawn_model of gazebo_ros 2.9 (Noetic). No test runs the original, which Debian does not have:
-test/ros/test_run.py and test/ros/test_sheets_launch_file.py launch this one with the original's arguments.
+Stands in for spawn_model of gazebo_ros 2.9 (Noetic). No test runs the original, which Debian does not have.
+test/ros/test_run.py and test/ros/test_sheets_launch_file.py launch this node with the original's arguments.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from husky_highlevel_controller.simulator.models.own_description import MODEL_VA
 
 SPAWN_HUSKY = Path(__file__).resolve().parents[2] / "husky_gazebo" / "scripts" / "spawn_husky"
 OWN = "/own_robot_description"  # parameter that takes the robot's URDF to the simulator's launch file
-QUIET = 10.0  # [s] of wall time without a simulator, until the node says what it waits for
+QUIET = 10.0  # [s] wall time without a simulator after which the node logs that it waits
 
 
 def parse() -> argparse.Namespace:
@@ -63,7 +63,7 @@ def read_xml(given: argparse.Namespace) -> str:
 
 
 def find_service() -> str:
-    """Name of a simulator's service for new objects, once there is one."""
+    """Wait for a simulator, and return the name of its service for new objects."""
     start, told = time.monotonic(), False
     while not rospy.is_shutdown():
         names = [name for name in rosservice.get_service_list() if name.endswith("/husky_simulator/spawn")]
@@ -77,7 +77,7 @@ def find_service() -> str:
 
 
 def main() -> None:
-    """Spawn the model; exit with 1 and the reason where it cannot be."""
+    """Spawn the model; exit with 1 and the reason if that fails."""
     given = parse()
     try:
         xml = read_xml(given)
