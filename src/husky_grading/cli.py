@@ -90,7 +90,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     add_worker_options(parser, 1, "with --all, number of submissions that are graded at the same time")
     add(
         "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
-        help="with --all, time limit of one submission in wall-clock seconds (default: an hour and the time "
+        help="time limit of one submission with --all, in wall-clock seconds (default: an hour and the time "
         "of its runs, which is 5940 with three runs)",
     )  # fmt: skip
     add(
@@ -99,7 +99,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         metavar="FILE",
         help="YAML file with tolerances, weights and items that are graded by hand",
     )
-    add("--only", action="append", default=[], metavar="NAME", help="with --all, grade this submission again")
+    add("--only", action="append", default=[], metavar="NAME", help="submission to grade again, with --all")
     add("--husky", help=argparse.SUPPRESS)  # earlier name of `--robot`
     options = parser.parse_args(arguments)
     if options.husky:

@@ -61,10 +61,12 @@ SOFTWARE = (  # shown by viser_client.js in place of viser's warning, which cove
 class WebConfig:
     """Parameters of the page."""
 
-    address: str = setting("to listen on; any other than a loopback address asks for a token", "127.0.0.1")
-    port: int = number(1, 65535, "the next free one if taken", 8080)
-    rate: float = number(1.0, 60.0, "of the view [Hz]", 20.0)
-    fixed_frame: str = setting("in which everything is drawn", "odom")
+    address: str = setting(
+        "address of the page; an address other than loopback requires a token", "127.0.0.1"
+    )
+    port: int = number(1, 65535, "port of the page; if it is in use, the next free port", 8080)
+    rate: float = number(1.0, 60.0, "rate of the view [Hz]", 20.0)
+    fixed_frame: str = setting("frame in which everything is drawn", "odom")
     controller: str = setting("controller node to start and stop", "/husky_highlevel_controller")
     simulator: str = setting("node of pause, spawn and the like", "/husky_simulator")
     scan_topic: str = setting("sensor_msgs/LaserScan", load_robot().topics.scan)
