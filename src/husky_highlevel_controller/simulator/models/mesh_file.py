@@ -154,14 +154,24 @@ def find_mesh(uri: str, source: str) -> Path:
 
 def _places(uri: str, source: str) -> Iterator[Path]:
     parts = urlsplit(uri)
-    above = list(Path(os.path.abspath(source)).parents)
     if parts.scheme in ("model", "package"):
         inside = unquote(parts.path).lstrip("/")
-        folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]
-        yield from (folder / parts.netloc / inside for folder in folders)
-        yield from (folder / inside for folder in (*above, *folders) if folder.name == parts.netloc)
-        yield from (folder / parts.netloc / inside for folder in above)
-        yield from (folder / "models" / parts.netloc / inside for folder in above[:3])
+        yield from (folder / inside for folder in model_folders(parts.netloc, source))
     elif parts.scheme in ("", "file"):
         name = unquote(uri.partition("://")[2] if parts.scheme else uri)
-        yield from (folder / name for folder in (above[0], *search_path("GAZEBO_RESOURCE_PATH")))
+        above = Path(os.path.abspath(source)).parent
+        yield from (folder / name for folder in (above, *search_path("GAZEBO_RESOURCE_PATH")))
+
+
+def model_folders(name: str, source: str) -> Iterator[Path]:
+    """Folders, in their order, in which a model or package of that name may be that a file names.
+
+    They are in GAZEBO_MODEL_PATH, in ROS_PACKAGE_PATH, or one of the folders above the file, beside one of
+    them, or in a folder `models` beside one of the nearest three.
+    """
+    above = list(Path(os.path.abspath(source)).parents)
+    folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]
+    yield from (folder / name for folder in folders)
+    yield from (folder for folder in (*above, *folders) if folder.name == name)
+    yield from (folder / name for folder in above)
+    yield from (folder / "models" / name for folder in above[:3])

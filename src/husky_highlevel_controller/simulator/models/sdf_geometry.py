@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from functools import partial
 from math import inf, sqrt
-from typing import Callable, Dict, Optional, Tuple
+from typing import Callable, Dict, Optional, Tuple, Union
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Rgba, Shape, Sphere, TriangleMesh
 from husky_highlevel_controller.meshes import scaled_mesh
 from husky_highlevel_controller.simulator.models.mesh_file import MeshError
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
+Solid = Union[Box, Cylinder, Sphere]
 # Diffuse colours of gazebo.material of Gazebo classic 11. SkyBlue is the ambient colour, because only
 # that one is sky blue. A textured material has about the colour that its texture has from afar.
 _SCRIPT_COLOURS: Dict[str, Rgba] = {
@@ -60,6 +61,16 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         node.note(f"<{node.tag}> is not supported and is left out")
         node.load.lost += 1
     return None
+
+
+def not_thinner(shape: Solid, least: float) -> Solid:
+    """Return a box, cylinder or sphere, at least as thick along each axis as `least` [m]."""
+    if isinstance(shape, Box):
+        x, y, z = (max(edge, least) for edge in shape.size)
+        return Box((x, y, z))
+    if isinstance(shape, Cylinder):
+        return Cylinder(max(shape.radius, least / 2.0), max(shape.length, least))
+    return Sphere(max(shape.radius, least / 2.0))
 
 
 def _box(node: Node) -> Box:

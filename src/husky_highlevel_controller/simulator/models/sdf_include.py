@@ -1,6 +1,6 @@
 """SDF <include>: the models of a world or model, its own and the models of other files.
 
-In: a `Node` that holds models; the folders of GAZEBO_MODEL_PATH. Out: models, each with the <include> that
+In: a `Node` that holds models; folders of models (`model_folders`). Out: models, each with the <include> that
 places it.
 """
 
@@ -13,7 +13,7 @@ from typing import Iterator, NamedTuple, Optional
 from urllib.parse import unquote
 
 from husky_highlevel_controller.datatypes import IDENTITY
-from husky_highlevel_controller.paths import search_path
+from husky_highlevel_controller.simulator.models.mesh_file import model_folders
 from husky_highlevel_controller.simulator.models.sdf_parser import (
     NEWEST,
     VERSIONS,
@@ -85,7 +85,7 @@ def _included(include: Node) -> Optional[Node]:
     if not uri.startswith("model://"):
         include.note("an <include> of anything but model:// is not supported and is left out", uri)
         return None
-    found, files = _find_model(uri), include.load.files
+    found, files = _find_model(uri, include.source), include.load.files
     if found is None:
         include.load.models += 1
         include.load.lost += 1
@@ -104,14 +104,14 @@ def _included(include: Node) -> Optional[Node]:
     return model
 
 
-def _find_model(uri: str) -> Optional[Path]:
+def _find_model(uri: str, source: str) -> Optional[Path]:
     """The newest SDF file of a model that can be read here; None if there is none on this machine."""
     name = uri[len("model://") :].strip("/")
-    for folder in search_path("GAZEBO_MODEL_PATH"):
-        files = (os.path.join(folder, name, file) for file in ("model.config", "model.sdf"))
+    for folder in model_folders(name, source) if name else ():
+        files = (os.path.join(folder, file) for file in ("model.config", "model.sdf"))
         config, plain = (Path(os.path.realpath(file)) for file in files)
-        newest = _newest_file(config, plain) if name and os.path.isfile(config) else plain
-        if name and os.path.isfile(newest):
+        newest = _newest_file(config, plain) if os.path.isfile(config) else plain
+        if os.path.isfile(newest):
             return newest
     return None
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from math import hypot
 from pathlib import Path
-from typing import Callable, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import Callable, Iterator, List, Optional, Tuple, Union
 
 from husky_highlevel_controller.datatypes import (
     IDENTITY,
@@ -32,7 +32,7 @@ from husky_highlevel_controller.paths import search_path, share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.mesh_file import MAX_FACES
 from husky_highlevel_controller.simulator.models.sdf_frames import FrameScope, frame_of
-from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of_geometry
+from husky_highlevel_controller.simulator.models.sdf_geometry import not_thinner, rgba_of, shape_of_geometry
 from husky_highlevel_controller.simulator.models.sdf_include import Model, models_in
 from husky_highlevel_controller.simulator.models.sdf_joints import Assembly
 from husky_highlevel_controller.simulator.models.sdf_parser import Load, Node, open_sdf
@@ -368,9 +368,18 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
         node.note(f"a shape farther than {FARTHEST:g} m from its link is left out")
         return None
     shape = scaled(shape, model.state.scale)
-    sizes: Sequence[float] = () if isinstance(shape, Plane) else shape.size
+    if isinstance(shape, Plane):
+        return Geometry(shape, pose, rgba)
     if isinstance(shape, TriangleMesh):
-        sizes = (max(sizes),)  # a flat mesh has a size of 0
-    if not all(SIZES[0] <= size <= SIZES[1] for size in sizes):
-        raise node.error(f"size {sizes} is not within {SIZES[0]:g} to {SIZES[1]:g} m")
+        if not SIZES[0] <= max(shape.size) <= SIZES[1]:  # a flat mesh has a size of 0 along its normal
+            bounds = f"{SIZES[0]:g} to {SIZES[1]:g} m"
+            node.note(f"a mesh whose size is not within {bounds} is left out", f"{max(shape.size):g} m")
+            node.load.lost += 1
+            return None
+        return Geometry(shape, pose, rgba)
+    if min(shape.size) < SIZES[0]:
+        node.note(f"a shape thinner than {SIZES[0]:g} m is read as that thick")
+        shape = not_thinner(shape, SIZES[0])
+    if max(shape.size) > SIZES[1]:
+        raise node.error(f"size {shape.size} is not within {SIZES[0]:g} to {SIZES[1]:g} m")
     return Geometry(shape, pose, rgba)

@@ -54,6 +54,15 @@ def test_a_dae_counts_in_its_unit_with_the_places_of_its_nodes(tmp_path):
     assert size_of(part) == pytest.approx((0.1, 0.1, 0.0))
 
 
+@pytest.mark.parametrize("scale", [1e15, 1e-5])
+def test_a_mesh_larger_or_smaller_than_physics_can_use_is_left_out_by_name(scale, tmp_path, caplog):
+    SOLID.export(tmp_path / "pot.stl")
+    (body,) = load_world(world(tmp_path, walls("pot.stl", f"<scale>{scale} {scale} {scale}</scale>"))).bodies
+    assert not body.collisions
+    assert "a mesh whose size is not within 0.001 to 1000 m is left out" in caplog.text
+    assert f"{4.0 * scale:g} m" in caplog.text
+
+
 def bomb(levels, inmost):
     """A file whose nodes have two instances of the next one each."""
     twice = (

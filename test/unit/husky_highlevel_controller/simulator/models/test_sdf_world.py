@@ -752,6 +752,31 @@ def test_no_broken_number_is_read_in_silence_and_what_changes_the_scene_is_refus
         assert broken in message
 
 
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ("<box><size>0.1 0.0001 0.08</size></box>", (0.1, 0.001, 0.08)),
+        ("<cylinder><radius>0.3</radius><length>1e-5</length></cylinder>", (0.6, 0.6, 0.001)),
+        ("<sphere><radius>1e-9</radius></sphere>", (0.001, 0.001, 0.001)),
+    ],
+)
+def test_a_sheet_thinner_than_physics_can_use_is_as_thick_as_it_can_and_is_told(shape, size, caplog):
+    assert only_thing(solid(shape)).collisions[0].shape.size == size
+    assert "a shape thinner than 0.001 m is read as that thick: test.world:1: model 'm'" in caplog.text
+
+
+@pytest.mark.parametrize("place", ["models/ball", "worlds/models/ball", "worlds/ball", "ball"])
+def test_an_include_is_looked_up_beside_the_world_as_a_mesh_is(place, tmp_path, caplog):
+    world = tmp_path / "worlds" / "w.world"
+    (tmp_path / place).mkdir(parents=True)
+    world.parent.mkdir(exist_ok=True)
+    (tmp_path / place / "model.sdf").write_text(BALL.format(radius=0.3))
+    world.write_text(sdf(include("ball")))
+    (body,) = load_world(world).bodies
+    assert (body.name, body.collisions[0].shape.radius) == ("ball", 0.3)
+    assert not caplog.records
+
+
 # ---------------------------------------------------------------------------- bounds
 
 
