@@ -280,16 +280,19 @@ def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy
 INCLUDE = '<launch><include file="$(find husky_gazebo)/launch/{}.launch"/></launch>'
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("multi_husky_playpen", "playpen.launch: the simulator has one robot in a world"),
-        ("realsense", "realsense.launch: no RealSense is simulated"),
-    ],
-)
-def test_what_cannot_be_simulated_is_refused_with_the_reason(name, words, theirs, launch):
+def test_several_robots_are_refused_with_the_reason(theirs, launch):
     outer = theirs / "launch" / "outer.launch"
-    outer.write_text(INCLUDE.format(name))
+    outer.write_text(INCLUDE.format("multi_husky_playpen"))
     launched = launch(outer)
     assert launched.wait() == 1
-    assert words in launched.output
+    assert "playpen.launch: the simulator has one robot in a world" in launched.output
+
+
+def test_a_camera_that_is_not_simulated_is_left_out_with_the_reason_and_the_robot_starts(theirs, launch):
+    outer = theirs / "launch" / "outer.launch"
+    robot = INCLUDE.format("spawn_husky").partition("<launch>")[2]
+    outer.write_text(INCLUDE.format("realsense").replace("</launch>", robot))
+    launched = launch(outer, "--nodes")
+    assert launched.wait() == 0, launched.output
+    assert "warning: realsense.launch is ignored, because no RealSense is simulated" in launched.output
+    assert launched.output.splitlines()[-1] == "/spawn_husky"
