@@ -95,7 +95,7 @@ def test_what_cannot_be_placed_is_refused_by_name_and_nothing_changes(simulate):
     for model, x, words in (
         ("ghost", 0.0, "no body named 'ghost'"),
         ("ground", 0.0, "'ground' is a plane"),
-        ("lines", 0.0, "'lines' is only drawn"),
+        ("lines", 0.0, "'lines' has no collision shape"),
         ("crate", 6.0, "'crate' would stand inside 'wall'"),
         ("husky", 6.0, "'husky' would stand inside 'wall'"),
     ):

@@ -39,7 +39,7 @@ def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
 
 
 def read_absent_services(master_uri: str) -> List[Sequence[str]]:
-    """Return services that are not there, as `./dev launch`'s master tells; none by another master.
+    """Return services that do not exist, by `./dev launch`'s master; none from another master.
 
     Each has the node that asked for it, and its name.
     """

@@ -73,7 +73,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         super().__init__(*arguments)
         self._requests: Dict[Request, bool] = {}
         self._requests_lock = threading.Lock()
-        self._unread: Optional[List[List[str]]] = None  # None if a request or a parameter has changed since
+        # last answer; None if a request or a parameter has changed since then
+        self._unread: Optional[List[List[str]]] = None
         self._services_in_vain: Dict[
             Tuple[str, str], None
         ] = {}  # nodes and services, in the order of requests

@@ -119,7 +119,7 @@ class WorldObjects:
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
         solid = [name for name in self.members(model) if self._bodies[name].collisions]
         if not solid:
-            raise PlacementError(f"'{model}' is only drawn, and stays where it is")
+            raise PlacementError(f"'{model}' has no collision shape, so it cannot be moved")
         poses = {name: compose(shift, self.pose_of(name)) for name in solid}
         for name in solid:
             self._bullet.check_movable(name)

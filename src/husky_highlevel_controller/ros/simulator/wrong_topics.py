@@ -156,7 +156,7 @@ def absent_topics(graph: Graph) -> List[AbsentTopic]:
 
 
 def absent_services(master_uri: str) -> List[AbsentService]:
-    """Return the nodes that ask for a service of Gazebo in vain; none if the master does not tell."""
+    """Return the nodes that ask for a service of Gazebo in vain; none if the master keeps no list."""
     asked = [AbsentService(*map(str, each[:2])) for each in read_absent_services(master_uri)]
     return [
         each
