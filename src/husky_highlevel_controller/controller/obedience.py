@@ -38,13 +38,9 @@ class Obedience(NamedTuple):
         """
         if base_in_odom is None or (abs(twist.linear) < MIN_LINEAR and abs(twist.angular) < MIN_ANGULAR):
             return Obedience(stamp=stamp)
-        if self.pose is None or stamp < self.stamp or self._has_moved(self.pose, base_in_odom):
-            return Obedience(base_in_odom, stamp, stamp)
-        return self._replace(stamp=stamp)
-
-    @staticmethod
-    def _has_moved(before: Pose2D, now: Pose2D) -> bool:
-        return (
-            hypot(now.x - before.x, now.y - before.y) > MOVED
-            or abs(wrap_angle(now.yaw - before.yaw)) > TURNED
-        )
+        if self.pose is not None and stamp >= self.stamp:
+            moved = hypot(base_in_odom.x - self.pose.x, base_in_odom.y - self.pose.y)
+            turned = abs(wrap_angle(base_in_odom.yaw - self.pose.yaw))
+            if not (moved > MOVED or turned > TURNED):
+                return self._replace(stamp=stamp)
+        return Obedience(base_in_odom, stamp, stamp)
