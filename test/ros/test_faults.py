@@ -155,6 +155,8 @@ def test_a_marker_in_a_frame_that_tf_does_not_know_is_told_with_the_one_that_is_
     launched = ros.roslaunch("simulator.launch", "real_time_factor:=0")
     ros.start(sys.executable, "-c", MARKS_IN_BASE_LASER)
     launched.says("in the frame 'base_laser', which TF does not have")
+    doctor = (sys.executable, "-m", "husky_highlevel_controller.ros.simulator.wrong_topics")
+    wait_until(lambda: "/husky_simulator has found: " in ros.run(*doctor), "./dev doctor says so, too")
 
 
 def test_a_filter_in_the_launch_file_of_the_simulator_is_the_only_source_of_odom(ros, tmp_path):

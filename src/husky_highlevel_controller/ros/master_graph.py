@@ -12,6 +12,7 @@ from husky_highlevel_controller.xml_rpc import ask
 
 CALLER = "/master_graph"
 SIMULATOR = "husky_simulator"  # name of the simulator's node, in its namespace
+FINDINGS = "husky_findings"  # parameter of its findings on other nodes, in its namespace
 Nodes = Mapping[str, Sequence[str]]  # names of nodes by topic
 Kinds = Mapping[str, str]  # types of messages by topic
 
@@ -52,3 +53,9 @@ def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
     Each has the node below whose name it is set, its name, and the one that the node asked for in vain.
     """
     return list(ask(master_uri, "getUnreadParams", CALLER) or ())
+
+
+def read_findings(master_uri: str, simulator: str) -> List[Sequence[str]]:
+    """Return what a simulator has found of other nodes: the name of each node, and a sentence."""
+    name = f"{simulator.rsplit('/', 1)[0]}/{FINDINGS}"
+    return list(ask(master_uri, "getParam", CALLER, name) or ())

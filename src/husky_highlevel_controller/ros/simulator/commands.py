@@ -14,6 +14,7 @@ from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.simulator.findings import Findings
 from husky_highlevel_controller.ros.simulator.lockstep import LeadLimit, Lockstep
 from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 from husky_highlevel_controller.simulator.command_habits import CommandHabits, Habit, habit_sentence
@@ -31,11 +32,11 @@ QUEUE = 1000  # commands kept between two physics steps; older ones are overrule
 class Commands:
     """Collects commands in callbacks; the simulation's thread takes them."""
 
-    def __init__(self, robot: Robot, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+    def __init__(self, robot: Robot, lockstep: Lockstep, lead_limit: LeadLimit, findings: Findings) -> None:
         topics = robot.topics
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
         self._direct_topic = topics.wheel_command  # the mux's output, and a way past it
-        self._lockstep, self._lead_limit = lockstep, lead_limit
+        self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
         self._doubled: Set[str] = set()  # senders of a second command for one scan
@@ -85,8 +86,11 @@ class Commands:
         if stronger is None and twist != STOP:
             self.driver = sender
         for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
-            log = rospy.loginfo if finding.habit is Habit.DRIVES else rospy.logwarn
-            log(habit_sentence(finding._replace(topic=rospy.resolve_name(topic))))
+            sentence = habit_sentence(finding._replace(topic=rospy.resolve_name(topic)))
+            if finding.habit is Habit.DRIVES:
+                rospy.loginfo(sentence)
+            else:
+                self._findings.tell(sender, sentence)
 
     def has_sender(self) -> bool:
         """Return whether a controller is connected; one of the direct input's senders is our own."""

@@ -15,6 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from husky_highlevel_controller.ros.master_graph import Graph, Kinds, read_graph, read_kinds
 from husky_highlevel_controller.ros.node import contained
+from husky_highlevel_controller.ros.simulator.findings import Findings
 from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Mistake,
@@ -119,10 +120,11 @@ class GraphWatch:
         warn: Callable[[str], None],
         filter_watch: Optional[SecondFilter] = None,
         markers: Optional[MarkerFrames] = None,
+        findings: Optional[Findings] = None,
     ) -> None:
         """Set up; `simulated_time` [s], `warn` and the other watches are called in the thread."""
         self._simulated_time, self._warn = simulated_time, warn
-        self._filter_watch, self._markers = filter_watch, markers
+        self._filter_watch, self._markers, self._findings = filter_watch, markers, findings
         self._master_uri = rosgraph.get_master_uri()
         self._clock_nodes = {rospy.get_name()}
         self._clock: Optional[rospy.Subscriber] = None
@@ -140,6 +142,8 @@ class GraphWatch:
                 graph = read_graph(self._master_uri)
                 if graph is not None:
                     self.look(graph)
+                if self._findings is not None:
+                    self._findings.publish()
             time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:

@@ -24,14 +24,14 @@ OTHER_FRAMES = "robot_state_publisher"  # node that publishes the robot's own fr
 class MarkerFrames:
     """Looks at the first markers of each topic; a topic of this package's nodes is looked at as well."""
 
-    def __init__(self, frames: AbstractSet[str], warn: Callable[[str], None]) -> None:
+    def __init__(self, frames: AbstractSet[str], tell: Callable[[str, str], None]) -> None:
         """Begin without a topic.
 
         Args:
             frames: names of all frames that the simulator publishes.
-            warn: function that logs a sentence; it is called in rospy's threads.
+            tell: function that gets a node's name and a sentence; it is called in rospy's threads.
         """
-        self._frames, self._warn = frames, warn
+        self._frames, self._tell = frames, tell
         self._subscribers: Dict[str, rospy.Subscriber] = {}
         self._left: Dict[str, int] = {}
         self._told: Set[Tuple[str, str]] = set()  # node, frame
@@ -55,7 +55,7 @@ class MarkerFrames:
             is_drawn = marker.action in (Marker.ADD, Marker.MODIFY)
             if is_drawn and frame not in self._frames and (node, frame) not in self._told:
                 self._told.add((node, frame))
-                self._warn(marker_sentence(node, topic, frame, self._frames))
+                self._tell(node, marker_sentence(node, topic, frame, self._frames))
         self._left[topic] -= 1
         if self._left[topic] == 0:
             self._subscribers[topic].unregister()

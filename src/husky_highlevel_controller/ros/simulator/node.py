@@ -24,6 +24,7 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import DepthCamera
+from husky_highlevel_controller.ros.simulator.findings import Findings
 from husky_highlevel_controller.ros.simulator.gazebo_services import GazeboServices
 from husky_highlevel_controller.ros.simulator.graph import (
     GraphWatch,
@@ -97,7 +98,8 @@ class SimulatorNode:
             self._publishers.truth_log.write_line,
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
-        self._commands = Commands(config.robot, self._lockstep, self._lead_limit)
+        self._findings = Findings()
+        self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
         self._registration = RegistrationWatch(self._commands.refuse)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services(config.robot.name)
@@ -120,8 +122,9 @@ class SimulatorNode:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
         filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
-        markers = None if publishers.truth_log.is_open else MarkerFrames(publishers.frames, rospy.logwarn)
-        GraphWatch(lambda: simulation.stamp, rospy.logwarn, filter_watch, markers).start()
+        findings = self._findings
+        markers = None if publishers.truth_log.is_open else MarkerFrames(publishers.frames, findings.tell)
+        GraphWatch(lambda: simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
         self._registration.start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)

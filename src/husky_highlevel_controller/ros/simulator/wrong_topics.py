@@ -16,6 +16,7 @@ from husky_highlevel_controller.ros.master_graph import (
     Kinds,
     Nodes,
     read_absent_services,
+    read_findings,
     read_graph,
     read_kinds,
     read_unread_parameters,
@@ -265,6 +266,9 @@ def main() -> None:
     for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == SIMULATOR):
         findings += second_publishers(graph, simulator)
         findings += wrong_types(graph, simulator, partial(read_kinds, master_uri))
+        for node, sentence in read_findings(master_uri, simulator):
+            if node in nodes:
+                print(f"{simulator} has found: {sentence}")
     for finding in findings:
         print(mistake_sentence(finding))
 

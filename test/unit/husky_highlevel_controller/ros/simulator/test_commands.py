@@ -12,6 +12,7 @@ from std_msgs.msg import Bool
 
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.simulator import commands
+from husky_highlevel_controller.ros.simulator.findings import Findings
 
 DIRECT = "husky_velocity_controller/cmd_vel"  # the output of the Husky's twist_mux
 
@@ -28,7 +29,7 @@ class Network:
         monkeypatch.setattr(commands.rospy, "logwarn_throttle", lambda _, text: self.warnings.append(text))
         monkeypatch.setattr(commands.rospy, "get_time", lambda: 0.0)
         lockstep = SimpleNamespace(drops=lambda _: self.drops, command_arrived=lambda *_: None)
-        self.commands = commands.Commands(load_robot(), lockstep, lockstep)
+        self.commands = commands.Commands(load_robot(), lockstep, lockstep, Findings())
 
     def advertise(self, topic, _kind, latch=False, **_):
         publish = partial(self.latched.__setitem__, topic) if latch else self.passed.append

@@ -35,7 +35,7 @@ def watch(monkeypatch):
     monkeypatch.setattr(marker_frames.rospy, "get_name", lambda: "/husky_simulator")
     monkeypatch.setattr(Subscriber, "all", [])
     told = []
-    return MarkerFrames(FRAMES, told.append), told
+    return MarkerFrames(FRAMES, lambda _node, sentence: told.append(sentence)), told
 
 
 def graph(kind="visualization_msgs/Marker", node="/drive", tf=("/husky_simulator",)):

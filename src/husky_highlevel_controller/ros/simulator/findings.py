@@ -1,0 +1,37 @@
+"""Faults of other nodes that only the simulator can see, logged, and kept for `./dev doctor`.
+
+In: sentences on nodes, from any thread. Out: the log, and a parameter beside the simulator's name.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Deque, List
+
+import rospy
+
+from husky_highlevel_controller.ros.master_graph import FINDINGS
+
+MOST = 20  # largest number of findings that are kept
+
+
+class Findings:
+    """Findings since the simulator began."""
+
+    def __init__(self) -> None:
+        self._kept: Deque[List[str]] = deque(maxlen=MOST)  # node and sentence
+        self._is_new = (
+            True  # true if the master does not know them; it may know those of an earlier simulator
+        )
+
+    def tell(self, node: str, sentence: str) -> None:
+        """Log a sentence on a node, and keep it."""
+        rospy.logwarn(sentence)
+        self._kept.append([node, sentence])
+        self._is_new = True
+
+    def publish(self) -> None:
+        """Give the master what is new; the watch of the graph calls this, because it may have to wait."""
+        if self._is_new:
+            self._is_new = False
+            rospy.set_param(FINDINGS, list(self._kept))
