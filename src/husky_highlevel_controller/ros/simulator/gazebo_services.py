@@ -1,4 +1,9 @@
-"""Gazebo's services and topic for models, answered by the simulation."""
+"""Gazebo's services and topic for models, answered by the simulation.
+
+Stands in for services and topics of gazebo_ros 2.9 (Noetic) with Gazebo 11, with the messages of
+compat/gazebo_msgs. No test runs the original, which Debian does not have. `test_gazebo_messages.py` compares
+the MD5 sums of the messages with the published sums of gazebo_msgs 2.9.2.
+"""
 
 from __future__ import annotations
 
