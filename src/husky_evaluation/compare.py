@@ -1,6 +1,6 @@
-"""Comparison of B with A: both drive the same scenes, and the differences are counted scene by scene.
+"""Comparison of B with A: both drive from the same starts, and the differences are counted start by start.
 
-In: two contestants, scenes. Out: a table, pictures, an exit code.
+In: two contestants, scenarios. Out: a table, pictures, an exit code.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from husky_highlevel_controller.result import Result, Table
 
 @dataclass(frozen=True)
 class Comparison:
-    """Results of A and of B on the same scenes."""
+    """Results of A and of B in the same scenarios."""
 
     names: Tuple[str, str]
     a: Tuple[Outcome, ...]
@@ -43,17 +43,17 @@ class Comparison:
 
     @property
     def pairs(self) -> List[Tuple[Outcome, Outcome]]:
-        """Pairs of outcomes of the scenes in which both succeed."""
+        """Return the pairs of outcomes from starts at which both succeed."""
         return [(a, b) for a, b in zip(self.a, self.b) if a.success and b.success]
 
     @property
     def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
-        """Return each scene in which only one fails, with the letter of that one and both outcomes."""
+        """Return the letter of the failing side and both outcomes, for each start at which only one fails."""
         both = zip(self.a, self.b)
         return [("B" if a.success else "A", a, b) for a, b in both if a.success is not b.success]
 
     def values(self, quantity: str) -> Tuple[List[float], List[float]]:
-        """A figure of A and of B, over the scenes in which both succeed."""
+        """Return a metric of A and of B, from all starts at which both succeed."""
         return [getattr(a, quantity) for a, _ in self.pairs], [getattr(b, quantity) for _, b in self.pairs]
 
     def worse(self, margin: float) -> str:
@@ -61,40 +61,40 @@ class Comparison:
         letters = [letter for letter, _, _ in self.failures]
         lost, won = letters.count("B"), letters.count("A")
         if lost > won:
-            return f"it fails in {lost} scenes in which A does not, and A in {won} in which B does not"
+            return f"starts at which only B fails: {lost}, only A: {won}"
         if not self.pairs:
             return ""
         a, b = self.values("arrived_at")
         allowed, high = margin * float(np.mean(a)), bootstrap(np.subtract(b, a)).high
-        return f"it may be {high:.3f} s slower, {allowed:.3f} s are allowed" if high > allowed else ""
+        return f"it may be {high:.3f} s slower, and {allowed:.3f} s are allowed" if high > allowed else ""
 
     @property
     def every_scene(self) -> Table:
-        """A row for each scene."""
+        """Return a table with a row for each start."""
         kinds = ("success", "arrived_at", "nearest")
         rows = [
             (a.scene, *(getattr(side, kind) for side in (a, b) for kind in kinds))
             for a, b in zip(self.a, self.b)
         ]
         header = ["scene", *(f"{side}_{kind}" for side in "ab" for kind in kinds)]
-        return Table("Every scene", header, rows, folded=True)
+        return Table("Every start", header, rows, folded=True)
 
     def figures(self) -> Table:
-        """Means of the scenes in which both succeed, and the differences."""
+        """Return a table of the means over starts at which both succeed, and the differences."""
         shares = [100.0 * sum(outcome.success for outcome in side) / len(self.a) for side in (self.a, self.b)]
         rows = [
             ("stands at the pillar, no touch [%]", *shares, ""),
             paired_row("time to arrival [s]", self.values("arrived_at"), "s"),
             paired_row("nearest approach [cm]", self.values("nearest"), "cm", 100.0),
         ]
-        title = f"Times and distances of the {len(self.pairs)} scenes in which both succeed"
+        title = f"Times and distances from the {len(self.pairs)} starts at which both succeed"
         return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
 
     def result(self, margin: float, source: str) -> Result:
-        """Figures, failures, every scene, and the verdict."""
+        """Return the result: metrics, failures, every start, and the verdict."""
         why, tables = self.worse(margin), [self.figures()]
         if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures]:
-            tables.append(Table("Scenes in which only one fails", ("", "A", "B"), failures))
+            tables.append(Table("Starts at which only one fails", ("", "A", "B"), failures))
         verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
         lead = f"{len(self.a)} random starts"
         tables.append(self.every_scene)
@@ -103,7 +103,7 @@ class Comparison:
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
-    """Drive every scene with both contestants."""
+    """Drive every scenario with both contestants."""
     sides = []
     for letter, competitor in (("A", a), ("B", b)):
         items = [(competitor, scene) for scene in scenes]
@@ -114,14 +114,14 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
 
 
 def write_comparison(comparison: Comparison, result: Result, out: Path) -> Path:
-    """Write table, page and a picture of each scene in which one fails and the other does not; the page."""
+    """Write table, page, and a picture of each start at which only one fails; return the path of the page."""
     comparison.every_scene.write(out / "compare")
     for old in out.glob("only_*_fails_*.png"):
         old.unlink()
     pictures = {}
     if comparison.pairs:
         times = [(a.arrived_at, b.arrived_at) for a, b in comparison.pairs]
-        pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
+        pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each start")
     for letter, a, b in comparison.failures:
         paths = {f"{side}: {each.summary}": each.poses[:, :2] for side, each in (("A", a), ("B", b))}
         name = f"only {letter.lower()} fails {a.scene}"
@@ -131,7 +131,7 @@ def write_comparison(comparison: Comparison, result: Result, out: Path) -> Path:
 
 
 def compare_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(
         prog=name_as_typed("compare"),
         description="Drive from the same random starts with A and with B. "
@@ -155,8 +155,8 @@ def main(
 ) -> None:
     """Run the command.
 
-    The grader passes the maker of launch file contestants, and the function that has their programs ended
-    before this one at a signal; without them launch files are refused.
+    The grader passes `launch_kind`, which makes contestants of launch files, and a function that makes
+    signals end their programs first. Without `launch_kind`, launch files are rejected.
     """
     options = compare_options(arguments)
     with exit_codes(name_as_typed("compare")):
@@ -166,10 +166,12 @@ def main(
         if launches:
             if options.profile != "gazebo":
                 raise HuskyError(
-                    f"--profile {options.profile}: a launch file drives with profile gazebo only"
+                    f"--profile {options.profile} does not work with a launch file; use --profile gazebo"
                 )
             if options.robot != "husky":
-                raise HuskyError(f"--robot {options.robot}: a launch file drives the husky only")
+                raise HuskyError(
+                    f"--robot {options.robot} does not work with a launch file; use --robot husky"
+                )
             end_programs_on_signals()
         options.out.mkdir(parents=True, exist_ok=True)
         # the programs of a launch file are unknown and may change, so its results are not kept

@@ -1,6 +1,6 @@
 """Contestants of a comparison (parameters or a function), and the outcome of one run of each.
 
-In: texts of a command line, scenes. Out: `Outcome`s.
+In: texts of a command line, scenarios. Out: `Outcome` records.
 
 All kinds of contestants are judged by the true poses alone, because a launch file exposes nothing else. A
 contestant that is a launch file belongs to the grader, because the grader's recorder watches it.
@@ -39,11 +39,11 @@ class Contestant(Protocol):
 
     @property
     def name(self) -> str:
-        """Text that names the contestant on the command line and in the report."""
+        """Return the text that names the contestant on the command line and in the report."""
 
     @property
     def starts_programs(self) -> bool:
-        """Return whether a run starts other programs, so that a kept result could come from older code."""
+        """Return whether a run starts other programs. If so, a kept result could come from older code."""
 
     def drive(self, scenario: Scenario) -> Outcome:
         """Drive a scene.
@@ -72,7 +72,7 @@ class FunctionContestant:
 
     @property
     def starts_programs(self) -> bool:
-        """False, because the run stays in this process."""
+        """Return False, because the run stays in this process."""
         return False
 
     @property
@@ -87,7 +87,7 @@ class FunctionContestant:
         try:
             module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
             controller: Controller = getattr(module, self.function)
-        except Exception as error:  # the user's file may raise anything
+        except Exception as error:  # any error, because the user's file is executed
             raise HuskyError(f"{self.name}: {type(error).__name__}: {error}") from None
         if not callable(controller):
             raise HuskyError(f"{self.name}: {self.function} is not a function")
@@ -113,7 +113,7 @@ class FunctionContestant:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Outcome of one drive."""
+    """Outcome of one run."""
 
     scene: str
     arrived_at: float  # [s] time of the final arrival; inf if the robot never arrives for good
@@ -129,7 +129,7 @@ class Outcome:
 
     @property
     def summary(self) -> str:
-        """End of the drive as text."""
+        """Return the end of the run as text."""
         touched = ", touched the pillar" if self.nearest <= TOUCH else ""
         notes = f" ({'; '.join(self.notes)})" if self.notes else ""
         is_there = self.arrived_at < inf
@@ -138,7 +138,7 @@ class Outcome:
 
 
 def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None) -> Contestant:
-    """Contestant of a text: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
+    """Return the contestant FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
 
     Raises:
         HuskyError: the text has none of these forms, its file cannot be read, or it names a launch file
@@ -150,14 +150,14 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     if first.endswith(".launch") and first.count("/") == 1:
         if launch_kind is None:
             raise HuskyError(
-                f"{text}: a launch file needs ROS; use rosrun husky_highlevel_controller compare"
+                f"{text}: a launch file needs ROS; run rosrun husky_highlevel_controller compare"
             )
         package, file = first.split("/")
         return launch_kind(text, package, file, arguments)
     place, colon, function = first.rpartition(":")
     if not colon or not function.isidentifier() or arguments:
-        kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
-        raise HuskyError(f"'{text}' is none of {kinds}")
+        kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
+        raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
     if place.split(".")[0] in OURS:
         made = FunctionContestant(text, base, function, module=place)
     else:
@@ -174,7 +174,7 @@ def _source(place: str) -> str:
             path = Path(spec.origin or "") if spec else path
         return path.read_text()
     except (OSError, ValueError, ImportError) as error:
-        raise HuskyError(f"{place}: no such Python file or module: {error}") from None
+        raise HuskyError(f"{place} is not a Python file or module that can be read: {error}") from None
 
 
 @lru_cache(maxsize=4)
@@ -194,7 +194,10 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
 def outcome(
     scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float], robot: Robot
 ) -> Outcome:
-    """Outcome of a drive: times (N,) [s], true poses (N, 3) [m, m, rad], the pillar's centre at first [m]."""
+    """Return the outcome of a run.
+
+    `times` (N,) [s]; true `poses` of base_link (N, 3) [m, m, rad]; `pillar`, its centre at the start [m].
+    """
     gap = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)

@@ -1,4 +1,4 @@
-"""Evaluation of the controller: one command, one table, the same figures for the same seed.
+"""Evaluation of the controller: one command, one table, the same metrics for the same seed.
 
 In: counts and a seed. Out: a table on standard output; on a terminal, progress on standard error.
 """
@@ -57,7 +57,7 @@ Row = Tuple[Any, ...]  # row of a table
 def figure(
     name: str, value: float, unit: str = "", minimum: float = -inf, maximum: float = inf, replay: str = ""
 ) -> Row:
-    """Return the row of a figure, which misses its limits if it is nan.
+    """Return the row of a metric, which misses its limits if it is nan.
 
     The value links to the replay of its run, or of a run that misses the limits.
     """
@@ -141,9 +141,9 @@ def evaluate_robot(
 ) -> Dict[str, List[Row]]:
     """Figures of the runs on a real Husky's profile, by title.
 
-    Its beams cannot surely see a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
-    time to arrival has no bound. Its wheels are late by 0.3 s, so the default gain drives 0.1 m past the stop
-    distance, and that of robot.launch does not. Single scans are not among these figures.
+    Its beams do not always hit a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
+    time to arrival has no bound. Its wheels are late by 0.3 s, so with the default gain it drives 0.1 m past
+    the stop distance, and with the gain of robot.launch it does not. Single scans are not measured here.
     """
     setup = setup_of("robot", ground)
     setups = [replace(setup, control=ControlConfig()), setup]
@@ -164,7 +164,7 @@ def evaluate(
     replays: Optional[Path] = None,
     robot: str = "husky",
 ) -> Dict[str, List[Row]]:
-    """All figures on Gazebo's profile, by title.
+    """Return all metrics on Gazebo's profile, by title.
 
     They come from `scans` single scans of each kind and from `starts` random starts. Pages that play the
     runs go into `replays`.
@@ -193,7 +193,7 @@ def evaluate(
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
     if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
-        del figures["Course start, stop_distance 0"]  # its lidar does not see a pillar that it touches
+        del figures["Course start, stop_distance 0"]  # a pillar that it touches is too near for its lidar
     return figures
 
 
@@ -231,7 +231,7 @@ def replay_links(folder: Path) -> Table:
 
 
 def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(
         prog=name_as_typed("evaluate"), description="Measure the controller, without ROS."
     )
@@ -246,7 +246,7 @@ def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--resume",
         type=Path,
         metavar="FILE",
-        help="file that keeps the results, so that a second call resumes",
+        help="file that keeps the results; the same command with this file resumes",
     )
     add_profile_options(parser)
     parser.add_argument("--replays", type=Path, help="folder for a page that plays each run, and an index")
@@ -257,7 +257,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure misses its limits."""
     options = evaluate_options(arguments)
     with exit_codes(name_as_typed("evaluate")):
-        setup_of(options.profile, options.ground, options.robot)  # raises if they do not go together
+        setup_of(options.profile, options.ground, options.robot)  # raises if they do not fit together
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)
         with Workers(options.jobs, options.cluster, options.resume) as workers:

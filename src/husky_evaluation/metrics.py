@@ -1,6 +1,6 @@
-"""Metrics of the controller: of single scans, and of whole drives.
+"""Metrics of the controller: of single scans, and of whole runs.
 
-In: numbers of random scenes, scenarios, gains. Out: errors, times, touches, against the true poses.
+In: numbers of random scans, scenarios, gains. Out: errors, times, touches, by the true poses.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] simulated time after which a
 
 
 def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
-    """Return the distance from a random pillar to the nearest one found [m]; inf if none is the same one."""
+    """Return the error of the found position of a random pillar [m]; inf if the pillar was not found."""
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
@@ -42,14 +42,14 @@ def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SIC
 
 
 def false_pillars(number: int, seed: int, lidar: LidarConfig = SICK) -> int:
-    """Number of pillars of many beams that are found in a random scene without one."""
+    """Return the number of pillars with many beams that are found in a random scan without a pillar."""
     pillars = find_pillars(bare_scene(number, seed, lidar).scan, PillarConfig())
     return sum(pillar.beams >= MANY_BEAMS for pillar in pillars)
 
 
 @dataclass(frozen=True)
 class DriveResult:
-    """Figures of one run."""
+    """Metrics of one run."""
 
     name: str
     arrived_at: float  # [s] inf if the robot did not arrive
@@ -61,19 +61,19 @@ class DriveResult:
     crossings: int  # zero crossings of the true bearing after the first alignment with a target
     overshoot: float  # [m] largest true distance that the lidar drove past the stop distance
     nearest: float  # [m] smallest true gap between footprint and pillar
-    replay: str = ""  # file name of the page that plays it, if there is one
+    replay: str = ""  # file name of its replay, if there is one
 
     @property
     def ratio(self) -> float:
-        """Time to arrival over the bound."""
+        """Return the time to arrival divided by the bound."""
         return self.arrived_at / self.bound
 
     @property
     def summary(self) -> str:
-        """End of the run in a sentence."""
+        """Return the end of the run in a sentence."""
         end = f"arrived after {self.arrived_at:.2f} s" if self.arrived_at < inf else "did not arrive"
         touched = f", touched {', '.join(self.touched)}" if self.touched else ""
-        return f"{end}, {100.0 * self.final_error:+.1f} cm from where it should stand{touched}"
+        return f"{end}, {100.0 * self.final_error:+.1f} cm from its goal{touched}"
 
     @property
     def good(self) -> bool:
@@ -82,7 +82,7 @@ class DriveResult:
 
 
 def run_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> DriveResult:
-    """Drive a scenario and judge it; `controller` answers a scan, called like `behaviour.decide`."""
+    """Drive a scenario and measure the run; `controller` has the signature of `behaviour.decide`."""
     return judge_trace(drive_scenario(setup, scenario, controller), scenario, setup)
 
 
@@ -90,12 +90,12 @@ Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]  # type of a task for `W
 
 
 def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
-    """`run_scenario`, as a task for `Workers.map`."""
+    """Call `run_scenario`, as a task for `Workers.map`."""
     return run_scenario(*item)
 
 
 def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
-    """`run_scene`, with the text of a page that plays the drive, named by scenario and gains."""
+    """Drive a scenario, and return its metrics and the text of a replay, named by scenario and gains."""
     setup, scenario = item
     trace = drive_scenario(setup, scenario)
     result, control = judge_trace(trace, scenario, setup), setup.control
@@ -106,7 +106,7 @@ def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
 
 
 def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
-    """Return the rollout that `run_scenario` judges."""
+    """Return the rollout that `run_scenario` measures."""
     return rollout(
         scenario,
         setup.control,
@@ -119,7 +119,7 @@ def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = de
 
 
 def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
-    """Figures of a rollout."""
+    """Return the metrics of a rollout."""
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     x, y, yaw = trace.poses.T
@@ -142,20 +142,20 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
 
 
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
-    """Shortest time to the stop point, straight, at the drive's limits of speed and acceleration [s]."""
+    """Return the shortest time to the stop point [s], straight ahead, with limited speed and acceleration."""
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
     stop = max(control.stop_distance, robot.footprint.hull[0] - lidar_x)
     length = max(hypot(pillar_x - x, pillar_y - y) - PILLAR_RADIUS - stop - lidar_x, 0.0)
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
-    if length < speed**2 / acceleration:  # never at full speed
+    if length < speed**2 / acceleration:  # it must brake before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
     return length / speed + speed / acceleration
 
 
 def crossings(trace: Trace) -> int:
-    """Number of times that the true bearing changes sides after it was first aligned, up to the arrival.
+    """Return how often the true bearing changes its sign after the first alignment, up to the arrival.
 
-    Only while the controller has a target: one that searches turns past the pillar that it does not see yet.
+    Only times with a target count, because a robot that searches turns past a pillar that it does not see.
     """
     until = inf if trace.arrived_at is None else trace.arrived_at
     dx, dy = (trace.pillars - trace.poses[:, :2]).T

@@ -1,4 +1,4 @@
-"""Pictures of many drives: heat maps, curves, pairs.
+"""Pictures of many runs: heat maps, curves, pairs.
 
 In: arrays. Out: PNG.
 """
@@ -27,18 +27,18 @@ class Panel(NamedTuple):
 
     title: str
     values: np.ndarray  # (N,) or (N, M), one for each point; nan if there is none
-    span: float  # smallest range of the colours, so that a negligible difference does not show
+    span: float  # smallest range of the colours, because a negligible difference must not show
     digits: int = 1  # digits after the decimal point of a cell's label
     is_good_high: bool = False
     is_logarithmic: bool = False
-    hatched: Optional[np.ndarray] = None  # points at which not every run arrives; shaped like the values
+    hatched: Optional[np.ndarray] = None  # points at which not every run arrives; same shape as the values
 
 
 Marks = Mapping[str, Sequence[float]]  # highlighted points by name, each with a value for each axis
 
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
-    """Curves over one axis, or heat maps over two, with marks."""
+    """Draw curves over one axis, or heat maps over two, with marks; return a PNG."""
     columns = min(len(panels), 2)
     figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
     for plot, panel in zip(figure.subplots(-(-len(panels) // 2), columns, squeeze=False).flat, panels):
@@ -60,7 +60,7 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
 
 
 def draw_costs(costs: Sequence[float]) -> bytes:
-    """Costs of setups in the order in which they were tried, and the smallest so far."""
+    """Draw the costs of setups in the order of their trials, and the smallest so far; return a PNG."""
     figure = new_figure(5.6, 4.2)
     plot = figure.subplots()
     numbers = np.arange(1, len(costs) + 1)
@@ -76,7 +76,7 @@ def draw_costs(costs: Sequence[float]) -> bytes:
 
 
 def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
-    """Pairs of A and B as dots about the line on which both are equal."""
+    """Draw pairs of A and B as dots around the line on which both are equal; return a PNG."""
     figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
     a, b = np.array(pairs).reshape(-1, 2).T
@@ -93,7 +93,7 @@ def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
 
 
 def _limits(panel: Panel) -> Tuple[float, float]:
-    """Limits of the colours or of the y axis: the best value, and at least the panel's span away."""
+    """Return the limits of the colours or the y axis, from the best value over at least the panel's span."""
     values = panel.values[np.isfinite(panel.values)]
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     spare = max(panel.span - (high - low), 0.0)
@@ -116,7 +116,10 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
-    """Draw cells of equal size, one for each value. A mark lies on the nearest border."""
+    """Draw cells of equal size, one for each value.
+
+    A mark is on the nearest border above or below, because it would hide the number of a cell.
+    """
     norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
@@ -151,9 +154,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
             float(np.interp(value, axis.values, range(len(axis.values))))
             for value, axis in zip(values_of_mark, axes)
         )
-        border = (
-            np.floor(y) + 0.5
-        )  # nearest border above or below, because a mark would hide the number of a cell
+        border = np.floor(y) + 0.5
         plot.plot(
             x, border, symbol, markersize=12 if symbol == "*" else 8, label=name, color=MARKER,
             markeredgecolor="w", markeredgewidth=1.0, linestyle="none", clip_on=False, zorder=6,

@@ -2,7 +2,7 @@
 
 In: a `Scenario`, the controller's parameters. Out: a `Trace`. Simulator and controller meet only here.
 
-Each scan is answered at once; the command acts from the next physics step on.
+Each scan is answered at once, and the command takes effect at the next physics step.
 """
 
 from __future__ import annotations
@@ -46,23 +46,23 @@ COLUMNS = {  # arrays of a trace, with the length of a row; 0 for single numbers
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Trace of a drive, one row per scan (N scans); arrays are read-only."""
+    """Trace of a run, one row per scan (N scans); arrays are read-only."""
 
     times: np.ndarray  # (N,) [s] simulated time
-    poses: np.ndarray  # (N, 3) [m, m, rad], true x, y and yaw of base_link in the world
-    twists: np.ndarray  # (N, 2) [m/s, rad/s], commanded
-    estimates: np.ndarray  # (N, 2) [m], remembered pillar in odom; nan while none is remembered
-    pillars: np.ndarray  # (N, 2) [m], true centre of the pillar in the world
-    distance_errors: np.ndarray  # (N,) [m], remaining distance by the controller; nan without a target
-    bearing_errors: np.ndarray  # (N,) [rad], bearing by the controller; nan without a target
-    nearest: np.ndarray  # (N,) [m], shortest range in the scan; inf without a return
-    states: Tuple[State, ...]  # one for each scan
-    touches: Tuple[Tuple[float, str], ...]  # [s], first touch of each body with anything but the wheels
-    events: Tuple[Tuple[float, str], ...]  # [s], state and reason whenever they change
+    poses: np.ndarray  # (N, 3) [m, m, rad] true x, y and yaw of base_link in the world
+    twists: np.ndarray  # (N, 2) [m/s, rad/s] commanded twist
+    estimates: np.ndarray  # (N, 2) [m] remembered pillar in odom; nan while none is remembered
+    pillars: np.ndarray  # (N, 2) [m] true centre of the pillar in the world
+    distance_errors: np.ndarray  # (N,) [m] remaining distance by the controller; nan without a target
+    bearing_errors: np.ndarray  # (N,) [rad] bearing by the controller; nan without a target
+    nearest: np.ndarray  # (N,) [m] shortest range in the scan; inf without a return
+    states: Tuple[State, ...]  # state of the controller after each scan
+    touches: Tuple[Tuple[float, str], ...]  # [s] first touch of each body, except by the wheels
+    events: Tuple[Tuple[float, str], ...]  # [s] changes of state and reason
 
     @property
     def arrived_at(self) -> Optional[float]:
-        """Time at which the robot stood before the pillar for good [s]; None if it did not."""
+        """Return the time of the final arrival [s]; None if the robot is not at the pillar in the end."""
         if not self.states or self.states[-1] is not State.ARRIVED:
             return None
         last_other = max((i for i, state in enumerate(self.states) if state is not State.ARRIVED), default=-1)
@@ -70,13 +70,13 @@ class Trace:
 
     @property
     def touched(self) -> Tuple[str, ...]:
-        """Names of the bodies touched, in the order of the first touch."""
+        """Return the names of the touched bodies, in the order of the first touch."""
         return tuple(name for _, name in self.touches)
 
 
 @lru_cache(maxsize=None)
 def model_of(robot: Robot, profile: str = "gazebo") -> RobotModel:
-    """A robot with its lidar, without meshes."""
+    """Return the model of a robot with its lidar, without meshes."""
     return robot_model(robot_description(robot.name, meshes="", profile=profile), robot)
 
 
@@ -97,8 +97,8 @@ def rollout(
         control: gains and limits.
         detector_config: parameters of the pillar detection.
         simulator: parameters of the simulation and its robot.
-        seconds: simulated time after which it ends in any case [s].
-        settle: time that the run continues after the arrival [s].
+        seconds: simulated time limit [s].
+        settle: simulated time for which the run continues after the arrival [s].
         robot: another model of the robot, such as one with an upright lidar.
         controller: decision function that answers a scan.
 
@@ -140,7 +140,7 @@ def rollout(
 def _row(
     snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, ...]
 ) -> Tuple[Any, ...]:
-    """Values of COLUMNS, the state, and the state with its reason."""
+    """Return the values of COLUMNS, the state, and the state with its reason."""
     estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
     errors = (output.distance_error, output.bearing_error)
     nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))

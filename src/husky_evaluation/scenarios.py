@@ -1,6 +1,6 @@
 """Random scenarios from a seed: whole runs, and single scans.
 
-In: numbers and a seed. Out: `Scenario`s to drive, `PillarScan`s to analyse; number n of a seed never changes.
+In: numbers and a seed. Out: `Scenario`s to drive, `PillarScan`s to analyse. Number n of a seed never changes.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 Disc = Tuple[float, float, float]  # x, y, radius [m], in the laser's frame
 Solid = Tuple[Union[Box, Cylinder], Pose]  # shape and its pose in the laser's frame
 
-_NEAREST_START, _FARTHEST_START = 2.0, 25.0  # [m], base_link to the pillar's centre
-_NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0  # [m], lidar to the pillar's centre
+_NEAREST_START, _FARTHEST_START = 2.0, 25.0  # [m] distance from base_link to the pillar's centre
+_NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0  # [m] distance from the lidar to the pillar's centre
 _FREE = 0.3  # [m] smallest distance between pillar and wall, because a nearer one is part of the wall
 _SIDE = 2.3  # [rad] largest bearing to either side at which a pillar is in the Husky's view
 _THIN = 0.01  # [m] thickness of walls
@@ -33,13 +33,13 @@ _EDGE = 0.05  # [rad] margin to the last beam of a lidar with a narrower view
 
 @dataclass(frozen=True)
 class Scenario:
-    """A run: a world, a start, a seed of all noise."""
+    """Scenario of a run: a world, a start, a seed of all noise."""
 
     name: str
     world: World
     start: Pose2D  # pose of base_link in the world
     seed: int = 0
-    pillar: str = PILLAR_NAME  # name of the body to drive to
+    pillar: str = PILLAR_NAME  # name of the object that is the goal
 
 
 SICK = simulator_config().lidar
@@ -47,7 +47,7 @@ SICK = simulator_config().lidar
 
 @dataclass(frozen=True, eq=False)
 class PillarScan:
-    """Scan, and the pillar to be found in it."""
+    """Scan, and the pillar in it, or None."""
 
     scan: Scan
     pillar: Optional[Disc]
@@ -59,7 +59,7 @@ def course_scenario(seed: int = 0) -> Scenario:
 
 
 def random_starts(count: int, seed: int) -> List[Scenario]:
-    """The course's world, started anywhere 2-25 m around its pillar, whichever way the robot faces."""
+    """Return scenarios in the course's world with random starts, 2-25 m from its pillar, with any yaw."""
     course = course_scenario()
     (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
     x, y, _ = pillar.pose_in_world.position
@@ -73,7 +73,7 @@ def random_starts(count: int, seed: int) -> List[Scenario]:
 
 
 def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
-    """The numbers as a scan, too far and too close marked as REP 117 says."""
+    """Return ranges as a scan, with ranges that are too far or too close marked as in REP 117."""
     ranges = np.asarray(ranges, dtype=float)
     with np.errstate(invalid="ignore"):
         ranges = np.where(ranges >= lidar.range_max, np.inf, ranges)
@@ -83,9 +83,9 @@ def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
 
 
 def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConfig = SICK) -> PillarScan:
-    """A scan with a pillar 0.6-25 m away, at any bearing in view, that three beams or more fall on.
+    """Return a scan with a pillar 0.6-25 m away, at any bearing in view, that at least three beams hit.
 
-    With `clutter` other bodies stand around, some in front of the pillar, none nearer to it than 0.3 m.
+    With `clutter` there are other objects, some in front of the pillar, none nearer to it than 0.3 m.
     """
     rng, side = np.random.default_rng([seed, 1, number]), min(_SIDE, lidar.angle_max - _EDGE)
     while True:
@@ -100,7 +100,7 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
 
 
 def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
-    """A scan of boxes, walls, corners, goal posts and rooms with some speckle, and no pillar."""
+    """Return a scan without a pillar: boxes, walls, corners, goal posts and rooms, with some speckle."""
     rng = np.random.default_rng([seed, 2, number])
     ranges = _cast(_clutter(rng), lidar) + rng.normal(0.0, lidar.noise, lidar.beams)
     ranges = np.where(rng.random(lidar.beams) < 0.005, rng.uniform(0.2, 29.0, lidar.beams), ranges)
@@ -108,13 +108,13 @@ def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
 
 
 def _cast(solids: Sequence[Solid], lidar: LidarConfig) -> np.ndarray:
-    """Return the distance to the first body that each beam meets, (N,) [m]; inf if it meets none."""
+    """Return the distance to the first object that each beam hits, (N,) [m]; inf if it hits none."""
     beams = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams)
     return cast_rays(make_scene(solids), Pose(), beams, inf)
 
 
 def _gap(point: Tuple[float, float], solid: Solid) -> float:
-    """Distance from a point to the outline of a body [m]; 0 inside."""
+    """Return the distance from a point to the outline of an object [m]; 0 inside."""
     shape, pose = solid
     x, y, _ = transform_point(inverse(pose), (*point, 0.0))
     if isinstance(shape, Cylinder):
@@ -132,7 +132,7 @@ def _box(x: float, y: float, yaw: float, length: float, width: float = _THIN) ->
 
 
 def _clutter(rng: np.random.Generator) -> List[Solid]:
-    """Bodies, one to three, 0.8-18 m away."""
+    """Return one to three random objects, 0.8-18 m away."""
     solids: List[Solid] = []
     for _ in range(rng.integers(1, 4)):
         distance, bearing = rng.uniform(0.8, 18.0), rng.uniform(-_SIDE, _SIDE)

@@ -1,8 +1,8 @@
-"""Setup of a run except its scene: gains, detector, simulator; parameters of all three by name.
+"""Setup of a run except its scenario: gains, detector, simulator; parameters of all three by name.
 
-In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
+In: names and values, of a command line or a YAML file. Out: `Setup` and `Axis` records.
 
-A parameter of the simulator has its place in the name, as in config/robots/husky.yaml: lidar/noise.
+The name of a simulator parameter has its path in config/robots/husky.yaml, such as lidar/noise.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MAX_VALUES = 1000  # largest number of values of one axis
 
 @dataclass(frozen=True)
 class Setup:
-    """Setup of a drive: everything that it depends on except its scene."""
+    """Setup of a run: everything on which it depends except its scenario."""
 
     control: ControlConfig = field(default_factory=ControlConfig)
     detector: PillarConfig = field(default_factory=PillarConfig)
@@ -46,7 +46,7 @@ class Setup:
         """Return another setup, with some parameters changed by name.
 
         Raises:
-            ConfigError: a name is not a parameter, or a value is not allowed; the text begins with `source`.
+            ConfigError: a name is not a parameter, or a value is not allowed; its text begins with `source`.
         """
         current = parameter_values(self)
         for name in values:
@@ -66,21 +66,26 @@ class Axis:
 
     name: str
     values: Tuple[float, ...]
-    is_geometric: bool = False  # each is the same multiple of the one before
+    is_geometric: bool = False  # neighbouring values have the same ratio
 
     @property
     def label(self) -> str:
-        """Name and unit."""
+        """Return name and unit."""
         return f"{self.name} {unit_of(self.name)}".strip()
 
 
 def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky") -> Setup:
-    """Setup that `evaluate` drives with; ConfigError if the robot has no such profile."""
+    """Return the setup of `evaluate`.
+
+    Raises:
+        ConfigError: the robot has no such profile.
+    """
     simulator = simulator_config(robot)
     if profile not in simulator.robot.profiles:
-        raise ConfigError(f"profile '{profile}' is not the {simulator.robot.title}'s")
+        there_are = ", ".join(simulator.robot.profiles)
+        raise ConfigError(f"the {simulator.robot.title} has no profile '{profile}'; there are: {there_are}")
     if profile == "gazebo":
-        file = share_folder() / "config" / f"{robot}.yaml"  # the differences from the Husky's controller
+        file = share_folder() / "config" / f"{robot}.yaml"  # parameters that differ from the Husky's controller
         setup = Setup(simulator=simulator)
         return load_setup(file, setup) if file.is_file() else setup
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))
@@ -117,12 +122,12 @@ def add_drive_options(parser: argparse.ArgumentParser, command: str, starts: int
 
 
 def parameter_values(setup: Setup) -> Dict[str, Any]:
-    """Every parameter and its value, by name."""
+    """Return the values of all parameters by their names."""
     return {name: value for record in vars(setup).values() for name, value, _ in _parameters(record)}
 
 
 def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
-    """Name, value and metadata of each parameter of a record, and of the records in it."""
+    """Yield name, value and metadata of each parameter of a record, and of the records in it."""
     for item in fields(record):
         value = getattr(record, item.name)
         if is_dataclass(value) and item.metadata:
@@ -137,26 +142,26 @@ METADATA = {
 
 
 def unit_of(name: str) -> str:
-    """Unit of a parameter in brackets, as its help text ends with; empty if it has none."""
+    """Return the unit of a parameter in brackets, from the end of its help text; empty if it has none."""
     unit = re.search(r"\[[^]]+\]$", METADATA[name]["help"])
     return unit.group() if unit else ""
 
 
 def help_line(name: str) -> str:
-    """Range, default and help of a number."""
+    """Return range, default and help of a numeric parameter."""
     metadata, default = METADATA[name], parameter_values(Setup())[name]
     return f"{metadata['min']:g}..{metadata['max']:g}, default {default:g}: {metadata['help']}"
 
 
 def numeric_parameters() -> List[str]:
-    """Names of all parameters that are numbers."""
+    """Return the names of all numeric parameters."""
     return [name for name, value in parameter_values(Setup()).items() if type(value) in (int, float)]
 
 
 def parse_axis(text: str) -> Axis:
-    """An axis from NAME=FIRST:LAST:COUNT or NAME=VALUE,VALUE,...
+    """Return an axis from NAME=FIRST:LAST:COUNT or NAME=VALUE,VALUE,...
 
-    COUNT values at equal distances, or with :log behind it at equal ratios.
+    The COUNT values have equal distances, or with the suffix :log equal ratios.
 
     Raises:
         ConfigError: the text has none of these forms, or a value is not allowed.
@@ -167,9 +172,9 @@ def parse_axis(text: str) -> Axis:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
     kind = type(defaults[name])
     if kind not in (int, float):
-        raise ConfigError(f"{name} is not a number ({METADATA[name]['help']})")
+        raise ConfigError(f"{name} is not a numeric parameter ({METADATA[name]['help']})")
     if not equals:
-        raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {help_line(name)}")
+        raise ConfigError(f"{name} needs values, such as {name}=FIRST:LAST:COUNT; {help_line(name)}")
     is_geometric = grid.endswith(":log")
     try:
         values = _numbers(grid[:-4] if is_geometric else grid, is_geometric)
@@ -185,31 +190,35 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
     *texts, count = grid.split(":") if ":" in grid else (*grid.split(","), "")
     numbers = [float(text) for text in texts]
     if not all(map(math.isfinite, numbers)):
-        raise ValueError("a value is no number")
+        raise ValueError("every value must be a finite number")
     if ":" not in grid:
         return sorted(numbers)
     first, last = numbers
     if not 1 <= int(count) <= MAX_VALUES:
-        raise ValueError(f"{count} values are not in 1..{MAX_VALUES}")
+        raise ValueError(f"COUNT = {count} is not in 1..{MAX_VALUES}")
     if is_geometric and not (first > 0.0 and last > 0.0):
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace
-    return [float(f"{value:.6g}") for value in space(first, last, int(count))]  # easy to read and to type again
+    return [float(f"{value:.6g}") for value in space(first, last, int(count))]  # easy to read and type
 
 
 def load_setup(path: Path, base: Setup) -> Setup:
-    """Setup from a YAML file with some of the controller's parameters; ConfigError for anything else."""
+    """Return a setup with the controller's parameters in a YAML file.
+
+    Raises:
+        ConfigError: the file cannot be read, or has other content.
+    """
     try:
         values = yaml.safe_load(path.read_text())
     except (OSError, UnicodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from None
     if not isinstance(values, dict):
-        raise ConfigError(f"{path}: no parameters in it")
+        raise ConfigError(f"{path} has no parameters; write lines such as 'p_gain_vel: 0.5'")
     driving = {str(name): value for name, value in values.items() if name not in NODE_ONLY}
     return base.with_values(driving, f"{path}: ")
 
 
 def tuned_to_yaml(values: Mapping[str, float], title: str) -> str:
-    """A YAML file of the controller's parameters, each with its help."""
+    """Return the text of a YAML file of the controller's parameters, each with its help."""
     lines = [f"{name}: {value!r}  # {METADATA[name]['help']}" for name, value in values.items()]
     return "\n".join([f"# {title}", *lines]) + "\n"

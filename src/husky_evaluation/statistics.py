@@ -1,4 +1,4 @@
-"""Statistics of paired drives: the same scenes, driven twice.
+"""Statistics of paired runs: the same scenarios, driven twice.
 
 In: differences. Out: means with confidence intervals.
 """
@@ -15,19 +15,19 @@ RESAMPLES, LEVEL = 10000, 0.95
 
 
 class Interval(NamedTuple):
-    """Mean, and the limits between which it would fall in 95 % of repetitions."""
+    """Mean, and the limits between which it would be in 95 % of repetitions."""
 
     mean: float
     low: float
     high: float
 
     def summary(self, unit: str, factor: float = 1.0) -> str:
-        """Interval as text."""
+        """Return the interval as text."""
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 
 
 def bootstrap(differences: ArrayLike) -> Interval:
-    """Mean of finite paired differences, with the percentile interval of the bootstrap; nan without any.
+    """Return the mean of finite paired differences with the bootstrap's percentile interval; nan if none.
 
     The resampling has a fixed seed, so the same differences give the same interval.
     """
@@ -41,7 +41,7 @@ def bootstrap(differences: ArrayLike) -> Interval:
 
 
 def paired_row(title: str, sides: ArrayLike, unit: str, factor: float = 1.0) -> Tuple[Any, ...]:
-    """Row of a table: means of A and of B, (2, N) of N scenes, and B - A with its interval."""
+    """Return a row with the means of A and B, from values (2, N), and B - A with its interval."""
     a, b = np.asarray(sides, dtype=float)
     means = [factor * float(side.mean()) if len(side) else nan for side in (a, b)]
     return title, *means, bootstrap(b - a).summary(unit, factor)

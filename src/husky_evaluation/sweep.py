@@ -1,6 +1,6 @@
-"""Sweep of parameters: the same scenes driven at every point of a grid, as a table and a picture.
+"""Sweep of parameters: runs from the same starts at every point of a grid, as a table and a picture.
 
-In: axes, scenes. Out: a row for each drive, CSV, heat maps.
+In: axes, scenarios. Out: a row for each run, CSV, heat maps.
 """
 
 from __future__ import annotations
@@ -39,44 +39,44 @@ from husky_highlevel_controller.result import Result, Table, every_row
 
 @dataclass(frozen=True)
 class Sweep:
-    """A grid that was driven."""
+    """Results of the runs at all points of a grid."""
 
     axes: Tuple[Axis, ...]
-    scenes: Tuple[str, ...]  # names of the scenes
-    drives: Tuple[DriveResult, ...]  # all scenes point by point; the last axis varies fastest
+    scenes: Tuple[str, ...]  # names of the scenarios
+    drives: Tuple[DriveResult, ...]  # runs of all scenarios, point by point; the last axis varies fastest
 
     @property
     def points(self) -> List[Tuple[float, ...]]:
-        """The values at each point."""
+        """Return the values at each point."""
         return list(itertools.product(*(axis.values for axis in self.axes)))
 
     @property
     def every_drive(self) -> Table:
-        """A row for each drive."""
+        """Return a table with a row for each run."""
         names = [axis.name for axis in self.axes]
         at = (point for point in self.points for _ in self.scenes)
         rows = [{**dict(zip(names, point)), **row(drive)} for point, drive in zip(at, self.drives)]
-        return every_row("Every drive", rows)
+        return every_row("Every run", rows)
 
     def grid(self, quantity: str, share: Any) -> np.ndarray:
-        """A quantity of the drives, brought together over the scenes, with a dimension for each axis."""
+        """Return a metric, combined over the scenarios by `share`, with a dimension for each axis."""
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
         shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
         return np.asarray(share(values.reshape(shape), axis=-1))
 
     @property
     def success(self) -> np.ndarray:
-        """Success at each point of the grid [%]."""
+        """Return the success at each point of the grid [%]."""
         return np.asarray(100.0 * self.grid("good", np.mean))
 
     @property
     def times(self) -> np.ndarray:
-        """Median time to arrival at each point of the grid [s]; nan if most runs do not arrive."""
+        """Return the median time to arrival at each point of the grid [s]; nan if most runs do not arrive."""
         times = self.grid("arrived_at", np.median)
         return np.where(times < inf, times, np.nan)
 
     def panels(self) -> List[Panel]:
-        """Panels of the picture."""
+        """Return the panels of the picture."""
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
         hatched = self.success < 100.0
@@ -88,7 +88,7 @@ class Sweep:
         ]
 
     def best_points(self, count: int = 3) -> Table:
-        """Points with the highest success, and among these with the shortest time; at most `count`."""
+        """Return at most `count` points with the highest success, and among these with the shortest time."""
         success, times = self.success.ravel(), self.times.ravel()
         order = np.lexsort((np.where(np.isnan(times), inf, times), -success))[:count]
         header = [*(axis.name for axis in self.axes), "success [%]", "time to arrival, median [s]"]
@@ -97,7 +97,7 @@ class Sweep:
 
     @property
     def finding(self) -> str:
-        """Sentence about the fraction of points at which every run succeeds."""
+        """Return a sentence on the fraction of points at which every run succeeds."""
         good, count = int((self.success == 100.0).sum()), len(self.points)
         if good == count:
             return f"Every run succeeds at each of the {count} points ({GOOD})."
@@ -105,7 +105,7 @@ class Sweep:
 
 
 def row(drive: DriveResult) -> Dict[str, Any]:
-    """Line of the table for one drive: seconds and metres."""
+    """Return the row of the table for one run, in seconds and metres."""
     return {
         "scene": drive.name, "success": drive.good, "arrived_at": drive.arrived_at, "bound": drive.bound,
         "final_error": drive.final_error, "overshoot": drive.overshoot, "nearest": drive.nearest,
@@ -120,7 +120,7 @@ def sweep(
     workers: Workers,
     drive: Drive = run_scene,
 ) -> Sweep:
-    """Drive every scene at every point of the grid."""
+    """Drive every scenario at every point of the grid."""
     names = [axis.name for axis in axes]
     points = itertools.product(*(axis.values for axis in axes))
     setups = [setup.with_values(dict(zip(names, point))) for point in points]
@@ -162,7 +162,7 @@ def write_sweep(
 
 
 def sweep_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(
         prog=name_as_typed("sweep"),
         description="Drive from the same random starts for every value of one or more parameters.",
@@ -184,7 +184,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         axes = [parse_axis(text) for text in options.axes]
         names = [axis.name for axis in axes]
         if len(set(names)) < len(names):
-            raise ConfigError(f"{max(names, key=names.count)} is given twice")
+            raise ConfigError(f"{max(names, key=names.count)} is given twice; give all its values at once")
         scenes = random_starts(options.starts, options.seed)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)

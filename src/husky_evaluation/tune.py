@@ -1,9 +1,9 @@
 """Tuning: parameters for which an objective over random starts is smallest, checked on new starts.
 
-In: ranges of parameters, an objective. Out: a YAML file for controller.launch, and how good it is.
+In: ranges of parameters, an objective. Out: a YAML file for controller.launch, and its result on new starts.
 
-Optuna proposes whole batches and is told their results in order, so that the same seed finds the same values
-however many drive; the results are kept, so that an interrupted tuning continues.
+Optuna proposes whole batches and gets their results in order, so the same seed finds the same values with any
+number of workers. The results are kept, so the same command resumes an interrupted tuning.
 """
 
 from __future__ import annotations
@@ -52,24 +52,24 @@ HEADER = ("defaults", "found", "found - defaults")
 
 @dataclass(frozen=True)
 class Objective:
-    """Cost of one drive [s]: time beyond what the limits of the robot need, and penalties."""
+    """Cost of one run [s]: time beyond the bound, and penalties."""
 
     failure: float = number(
-        0.0, 1e6, "cost of a run that does not arrive, in place of its time [s]", default=60.0
+        0.0, 1e6, "cost of a run that does not arrive, instead of its time [s]", default=60.0
     )
     touch: float = number(0.0, 1e6, "cost of a touch [s]", default=30.0)
     overshoot: float = number(0.0, 1e6, "cost of each metre beyond the stop distance [s/m]", default=100.0)
     crossing: float = number(0.0, 1e6, "cost of each swing across the pillar's direction [s]", default=1.0)
 
     def cost(self, drive: DriveResult) -> float:
-        """Cost of one drive [s]."""
+        """Return the cost of one run [s]."""
         time = drive.arrived_at - drive.bound if drive.arrived_at < inf else self.failure
         touch = self.touch if drive.touched else 0.0
         return time + touch + self.overshoot * drive.overshoot + self.crossing * drive.crossings
 
     @property
     def formula(self) -> str:
-        """Formula of the objective as text."""
+        """Return the formula of the objective as text."""
         return (
             f"mean over the starts of: time beyond the bound [s], or {self.failure:g} if it does not arrive, "
             f"+ {self.touch:g} for a touch + {self.overshoot:g} x overshoot [m] + {self.crossing:g} x swings"
@@ -77,7 +77,7 @@ class Objective:
 
 
 class Range(NamedTuple):
-    """Range in which a parameter is looked for."""
+    """Range in which a parameter is searched."""
 
     name: str
     low: float
@@ -88,11 +88,11 @@ class Tuned(NamedTuple):
     """Result of tuning."""
 
     values: Dict[str, float]
-    trials: List[Dict[str, Any]]  # a row for each setup that was tried
+    trials: List[Dict[str, Any]]  # rows, one for each setup that was tried
 
 
 def parse_range(text: str, base: Setup) -> Range:
-    """A range from NAME=LOW:HIGH, or NAME for all that is allowed.
+    """Return a range from NAME=LOW:HIGH, or from NAME alone for the whole allowed range.
 
     Raises:
         ConfigError: the text has neither form, or names no parameter of the controller.
@@ -102,7 +102,7 @@ def parse_range(text: str, base: Setup) -> Range:
     own = [item.name for record in (base.control, base.detector) for item in fields(record)]
     numbers = sorted(key for key in own if type(values[key]) in (int, float))
     if name not in numbers:
-        raise ConfigError(f"{name} is not a numeric controller parameter; choose from: {', '.join(numbers)}")
+        raise ConfigError(f"{name} is not a numeric controller parameter; there are: {', '.join(numbers)}")
     allowed = f"{METADATA[name]['min']}:{METADATA[name]['max']}"
     try:
         low, high = map(float, (limits if equals else allowed).split(":"))
@@ -118,12 +118,16 @@ def parse_range(text: str, base: Setup) -> Range:
 
 
 def parse_weights(assignments: Sequence[str]) -> Objective:
-    """The objective with some weights changed: NAME=NUMBER; ConfigError for any other."""
+    """Return the objective with some weights changed by NAME=NUMBER.
+
+    Raises:
+        ConfigError: a name is not a weight, or a value is not a number.
+    """
     weights: Dict[str, Any] = {}
     for name, _, text in (assignment.partition("=") for assignment in assignments):
         try:
             weights[name] = float(text)
-        except ValueError:  # not a number, so the reader of records refuses it
+        except ValueError:  # not a number, so `from_plain` rejects it
             weights[name] = text
     return from_plain(Objective, weights, "--weights ")
 
@@ -138,7 +142,11 @@ def tune(
     workers: Workers,
     drive: Drive = run_scene,
 ) -> Tuned:
-    """Try setups, `base` first, and keep the one of the smallest cost; HuskyError without Optuna."""
+    """Try setups, `base` first, and return the one with the smallest cost.
+
+    Raises:
+        HuskyError: Optuna is not installed.
+    """
     optuna = _optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     defaults = parameter_values(base)
@@ -173,7 +181,8 @@ def _optuna() -> Any:
         import optuna
     except ImportError as error:
         raise HuskyError(
-            f"tune needs Optuna ({error}): pip install -r requirements/cluster.txt, see docs/evaluation.md"
+            f"tune needs Optuna ({error}). Run pip install -r requirements/cluster.txt; see "
+            "docs/evaluation.md"
         ) from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna
@@ -187,7 +196,7 @@ def check(
     workers: Workers,
     drive: Drive = run_scene,
 ) -> Table:
-    """Figures of both setups on the same fresh scenes, with the paired differences."""
+    """Return a table of the metrics of both setups from the same fresh starts, with paired differences."""
     results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]
     shares = [100.0 * float(np.mean([result.good for result in side])) for side in sides]
@@ -204,7 +213,7 @@ def check(
 def result_of_tuning(
     tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
 ) -> Result:
-    """Result of the setups that were `tried`, and of the figures of both setups on `fresh` starts."""
+    """Return the result: parameters, metrics of both setups on `fresh` starts, and all tried setups."""
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
@@ -222,12 +231,12 @@ def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     every_row("Every setup", tuned.trials).write(out / "trials")
     page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
     print(f"{result}\n\nparameters: {file}\npage: {page}")
-    if not is_typed_by_one_command():  # a pip install has no roslaunch
+    if not is_typed_by_one_command():  # otherwise there may be no roslaunch
         print(f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
 
 
 def tune_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(
         prog=name_as_typed("tune"),
         description="Find parameters of the controller, and check them on fresh random starts.",

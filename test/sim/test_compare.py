@@ -40,7 +40,7 @@ def comparison(a, b):
     return Comparison(("a", "b"), times(*a), times(*b))
 
 
-FAILS = "it fails in 1 scenes in which A does not, and A in 0 in which B does not"
+FAILS = "starts at which only B fails: 1, only A: 0"
 
 
 @pytest.mark.parametrize(
@@ -97,20 +97,20 @@ def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys, mon
     assert f"{far}: only B fails  at the pillar after" in capsys.readouterr().out
     (picture,) = (tmp_path / "out").glob("*.png")
     assert picture.stem == f"only_b_fails_{far.replace(' ', '_')}"
-    assert "B is worse than A: it fails in" in (tmp_path / "out" / "index.html").read_text()
+    assert "B is worse than A: starts at which only B fails" in (tmp_path / "out" / "index.html").read_text()
     assert (tmp_path / "out" / "compare.csv").read_text().count("\n") == 3
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a", "'a' is none of FILE.yaml"),
+        ("a", "'a' is not a valid controller; give FILE.yaml"),
         ("nowhere.yaml", "nowhere.yaml: .*No such file"),
-        ("nowhere.py:decide", "nowhere.py: no such Python file or module"),
-        ("no_module:decide", "no_module: no such Python file or module"),
+        ("nowhere.py:decide", "nowhere.py is not a Python file or module that can be read"),
+        ("no_module:decide", "no_module is not a Python file or module that can be read"),
         ("FILE:nothing", "nothing is not a function"),
         ("FILE:other", "has no attribute 'other'"),
-        ("package/file.launch", "package/file.launch: a launch file needs ROS; use rosrun"),
+        ("package/file.launch", "package/file.launch: a launch file needs ROS; run rosrun"),
         ("FILE:broken", r"timid\.py:broken fails in start 0: ZeroDivisionError"),
     ],
 )
@@ -125,8 +125,8 @@ def test_what_is_no_contestant_or_fails_is_named(tmp_path, text, sentence):
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [
-        (("--profile", "robot"), "--profile robot: a launch file drives with profile gazebo only"),
-        (("--robot", "smb"), "--robot smb: a launch file drives the husky only"),
+        (("--profile", "robot"), "--profile robot does not work with a launch file; use --profile gazebo"),
+        (("--robot", "smb"), "--robot smb does not work with a launch file; use --robot husky"),
     ],
 )
 def test_a_launch_file_is_known_by_its_package_and_drives_with_one_profile_only(

@@ -73,7 +73,7 @@ def test_the_cost_is_as_it_says():
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("gain=1:2", "gain is not a numeric controller parameter; choose from: arrival_tolerance, "),
+        ("gain=1:2", "gain is not a numeric controller parameter; there are: arrival_tolerance, "),
         ("search", "search is not a numeric controller parameter"),
         ("lidar/noise=0:1", "lidar/noise is not a numeric controller parameter"),
         ("p_gain_vel=1", "p_gain_vel = '1' is not LOW:HIGH, such as 0.0:10.0"),

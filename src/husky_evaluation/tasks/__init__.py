@@ -1,1 +1,1 @@
-"""Many tasks at once: by the processes of this machine, or by a Dask cluster."""
+"""Parallel tasks, by the processes of this machine or by a Dask cluster."""

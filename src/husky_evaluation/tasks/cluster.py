@@ -28,14 +28,14 @@ try:
     from distributed.comm import CommClosedError
 except ImportError as missing:
     raise HuskyError(
-        f"--cluster needs Dask ({missing}): pip install -r requirements/cluster.txt, see docs/cluster.md"
+        f"--cluster needs Dask ({missing}). Run pip install -r requirements/cluster.txt; see docs/cluster.md"
     ) from None
 
 CONNECT_DEADLINE = 20.0  # [s] longest wait for the scheduler's answer
 WORKER_DEADLINE = 600.0  # [s] longest wait for a worker that may be used
 POLL_PERIOD = 1.0  # [s] time between two updates of the list of workers
 OUR_PACKAGE = __name__.split(".")[0]
-ROS = "ROS"  # the resource of workers on which ROS programs can be started
+ROS = "ROS"  # resource of workers on which ROS programs can be started
 
 
 class Cluster:
@@ -49,7 +49,7 @@ class Cluster:
         try:
             self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
-            raise HuskyError(f"--cluster {address}: no Dask scheduler answers there: {error}") from None
+            raise HuskyError(f"--cluster {address}: no Dask scheduler answers: {error}") from None
 
     def close(self) -> None:
         """Disconnect; the cluster continues to run."""
@@ -61,7 +61,7 @@ class Cluster:
         Other workers take over the tasks of a lost worker. Closing the iterator cancels all waiting tasks.
 
         Raises:
-            HuskyError: no worker can do it, or the scheduler is gone.
+            HuskyError: no worker can do the tasks, or the scheduler has gone.
         """
         _send_by_value(task)
         todo: Deque[int] = deque(range(len(groups)))
@@ -80,7 +80,7 @@ class Cluster:
                     number = todo.popleft()
                     try:
                         payload = cloudpickle.dumps((task, groups[number]))
-                    except Exception as error:  # such as a file that cannot be read
+                    except Exception as error:  # any error, for example of a file that cannot be read
                         yield number, error
                         continue
                     running[self._submit(payload, workers, starts_programs)] = (number, workers)
@@ -89,10 +89,10 @@ class Cluster:
                     failure = future.exception() if future.status == "error" else None
                     if isinstance(failure, KilledWorker):
                         place = f"task {number + 1} of {len(groups)}"
-                        failure = HuskyError(f"{place} ended every worker that did it: {failure}")
+                        failure = HuskyError(f"every worker that did {place} ended: {failure}")
                     yield number, failure or _unpacked(future.result())
         except (CommClosedError, CancelledError, OSError) as error:
-            raise HuskyError(f"--cluster {self._address}: the scheduler is gone: {error}") from None
+            raise HuskyError(f"--cluster {self._address}: the scheduler has gone: {error}") from None
         finally:
             for future in running:
                 future.cancel()
@@ -106,7 +106,7 @@ class Cluster:
             )
 
     def _ended(self, running: Dict[Future, Any]) -> List[Future]:
-        """Tasks that have ended, after POLL_PERIOD at the latest."""
+        """Wait at most POLL_PERIOD, and return the tasks that have ended."""
         try:
             with self._client.as_current():
                 return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)
@@ -114,7 +114,11 @@ class Cluster:
             return []
 
     def _wait_for_workers(self, starts_programs: bool) -> FrozenSet[str]:
-        """The workers that may be used now; HuskyError if all are refused, or none came in time."""
+        """Wait for workers that may be used, and return them.
+
+        Raises:
+            HuskyError: all workers are rejected, or no worker came in time.
+        """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
@@ -125,17 +129,20 @@ class Cluster:
             if workers:
                 return workers
             if infos and set(infos) <= set(self._refused):
-                raise HuskyError(f"--cluster {self._address}: every worker is refused, see above")
+                raise HuskyError(f"--cluster {self._address}: every worker is rejected, see above")
             if infos and self._fit & set(infos):
                 raise HuskyError(
-                    f"--cluster {self._address}: no worker has the resource: --resources {ROS}=1"
+                    f"--cluster {self._address}: no worker has the resource {ROS}; start one with "
+                    f"--resources {ROS}=1"
                 )
             if time.monotonic() > end:
-                raise HuskyError(f"--cluster {self._address}: no worker came in {WORKER_DEADLINE:g} s")
+                raise HuskyError(
+                    f"--cluster {self._address}: no worker connected within {WORKER_DEADLINE:g} s; start one"
+                )
             time.sleep(POLL_PERIOD)
 
     def _check(self, infos: Dict[str, Dict[str, Any]]) -> None:
-        """Check new workers' threads, Python and package, and say which are refused."""
+        """Check threads, Python and package of new workers, and print which ones are rejected and why."""
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
@@ -152,29 +159,29 @@ class Cluster:
             else:
                 version = self._version_of(address)
                 if not version:
-                    continue  # it has left, so it is checked again
+                    continue  # the worker has gone; if it returns, it is checked again
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
                 name = infos[address].get("name", address)
-                print(f"worker {name} at {address} is refused: {why}", file=sys.stderr)
+                print(f"worker {name} at {address} is rejected: {why}", file=sys.stderr)
                 self._refused[address] = why
             else:
                 self._fit |= {address}
 
     def _version_of(self, address: str) -> str:
-        """Version of the package on a worker, or a sentence on why it has none; empty if it has left."""
+        """Return the version of the package on a worker, or why it has none; empty if it has gone."""
         try:
             version = self._client.run(_asker(OUR_PACKAGE), workers=[address]).get(address, "")
         except OSError:
             return ""
-        except Exception as error:  # an error in its code; another worker may be good
+        except Exception as error:  # any error of its code, because another worker may be good
             return f"its {OUR_PACKAGE} cannot be read: {type(error).__name__}: {error}"
         return str(version)
 
 
 def _send_by_value(task: Callable[[Any], Any]) -> None:
-    """Send the code of a task's module, unless that is installed and found by its name on the worker."""
+    """Let cloudpickle send the code of a task's module, unless the worker can import it by its name."""
     while isinstance(task, partial):
         task = task.func
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
@@ -184,7 +191,7 @@ def _send_by_value(task: Callable[[Any], Any]) -> None:
 
 
 def perform_packed(payload: bytes) -> bytes:
-    """Do a group of tasks on a worker; the scheduler sees bytes only."""
+    """Do a group of tasks on a worker; the scheduler only sees bytes."""
     task, group = pickle.loads(payload)
     return pickle.dumps(perform(task, group))
 
@@ -193,7 +200,7 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
     """Return a worker's answer, or the reason why it cannot be read, because the other tasks continue."""
     try:
         answer: Answer = pickle.loads(payload)
-    except Exception as error:  # unpickling may run any code of a class
+    except Exception as error:  # any error, because unpickling may run code of a class
         return error
     return answer
 
@@ -201,7 +208,7 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
 def _asker(package: str) -> Callable[[], str]:
     """Return a function that returns the version of the package on a worker.
 
-    A nested one is sent by its code, not by its name, so that a worker without the package can answer.
+    A nested function is sent by its code, not by its name, so a worker without the package can answer.
     """
 
     def ask() -> str:
@@ -215,6 +222,6 @@ def _asker(package: str) -> Callable[[], str]:
             version = importlib.import_module(f"{package}.tasks.fingerprint").code_version()
             return str(version)
         except ImportError:
-            return f"its {package} is an older one"
+            return f"its {package} is an older version"
 
     return ask

@@ -1,4 +1,4 @@
-"""Names, options and exit codes that are common to the commands of many tasks.
+"""Names, options and exit codes that several commands share.
 
 In: an argument parser. Out: options, exit codes.
 """
@@ -15,7 +15,7 @@ from typing import Any, Callable, Iterator
 from husky_highlevel_controller.datatypes import HuskyError
 
 STOPPED = 130  # exit code of a command that Ctrl-C ended
-ONE_COMMAND = "husky"  # command that `pip install .` brings, with the others as its sub-commands
+ONE_COMMAND = "husky"  # command of `pip install .`, with the other commands as its sub-commands
 
 
 def name_as_typed(command: str) -> str:
@@ -24,7 +24,7 @@ def name_as_typed(command: str) -> str:
 
 
 def is_typed_by_one_command() -> bool:
-    """Return whether the user started ONE_COMMAND, so that there may be no ROS."""
+    """Return whether the user started ONE_COMMAND, and so there may be no ROS."""
     return Path(sys.argv[0]).stem == ONE_COMMAND
 
 
@@ -55,7 +55,7 @@ def add_worker_options(
 
 
 def positive(text: str) -> int:
-    """A whole number above 0, for argparse."""
+    """Return a whole number above 0, for argparse."""
     number = int(text)
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
@@ -63,7 +63,7 @@ def positive(text: str) -> int:
 
 
 def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
-    """A type of argument for argparse: a number in a range."""
+    """Return a type of argument for argparse: a number in a range."""
 
     def number(text: str) -> float:
         if not low <= kind(text) <= high:
@@ -80,7 +80,7 @@ seed_value = between(int, 0, 2**31 - 1001)  # random seeds; each run adds its nu
 def exit_codes(name: str) -> Iterator[None]:
     """Exit with 2 on bad input (a sentence) or a bug (a traceback), and with STOPPED on Ctrl-C.
 
-    Python's own exit code of an exception is 1, which means "a figure missed" or "less than full marks" here.
+    Python's own exit code of an exception is 1, which means "a metric missed" or "less than full marks" here.
     """
     try:
         yield

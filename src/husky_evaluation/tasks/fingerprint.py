@@ -28,7 +28,7 @@ GENERATED = ("msg", "srv", "cfg")  # folders that catkin's install space adds to
 
 
 def fingerprint(value: Any) -> str:
-    """SHA-256 of the content of a value, so that equal values have equal ones in every process.
+    """Return the SHA-256 of the content of a value; equal values have the same one in every process.
 
     Raises:
         TypeError: a part of the value has a type without a fingerprint.
@@ -75,7 +75,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
 
 @lru_cache(maxsize=1)
 def code_version() -> str:
-    """Version of the package, and a hash of the sources of OURS, parameters, worlds and robot description."""
+    """Return the version of the package, and a hash of the sources of OURS, parameters, worlds and robots."""
     digest, sources, share = hashlib.sha256(), Path(__file__).resolve().parents[2], share_folder()
     found = [path for package in OURS for path in (sources / package).rglob("*.py")]
     files = {f"src/{path.relative_to(sources).as_posix()}": path for path in found}
@@ -91,7 +91,7 @@ def code_version() -> str:
 
 
 def processor() -> str:
-    """Name of this machine's processor; empty if it is unknown."""
+    """Return the name of this machine's processor; empty if unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
@@ -101,7 +101,7 @@ def processor() -> str:
 
 @lru_cache(maxsize=1)
 def machine() -> str:
-    """Processor, Python and libraries; if these differ, the last bits of results may differ too."""
+    """Return processor, Python and libraries; if these differ, the last bits of results may differ, too."""
     parts = [platform.machine(), processor(), f"Python {platform.python_version()}"]
     for library in ("numpy", "pybullet"):
         try:

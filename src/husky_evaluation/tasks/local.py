@@ -27,7 +27,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 
 Group = Sequence[Any]  # items that are sent to a worker together
 Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group
-# number of a group, and its answer or why there is none
+# number of a group, and its answer or the error
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2)
 MAX_DEATHS = 3  # number of ended processes after which the group is at fault
@@ -43,8 +43,8 @@ def run_here(
 ) -> Answers:
     """Yield the answers in the order in which they come, or the exception of a group.
 
-    A process that is killed is replaced, and its group done again; a group that ends its process MAX_DEATHS
-    times has a HuskyError. Closing the iterator cancels the others.
+    A killed process is replaced, and its group is done again. The answer of a group that ends its process
+    MAX_DEATHS times is a HuskyError. Closing the iterator cancels the other groups.
     """
     todo = deque(range(len(groups)))
     deaths: CounterType[int] = Counter()
@@ -57,7 +57,7 @@ def run_here(
             executor = ProcessPoolExecutor(jobs, get_context("fork"), _obey_the_first)
         try:
             while todo or running:
-                # a group that may have ended a process is tried alone, so that no other gets the blame
+                # a group that may have ended a process is tried alone, so no other group can be the cause
                 while todo and len(running) < (1 if deaths[todo[0]] else 2 * jobs):
                     running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
                     todo.popleft()
@@ -76,16 +76,9 @@ def run_here(
                 losses.remove(worst)
             todo.extendleft(reversed(losses))
         finally:
-            _end(executor)
-
-
-def _end(executor: Executor) -> None:
-    """Wait for running tasks, and cancel the waiting ones; Python 3.8 does those too.
-
-    Future.cancel is not used, because a pool with cancelled futures may hang at its end (Python 3.11.2,
-    gh-94777).
-    """
-    executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
+            # waits for running tasks, and cancels the waiting ones; Python 3.8 does them, too. Future.cancel
+            # is not used, because a pool with cancelled futures may hang at its end (Python 3.11.2, gh-94777)
+            executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
 
 
 def _obey_the_first() -> None:

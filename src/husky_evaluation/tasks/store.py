@@ -1,8 +1,8 @@
-"""Results that are kept in a file, so that the same command continues after it was ended.
+"""Results that are kept in a file, so the same command can resume.
 
-In: results by fingerprint. Out: the same ones, in a later process.
+In: results by fingerprint. Out: the same results, in a later process.
 
-The file holds pickles: open only one that this package wrote for you.
+The file has pickles, so open only a file that this package wrote for you.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ class Store:
     """File of results; a saved result survives even if the process is killed at once."""
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file; HuskyError if it is another kind of file or cannot be written."""
+        """Open or create the file.
+
+        Raises:
+            HuskyError: it is another kind of file, or cannot be written.
+        """
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -32,7 +36,7 @@ class Store:
                 self._file.close()
                 raise
         except (sqlite3.Error, OSError) as error:
-            raise HuskyError(f"{path}: results cannot be kept there: {error}") from error
+            raise HuskyError(f"{path} cannot keep results: {error}") from error
 
     def load(self, key: str) -> Any:
         """Return the result, or None if there is none."""
@@ -40,13 +44,17 @@ class Store:
         return pickle.loads(row[0]) if row else None
 
     def save(self, results: Dict[str, Any]) -> None:
-        """Keep results; HuskyError if that fails, such as on a full disk."""
+        """Keep results.
+
+        Raises:
+            HuskyError: they cannot be written, for example on a full disk.
+        """
         rows = [(key, pickle.dumps(result)) for key, result in results.items()]
         try:
             with self._file:
                 self._file.executemany("INSERT OR REPLACE INTO results VALUES (?, ?)", rows)
         except sqlite3.Error as error:
-            raise HuskyError(f"{self._path}: results cannot be kept there: {error}") from error
+            raise HuskyError(f"{self._path} cannot keep results: {error}") from error
 
     def close(self) -> None:
         """Close the file."""

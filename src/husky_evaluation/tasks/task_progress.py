@@ -1,6 +1,6 @@
 """Progress of many tasks on standard error: a bar on a terminal, otherwise a line every ten seconds.
 
-In: how many tasks have ended. Out: text for people.
+In: the number of tasks that have ended. Out: text for people.
 """
 
 from __future__ import annotations
@@ -11,9 +11,7 @@ from typing import Any, Callable
 
 from tqdm import tqdm
 
-LINE_PERIOD = (
-    10.0  # [s] between two lines if standard error is not a terminal, such as in the log of a CI server
-)
+LINE_PERIOD = 10.0  # [s] time between two lines if standard error is not a terminal, as in a CI log
 
 
 class Progress:
@@ -32,7 +30,7 @@ class Progress:
         self._bar.close()
 
     def update(self, count: int = 1) -> None:
-        """Count tasks that have ended, and show how many there are and how long the others will take."""
+        """Count tasks that have ended, and show their number and the remaining time."""
         self._done += count
         self._bar.update(count)
         now = self._clock()

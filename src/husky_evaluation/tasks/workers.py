@@ -1,6 +1,6 @@
-"""Maps a pure task over items, by this machine's processes or by a Dask cluster: the same results in order.
+"""Maps a pure task over items, by this machine's processes or by a Dask cluster, with the same results.
 
-In: a function, its items. Out: results, their hash, the machines that computed them.
+In: a function, its items. Out: results in order, their hash, the machines that computed them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from husky_evaluation.tasks.task_progress import Progress
 from husky_highlevel_controller.datatypes import HuskyError
 
 Task = Callable[[Any], Any]
-OnError = Callable[[Any, Exception], Any]  # returns the result of an item whose task has failed, or raises
+OnError = Callable[[Any, Exception], Any]  # returns the result of an item with a failed task, or raises
 
 
 class Workers:
@@ -26,10 +26,10 @@ class Workers:
     def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
         """Connect to processes of this machine, or to the Dask scheduler at tcp://host:8786 or the like.
 
-        Results that the file `resume` holds are not computed again.
+        Results that are in the file `resume` are not computed again.
 
         Raises:
-            HuskyError: Dask is not installed, no scheduler answers, or the file is of another kind.
+            HuskyError: Dask is not installed, no scheduler answers, or the file is another kind of file.
         """
         if jobs < 1:
             raise HuskyError(f"jobs = {jobs} is less than 1")
@@ -46,7 +46,7 @@ class Workers:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Leave the cluster, close the file."""
+        """Leave the cluster and close the file."""
         if self._cluster:
             self._cluster.close()
         if self._store:
@@ -55,18 +55,18 @@ class Workers:
     def map(
         self, task: Task, items: Iterable[Any], title: str = "", chunk: int = 1, starts_programs: bool = False
     ) -> List[Any]:
-        """The task's result for each item, in order; progress and the time left go to standard error.
+        """Return the task's result for each item, in order; progress goes to standard error.
 
         Args:
-            task: a function of one item without side effects; it and the items can be pickled.
+            task: function of one item without side effects; task and items can be pickled.
             items: arguments of the calls.
             title: name of the tasks in the progress.
-            chunk: number of items that are sent to a worker at once; more if one takes milliseconds.
-            starts_programs: whether the task starts ROS. If so, it runs in a thread of this process, or on
-                workers of the cluster that have the resource ROS.
+            chunk: number of items that are sent to a worker at once; use more for tasks of milliseconds.
+            starts_programs: the task starts ROS, so it runs in a thread of this process, or on workers of the
+                cluster that have the resource ROS.
 
         Raises:
-            HuskyError: a worker cannot do it. Exceptions of the task are raised too.
+            HuskyError: a worker cannot do it. Exceptions of the task are raised, too.
         """
         items = list(items)
         results = dict(self.as_completed(task, items, title, chunk, starts_programs))
@@ -83,7 +83,7 @@ class Workers:
         starts_programs: bool = False,
         on_error: Optional[OnError] = None,
     ) -> Iterator[Tuple[int, Any]]:
-        """Results as of `map`, with the number of each item, in the order in which they come.
+        """Yield the results of `map`, with the number of each item, in the order in which they come.
 
         `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
         worker. It returns the result of that item.
@@ -122,12 +122,12 @@ class Workers:
 
     @property
     def results_hash(self) -> str:
-        """SHA-256 of all results of all maps so far, on whatever machine they were computed."""
+        """Return the SHA-256 of all results of all maps so far, independent of the machines."""
         return str(self._digest.hexdigest())
 
     @property
     def summary(self) -> str:
-        """Hash and machines of the results, for a report: on one kind of machine it is always the same."""
+        """Return hash and machines of the results, for a report; on one kind of machine they are the same."""
         kinds = sorted(self._machines)
         several = f"{len(kinds)} kinds of machines, whose last bits may differ: " if len(kinds) > 1 else ""
         return f"results {self.results_hash} by {several}{'; '.join(kinds)}"

@@ -39,9 +39,9 @@ def test_an_axis_is_read(text, values):
         ("p_gain_vel", "p_gain_vel=FIRST:LAST:COUNT; 0..10, default 2: forward speed"),
         ("gain=1:2:3", "gain is not a parameter; there are: arrival_tolerance, "),
         ("p_gain_vel=0:20:3", r"p_gain_vel = 20.0 is out of range 0.0..10.0 \(forward speed"),
-        ("p_gain_vel=nan:1:3", "p_gain_vel = 'nan:1:3' is not .*: a value is no number"),
-        ("min_beams=inf,3", "min_beams = 'inf,3' is not .*: a value is no number"),
-        ("p_gain_vel=0:1:0", "0 values are not in 1..1000"),
+        ("p_gain_vel=nan:1:3", "p_gain_vel = 'nan:1:3' is not .*: every value must be a finite number"),
+        ("min_beams=inf,3", "min_beams = 'inf,3' is not .*: every value must be a finite number"),
+        ("p_gain_vel=0:1:0", "COUNT = 0 is not in 1..1000"),
         ("p_gain_vel=0:1:3:log", "equal ratios need numbers above 0"),
         ("p_gain_vel=a", "p_gain_vel = 'a' is not"),
         ("search=0,1", "search is not a number"),
@@ -71,7 +71,7 @@ def test_the_controllers_own_file_is_the_default_setup():
     [
         ("p_gain_vel: 11", "p_gain_vel = 11 is out of range"),
         ("gain: 1", "gain is not a parameter"),
-        ("[1]", "no parameters in it"),
+        ("[1]", "has no parameters; write lines"),
         ("a: [", "while parsing"),
     ],
 )

@@ -107,7 +107,7 @@ def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
     cluster.work("changed", path=other / "src")
     cluster.work("threads", "--nthreads", "2", *WORKER[2:])
     with Workers(cluster=cluster.address) as workers, pytest.raises(
-        HuskyError, match="every worker is refused"
+        HuskyError, match="every worker is rejected"
     ):
         workers.map(noise, range(4))
     cluster.work("good")
@@ -115,7 +115,7 @@ def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
     assert hash_of(noise, range(20), cluster=cluster.address) == hash_of(noise, range(20), jobs=1)
     told = capfd.readouterr().err
     assert "worker bare at tcp://127.0.0.1:" in told
-    assert "is refused: it has no package husky_evaluation" in told
+    assert "is rejected: it has no package husky_evaluation" in told
     assert "worker changed at" in told
     assert re.search(r"; here it is \d+\.\d", told)
     assert "it has 2 threads; start it with --nthreads 1" in told
@@ -126,7 +126,7 @@ def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
     from husky_evaluation.tasks import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_DEADLINE", 0.5)
-    with pytest.raises(HuskyError, match=r"--cluster tcp://127.0.0.1:1: no Dask scheduler answers there"):
+    with pytest.raises(HuskyError, match=r"--cluster tcp://127.0.0.1:1: no Dask scheduler answers"):
         Workers(cluster="tcp://127.0.0.1:1")
 
 
@@ -157,5 +157,5 @@ def test_a_scheduler_that_dies_is_told(cluster):  # the last: the others have th
         results = workers.as_completed(noise, list(range(100)))
         next(results)
         cluster.started[0].kill()
-        with pytest.raises(HuskyError, match=f"--cluster {cluster.address}: the scheduler is gone"):
+        with pytest.raises(HuskyError, match=f"--cluster {cluster.address}: the scheduler has gone"):
             list(results)
