@@ -1,11 +1,11 @@
-// Drives from the page: keys W A S D and the pad, as long as they are held, and the emergency stop.
-// What is held is sent again and again; where the page, the network or the key goes, nothing is sent, and the robot stops.
+// Drives from the page by the keys W A S D and the pad while they are held, and sends the emergency stop.
+// A held command is sent repeatedly; if the page or the network has gone or the key is released, the robot stops.
 (() => {
   "use strict";
   const PERIOD = 50; // [ms] between two commands while something is held
   const KEYS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1], KeyD: [0, -1] };
-  const LOST = "Connection lost: the simulator has ended, or the network has. Start ./dev launch again; this page waits for it.";
-  const PENDING = "Connection lost: the emergency stop has NOT been sent. It is sent as soon as the connection is back.";
+  const LOST = "Connection lost: the simulator has ended, or the network is down. Run ./dev launch again; this page waits for it.";
+  const PENDING = "Connection lost: the emergency stop has NOT been sent. It will be sent as soon as the connection is back.";
   const held = new Set();
   let pad = null; // [linear, angular], each -1..1, while the pad is dragged
   let socket = null;
@@ -23,7 +23,7 @@
     }
     if (banner !== null) banner.textContent = text;
   };
-  root.classList.add("husky-connecting"); // not viser's panel for developers
+  root.classList.add("husky-connecting"); // hides viser's panel for developers
   const ready = setInterval(() => {
     if (document.querySelector(".husky-e-stop") === null) return;
     clearInterval(ready);
@@ -31,7 +31,7 @@
     spoken.className = "husky-spoken";
     spoken.setAttribute("role", "status"); // read out when its text changes; the state bar itself changes all the time
     document.body.append(spoken);
-    const scenePad = document.createElement("div"); // of a phone, over the scene
+    const scenePad = document.createElement("div"); // pad of a phone, over the scene
     scenePad.className = "husky-pad husky-scene-pad";
     scenePad.setAttribute("aria-hidden", "true");
     scenePad.innerHTML = '<div class="husky-knob"></div>';
@@ -46,7 +46,7 @@
     if (spoken.textContent !== state) spoken.textContent = state;
   };
 
-  try { // the server asks for it by viser's storage: the choice made here, or else the browser's own
+  try { // the server reads it through viser's storage: the choice made here, otherwise the browser's own
     const prefers = matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0";
     localStorage.setItem(viserClient.storage("is-dark"), localStorage.getItem(viserClient.storage("dark")) ?? prefers);
   } catch { /* a browser that stores nothing sees the day */ }
@@ -54,7 +54,7 @@
   const connect = () => {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
     socket.onopen = () => {
-      say(stopIsPending ? "The emergency stop that was pressed meanwhile has been sent." : "");
+      say(stopIsPending ? "The emergency stop that you pressed has now been sent." : "");
       if (stopIsPending) setTimeout(() => say(socket.readyState === WebSocket.OPEN ? "" : LOST), 6000);
       if (stopIsPending) send({ e_stop: true });
       stopIsPending = false;
@@ -66,7 +66,7 @@
   };
   const send = (message) => {
     if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
-    else if (message.e_stop) { // a release is not: who knows what has happened meanwhile
+    else if (message.e_stop) { // a release is not kept, because the situation may have changed
       stopIsPending = true;
       say(PENDING);
     }
@@ -104,7 +104,7 @@
   const isTyping = (target) =>
     target instanceof Element && target.closest("input, textarea, select, [contenteditable=true]") !== null;
   window.addEventListener("keydown", (event) => {
-    if (event.code === "Space" && !isTyping(event.target)) { // on a button too: Enter presses those
+    if (event.code === "Space" && !isTyping(event.target)) { // on a button, too, because Enter also presses it
       event.stopImmediatePropagation();
       event.preventDefault();
       release();
@@ -112,7 +112,7 @@
       return;
     }
     if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
-    event.stopImmediatePropagation(); // the camera would fly off by the same keys
+    event.stopImmediatePropagation(); // the same keys would move the camera
     event.preventDefault();
     if (!event.repeat) {
       held.add(event.code);
@@ -173,10 +173,10 @@
     follow(element, event);
   }, true);
   document.addEventListener("pointerdown", (event) => {
-    // viser prevents the default in a passive listener when a thing is dragged: only an error in the console
+    // while an object is dragged, viser prevents the default in a passive listener, which only logs errors
     if (event.target instanceof HTMLCanvasElement) event.preventDefault = () => {};
   }, true);
-  // the bar may be drawn anew while the button is held down: what was pressed counts, where it is let go
+  // the bar may be drawn again while the button is held down, so the pressed button counts, not the released one
   const stopButton = (element) => (element instanceof Element ? element.closest("[data-husky-e-stop]") : null);
   const sendStop = (button) => send({ e_stop: button.dataset.huskyEStop === "true" });
   let pressed = null;
@@ -189,11 +189,11 @@
     pressed = null;
   }, true);
   document.addEventListener("click", (event) => {
-    const button = event.detail === 0 ? stopButton(event.target) : null; // by a key, not by a pointer
+    const button = event.detail === 0 ? stopButton(event.target) : null; // pressed by a key, not by a pointer
     if (button !== null) sendStop(button);
   }, true);
   window.addEventListener("load", () => {
-    if (location.search.includes("token=")) history.replaceState(null, "", "/"); // it is a cookie by now
+    if (location.search.includes("token=")) history.replaceState(null, "", "/"); // the token is now a cookie
   });
   connect();
 })();

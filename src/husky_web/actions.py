@@ -1,4 +1,4 @@
-"""Service calls of the page, one after the other in a thread of their own, each with a deadline."""
+"""Service calls of the page, one after the other in their own thread, each with a deadline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import viser
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.xml_rpc import ask
 
-NOTICE_TIME = 6.0  # [s] time that a sentence stays in the page
+NOTICE_TIME = 6.0  # [s] time for which a notification is shown
 CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0  # [s] wall time for a service call, and for a long one
 MASTER_DEADLINE = 2.0  # [s] wall time for an answer of the ROS master
 Work = Callable[[], Optional[str]]  # returns a sentence for the page, or None
@@ -45,12 +45,12 @@ class Actions:
                 sentence, is_good = f"{type(error).__name__}: {error}", False
                 rospy.logwarn(f"{title}: {traceback.format_exc()}")
             if sentence and client is not None:
-                with contextlib.suppress(Exception):  # the page may have been closed meanwhile
+                with contextlib.suppress(Exception):  # the page may have been closed
                     notify(client, title, sentence, is_good)
 
 
 def parameter(name: str, default: Any) -> Any:
-    """Value of a parameter; the default if it is not set, or the master does not answer in time."""
+    """Return the value of a parameter; the default if it is not set or the master does not answer in time."""
     value = ask(rosgraph.get_master_uri(), "getParam", rospy.get_name(), name, deadline=MASTER_DEADLINE)
     return default if value is None else value
 
@@ -63,10 +63,10 @@ def notify(client: viser.ClientHandle, title: str, sentence: str, is_good: bool 
 
 
 def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = None) -> Any:
-    """Answer of a service, which gets `timeout` [s], by default CALL_TIMEOUT, to give it.
+    """Call a service, and return its answer, which must come within `timeout` [s], by default CALL_TIMEOUT.
 
     Raises:
-        HuskyError: it is not there, fails, or does not answer in time.
+        HuskyError: the service does not exist, fails, or does not answer in time.
     """
     answer: futures.Future[Any] = futures.Future()
 
@@ -81,19 +81,19 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     try:
         return answer.result(seconds)
     except futures.TimeoutError:
-        raise HuskyError(f"{service} has not answered for {seconds:g} s; it may still do it") from None
+        raise HuskyError(f"{service} has not answered for {seconds:g} s; it may still act") from None
     except Exception as error:
         raise HuskyError(f"{service}: {error}") from None
 
 
 def call(service: str, kind: Any, *args: Any, timeout: Optional[float] = None) -> str:
-    """Sentence of a service that answers success and a sentence.
+    """Call a service that answers success and a sentence, and return the sentence.
 
     Raises:
-        HuskyError: it is not there, refuses, or does not answer in time.
+        HuskyError: the service does not exist, fails, or does not answer in time.
     """
     answer = answer_of(service, kind, *args, timeout=timeout)
     sentence = getattr(answer, "status_message", getattr(answer, "message", ""))
     if not getattr(answer, "success", True):
-        raise HuskyError(str(sentence) or f"{service} says no")
+        raise HuskyError(str(sentence) or f"{service} failed without a reason")
     return str(sentence)

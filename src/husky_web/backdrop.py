@@ -1,7 +1,7 @@
 """Backdrop of the 3D view: ground, sky and light by day and by night, contact shadows.
 
-Ground and sky are triangles with colours at their corners: without a graphics card a shader that calculates a
-grid takes as long as both, and so does a texture; shadows of lights would take a second a frame.
+Ground and sky are triangles with colours at their corners, because without a graphics card a shader that
+calculates a grid takes as long as both, and so does a texture. Shadows would take a second per frame.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from husky_web.viser_private import place, show_in_page
 
 SIDES = 48  # sides of the ground's rim and of the sky's dome
 RADIUS = 400.0  # [m] distance from the robot to the horizon
-# [m]: from the robot to the checker's end; between two lines; half of a line's width
+# [m] distance from the robot to the end of the checker; distance of two lines; half of a line's width
 CHECKER, SECTION, LINE = 25, 5, 0.03
 CONTRAST = 0.09  # contrast of the checker's 1 m squares to the ground's colour, near the robot
 STEP = 2 * SECTION  # [m] step of the checker behind the robot; its pattern repeats itself
@@ -36,7 +36,7 @@ class Look(NamedTuple):
     haze: Colour  # colour of the ground at the horizon
     horizon: Colour  # colour of the sky at the horizon
     zenith: Colour
-    line: float  # brighter than the ground by this share
+    line: float  # fraction by which a line is brighter than the ground
     sun: float  # intensity of the directional light
     sky: float  # intensity of the light from above and below
 
@@ -50,7 +50,7 @@ LOOKS = {
 
 
 class Backdrop:
-    """Ground, sky and lights of every page; each page shows those of the day or of the night."""
+    """Ground, sky and lights of all pages; each page shows either the day or the night."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
         scene.configure_default_lights(False)
@@ -78,7 +78,7 @@ def show_backdrop(client: viser.ClientHandle, is_dark: bool) -> None:
 
 
 def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], center: Vector3) -> Any:
-    """Add a blurred dark rectangle below a body of this outline (x, y) [m], as a child of its node."""
+    """Add a blurred dark rectangle below an object with this outline (x, y) [m], as a child of its node."""
     width, depth = (float(side) + 2.0 * SHADOW_BLUR for side in size[:2])
     alpha = np.outer(_fade(depth), _fade(width))
     image = np.zeros((SHADOW_PIXELS, SHADOW_PIXELS, 4), np.uint8)
@@ -87,7 +87,7 @@ def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], cent
 
 
 def _fade(length: float) -> np.ndarray:
-    """Opacity along a side of the shadow [m]: 0 at its ends, 1 from twice the blur inwards."""
+    """Return the opacity along a side of the shadow [m]: 0 at its ends, 1 from twice the blur inwards."""
     from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))
     t = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
     smooth: np.ndarray = t * t * (3.0 - 2.0 * t)
@@ -95,7 +95,7 @@ def _fade(length: float) -> np.ndarray:
 
 
 def scenery(look: Look) -> bytes:
-    """Ground with a checker of 1 m and lines every SECTION, and dome of the sky, as a binary glTF."""
+    """Return ground, with a checker of 1 m and lines every SECTION, and sky as a binary glTF."""
     parts = (checker(look), _surroundings(look))
     quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))  # (N, 4, 3) [m], (N, 4, 3)
     brightness = float(colors.max())  # glTF's colours end at 1
@@ -114,7 +114,7 @@ def scenery(look: Look) -> bytes:
 
 
 def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
-    """Quads and colours of the ground near the robot; farther away the contrast would only flicker."""
+    """Return quads and colours of the ground near the robot, because farther away a checker would flicker."""
     edges = np.unique(
         [
             metre + side
@@ -133,7 +133,7 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
-    """Quads and colours of the ground from the checker to the horizon, and of the sky."""
+    """Return quads and colours of the ground from the checker to the horizon, and of the sky."""
     angles = np.linspace(0.0, 2.0 * pi, SIDES + 1)
     around = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
     up = np.array((0.0, 0.0, RADIUS))

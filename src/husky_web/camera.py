@@ -14,31 +14,33 @@ from husky_web.viser_private import look
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
 FIELD_OF_VIEW = radians(34.0)  # angle of the view's height; with a wider one, upright objects seem to lean
-# from what it looks at [m]; of FOLLOW with x along the robot's heading
+# [m] offsets of the camera from its target; for FOLLOW, x is along the robot's heading
 OFFSETS = {FOLLOW: (-5.5, 1.75, 0.45), PILLAR: (-6.4, -7.1, 1.6), ABOVE: (-0.01, 0.0, 34.0)}
-AIM = 0.75  # [m] above the robot or the pillar's point: looked down at, what stands upright leans
-JUMP = 1.0  # [m] motion that means that the robot was put elsewhere
+AIM = (
+    0.75  # [m] height of the target above the robot or pillar; seen from above, upright objects seem to lean
+)
+JUMP = 1.0  # [m] motion that means that the robot was moved by a service
 TURN_SHARE = 0.08  # fraction of the heading error corrected per update
-STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad]: less is not worth a message
-SENT, SAME = 100, 0.01  # positions remembered, and the distance [m] of two that are one
+STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad] motion below which no message is sent
+SENT, SAME = 100, 0.01  # number of remembered positions; [m] distance of two equal ones
 
 
 class Camera:
-    """Moves a page's camera, and takes over what the page's mouse does with it."""
+    """Moves a page's camera, and keeps the changes of the page's mouse."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
         self._name, self._is_placed, self._is_settled = FOLLOW, False, False
-        self._at: Vector3 = (0.0, 0.0, 0.0)  # [m], the point that it looks at
+        self._at: Vector3 = (0.0, 0.0, 0.0)  # [m] target of the camera
         self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]  # [rad], [m]
         self._sent: Deque[Vector3] = deque(maxlen=SENT)
 
     def choose(self, name: str) -> None:
-        """Take another of CAMERAS."""
+        """Choose one of CAMERAS."""
         self._name, self._is_placed = name, False
 
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Move with what it looks at, in the fixed frame [m]."""
+        """Move with the robot or the pillar, both in the fixed frame [m]."""
         robot = None if base is None else base.position
         looked_at = pillar if self._name == PILLAR else robot
         camera = self._client.camera
@@ -67,10 +69,10 @@ class Camera:
         self._is_placed, self._at = True, target
 
     def _take_over(self, camera: Any) -> None:
-        """Look from where the page's mouse has put the camera.
+        """Keep the offset that the page's mouse has given the camera.
 
-        The page's reports come late: a position that was sent to it is none of the mouse. Position and
-        rotation of a report belong together, the point that it looks at may be newer.
+        The page's reports come late, so a position that was sent to it is not the mouse's. Position and
+        rotation of a report belong together, but its target may be newer.
         """
         position = camera.position.tolist()
         is_sent = any(dist(position, sent) < SAME for sent in self._sent)

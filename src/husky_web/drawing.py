@@ -1,4 +1,4 @@
-"""Draws pieces with viser: a piece becomes a node of its scene, and one that cannot is left out."""
+"""Drawing of pieces with viser: a piece becomes a node of its scene, or is left out with a warning."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def warn_left_out(source: str, reason: str) -> None:
 
 
 def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose) -> List[Any]:
-    """Add nodes below `parent` for pieces that have this pose in it, one for each that is visible."""
+    """Add a node below `parent` for each visible piece, with this pose in `parent`, and return the nodes."""
     nodes: List[Any] = []
     for piece in pieces:
         name = f"{parent}/{len(nodes)}"
@@ -99,12 +99,12 @@ def _is_visible(piece: Piece) -> bool:
 
 
 def clickable(nodes: Sequence[Any]) -> List[Any]:
-    """Nodes that the mouse can take hold of."""
+    """Return the nodes that the mouse can grasp."""
     return [node for node in nodes if isinstance(node, viser.MeshHandle)]
 
 
 def bounds(nodes: Sequence[Any]) -> Tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner (x, y, z) [m] of meshes, in the frame of their parent."""
+    """Return the lowest and highest corner (x, y, z) [m] of meshes, in the frame of their parent."""
     points = []
     for node in nodes:
         w, x, y, z = node.wxyz.tolist()
@@ -114,13 +114,13 @@ def bounds(nodes: Sequence[Any]) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def rgb(rgba: Rgba) -> Tuple[int, int, int]:
-    """A colour in bytes, without its opacity."""
+    """Return a colour in bytes, without its opacity."""
     r, g, b = (round(255.0 * min(max(value, 0.0), 1.0)) for value in rgba[:3])
     return (r, g, b)
 
 
 def dashes(start: Vector3, end: Vector3) -> np.ndarray:
-    """Segments (N, 2, 3) of a dashed line [m]; counted from its start, they stay while its end moves."""
+    """Return segments (N, 2, 3) of a dashed line [m], which stay in place while only its end moves."""
     way = np.array(end) - np.array(start)
     length = float(np.linalg.norm(way))
     count = int(min(length, MAX_DASHES) / DASH + 1.0) // 2

@@ -33,7 +33,7 @@ or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to st
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
 # label, limit of Teleop and highest value of each slider [m/s], [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
-# name, unit and digits of each number below the lights; those of the drive are in the state bar
+# name, unit and digits of each number below the lights; the state bar has the other numbers
 READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("scans", "Hz", 1))
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
@@ -45,7 +45,7 @@ SERVICES: Dict[str, Any] = {  # the simulator's service of each button: name, de
     BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
 ON_ITS_WAY = 1.0  # [s] longest delay of a message
-MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
+MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown; characters of a name or a message
 
 
 class DriveTab:
@@ -60,14 +60,14 @@ class DriveTab:
         controller: str,
         simulator: str,
     ) -> None:
-        """Build the tab; `moves` is entered while something is put elsewhere."""
+        """Build the tab; `moves` is entered while something is moved."""
         self._actions, self._teleop, self._moves = actions, teleop, moves
-        self._stops = Actions()  # a stop waits for no other button's call
+        self._stops = Actions()  # own queue, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # state of the controller, by its diagnostics
-        self._told: Optional[bool] = None  # start or stop from a page, if it is newer than the state
-        self._told_at = -inf  # [s] wall time of it
+        self._request: Optional[bool] = None  # start or stop from a page, if it is newer than the state
+        self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
         self._start: Any = gui.add_button_group("Controller", (START, STOP))
@@ -96,15 +96,15 @@ class DriveTab:
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
                     # messages that were sent before the service answered are older than the answer
-                    if (self._state != STOPPED) is self._told or now - self._told_at > ON_ITS_WAY:
-                        self._told = None
+                    if (self._state != STOPPED) is self._request or now - self._requested_at > ON_ITS_WAY:
+                        self._request = None
 
     def update(self, readings: Readings, is_paused: Optional[bool]) -> None:
         """Show new readings and states.
 
         Args:
             readings: numbers of READINGS.
-            is_paused: whether the simulated world is paused; None if there is none.
+            is_paused: the simulated world is paused; None if there is no simulator.
         """
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
@@ -115,14 +115,14 @@ class DriveTab:
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
         self._lights.clear()
-        self._state, self._told = "", None
+        self._state, self._request = "", None
 
     def _on_start_stop(self, event: Any) -> None:
         starts = event.target.value == START
         self._actions.do(lambda: self._start_stop(starts), event.client, "Controller")
 
     def stop(self) -> None:
-        """Stop the controller, so that it stands still when the emergency stop is released."""
+        """Stop the controller, so it does not drive after the emergency stop is released."""
         self._stops.do(lambda: self._start_stop(False), None, "Controller")
 
     def again(self, client: Any) -> None:
@@ -137,24 +137,24 @@ class DriveTab:
         self._actions.do(work, client, "Drive again")
 
     def activity(self) -> Tuple[str, int, str]:
-        """State of the controller, empty if unknown; level and sentence of its complaint, if any."""
+        """Return the state of the controller, empty if unknown; level and sentence of its fault, if any."""
         name = self._controller.strip("/")
         level, sentence = next(
             (light for key, light in self._lights.items() if key.startswith(name)), (0, "")
         )
-        if self._told is False:
+        if self._request is False:
             return STOPPED, 0, ""
-        if self._told and self._state == STOPPED:
+        if self._request and self._state == STOPPED:
             return STARTED, 0, ""
         return self._state, level, sentence if level > 0 else ""
 
     def _start_stop(self, starts: bool) -> str:
         if starts and self._teleop.is_locked:
-            raise HuskyError("the emergency stop is on: release it first")
+            raise HuskyError("the emergency stop is on; release it first")
         name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         sentence = call(service, SetBool, starts)
-        self._told_at, self._told = monotonic(), starts
+        self._requested_at, self._request = monotonic(), starts
         return sentence
 
     def _on_simulation(self, event: Any) -> None:
@@ -169,7 +169,7 @@ class DriveTab:
 
 
 def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str:
-    """Readings and lights; whatever a node says of itself is text, never markup."""
+    """Return HTML of readings and lights; texts of nodes are escaped."""
     table = "".join(
         f"<dt>{name}</dt><dd>{fixed(reading, digits)} {unit}</dd>"
         for (name, unit, digits), reading in zip(READINGS, readings)

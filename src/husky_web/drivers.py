@@ -43,7 +43,7 @@ class Drivers:
         self._last: Dict[Tuple[str, str], Command] = {}  # last command by input and sender
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:
-        """Take in commands by input, which came at `time` and `now` as of `Command`."""
+        """Take in commands by input, which came at `time` and `now`, see `Command`."""
         for name, msg in received:
             sender = msg._connection_header["callerid"]
             self._last.pop((name, sender), None)
@@ -53,7 +53,7 @@ class Drivers:
             self._last.pop(next(iter(self._last)))
 
     def command(self, time: Optional[float], now: float) -> Optional[Command]:
-        """The command of the strongest input that counts at `time` and `now`, the newest of several."""
+        """Return the newest command of the strongest input that counts at `time` and `now`, if any."""
         living = [command for command in self._last.values() if command.counts(time, now)]
         return min(reversed(living), key=lambda command: INPUTS.index(command.name), default=None)
 
@@ -63,5 +63,5 @@ class Drivers:
 
 
 def short_name(node: str) -> str:
-    """Name of a node without the numbers of an anonymous one."""
+    """Return the name of a node, without the numbers of an anonymous node."""
     return _ANONYMOUS.sub("", node)

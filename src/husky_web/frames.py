@@ -11,8 +11,8 @@ from typing import Deque, Dict, List, Optional, Tuple
 from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 
-MEMORY = 100  # poses kept of each frame: 2 s at the 50 Hz of a Husky's odometry
-MAX_DEPTH = 100  # a chain that is longer runs in a circle
+MEMORY = 100  # poses that are kept for each frame, which is 2 s at the 50 Hz of a Husky's odometry
+MAX_DEPTH = 100  # length of a chain beyond which it must be a circle
 
 
 class Frames:
@@ -24,11 +24,11 @@ class Frames:
 
     @property
     def names(self) -> List[str]:
-        """Every frame there is."""
+        """Return the names of all frames."""
         return sorted({*self._parents, *self._parents.values()})
 
     def update(self, parent: str, child: str, stamp: float, pose_child_in_parent: Pose) -> None:
-        """Take in one transform [s]; a stamp that runs backwards clears the frame, as after a bag's end."""
+        """Take in one transform; a stamp [s] that runs backwards clears the frame, as after a bag's end."""
         poses = self._poses.setdefault(child, deque(maxlen=MEMORY))
         if self._parents.get(child) != parent or (poses and stamp < poses[-1][0]):
             poses.clear()
@@ -36,13 +36,13 @@ class Frames:
         poses.append((stamp, pose_child_in_parent))
 
     def stamp(self, child: str) -> Optional[float]:
-        """Stamp [s] of a frame's newest pose in its parent; None for a root and for an unknown frame."""
+        """Return the stamp [s] of a frame's newest pose in its parent; None for a root or unknown frame."""
         return self._poses[child][-1][0] if child in self._poses else None
 
     def pose(self, child: str, root: str, stamp: Optional[float] = None) -> Optional[Pose]:
-        """pose_child_in_root at the known moment nearest to `stamp` [s]; the latest without one.
+        """Return the pose of `child` in `root` at the known time nearest to `stamp` [s], or the latest pose.
 
-        None where the two are not connected.
+        None if the two frames are not connected.
         """
         if child == root:
             return IDENTITY
@@ -53,7 +53,7 @@ class Frames:
         return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 
     def _in_top(self, frame: str, stop: str, stamp: Optional[float]) -> Tuple[str, Pose]:
-        """The first of `stop` and the tree's root that is found on the way up, and the pose in it."""
+        """Return `stop` if it is above a frame, otherwise the tree's root, and the frame's pose in it."""
         pose = IDENTITY
         for _ in range(MAX_DEPTH):
             if frame == stop or frame not in self._parents:

@@ -1,4 +1,4 @@
-"""Layers of the view and the legend: every drawn thing has a row with its colour."""
+"""Layers of the view and the legend: each drawn part has a row with its colour."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Layer(NamedTuple):
     name: str
     title: str
     color: Optional[Rgb]  # None if it has several
-    is_shown: bool  # true if it is shown at the beginning
+    is_shown: bool  # shown at the beginning
 
 
 LAYERS = (
@@ -36,39 +36,31 @@ MARKERS = {
     IN_ODOM: "pillar in odom",
     IN_LASER: "pillar in the lidar's frame",
     ESTIMATE: "pillar, remembered",
-    TARGET: "where the lidar is to stop",
+    TARGET: "stop point of the lidar",
 }
 
 
 def add_layers(gui: viser.GuiApi, on_change: Callable[[str, bool], None]) -> viser.GuiInputHandle[bool]:
-    """Add a box for each layer, with the dot of its colour; returns that of the depth points."""
+    """Add a box for each layer, with the dot of its colour, and return the box of the depth points."""
     for layer in LAYERS:
         if layer.color is not None:
             gui.add_html(_dot_of_next(layer.name, layer.color))
         box = gui.add_checkbox(layer.title, layer.is_shown, hint="for every page")
-        box.on_update(partial(_tell, on_change, layer.name))
+        box.on_update(partial(_pass_on, on_change, layer.name))
         if layer.name == "markers":
-            rows = "".join(
-                f"<div>{_dot(_rgb(COLORS[namespace]))}{title}</div>" for namespace, title in MARKERS.items()
-            )
-            gui.add_html(f'<div class="husky-block husky-legend">{rows}</div>')
+            rows = []
+            for namespace, title in MARKERS.items():
+                color = tuple(round(255.0 * getattr(COLORS[namespace], part)) for part in "rgb")
+                rows.append(f'<div><i class="husky-dot" style="background: rgb{color}"></i>{title}</div>')
+            gui.add_html(f'<div class="husky-block husky-legend">{"".join(rows)}</div>')
     return box
 
 
-def _tell(on_change: Callable[[str, bool], None], name: str, event: Any) -> None:
+def _pass_on(on_change: Callable[[str, bool], None], name: str, event: Any) -> None:
     on_change(name, event.target.value)
 
 
-def _dot(color: Rgb) -> str:
-    return f'<i class="husky-dot" style="background: rgb{color}"></i>'
-
-
 def _dot_of_next(name: str, color: Rgb) -> str:
-    """Invisible element by which viser.css draws a dot before the label of the box that follows."""
+    """Return an invisible element with which viser.css draws a dot before the label of the next box."""
     rule = f"div:has(> .husky-layer-{name}) + * {{ --husky-dot: rgb{color}; }}"
     return f'<i class="husky-layer husky-layer-{name}" hidden></i><style>{rule}</style>'
-
-
-def _rgb(color: object) -> Rgb:
-    r, g, b = (round(255.0 * getattr(color, part)) for part in "rgb")
-    return (r, g, b)

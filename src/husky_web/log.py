@@ -1,6 +1,6 @@
 """The log: a ring of lines, filtered, as HTML.
 
-In: rosgraph_msgs/Log, and rosout's file for what was logged before. Out: HTML.
+In: rosgraph_msgs/Log, and rosout's file with earlier lines. Out: HTML.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional
 from husky_highlevel_controller.ros.refused_connection import shorten
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
-CAPACITY = 2000  # lines kept
-EARLIER = 1000  # lines kept of those that were logged before this buffer was there
-# a line of rosout.log; file and line of the code, and the node's topics stand in brackets
+CAPACITY = 2000  # lines that are kept
+EARLIER = 1000  # earlier lines that are read from the file
+# pattern of a line of rosout.log; file and line of the code and the node's topics are in brackets
 _ROSOUT = re.compile(
     r"(\d+\.\d+) (DEBUG|INFO|WARN|ERROR|FATAL) (\S+) (?:\[[^\]]*\] )?(?:\[topics: [^\]]*\] )?(.*)"
 )
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 DAY_ONE = 1e9  # [s] smallest stamp (2001) that is not simulated time
-SHOWN, SHOWN_LETTERS = 150, 30_000  # lines of one page, and letters of all: a browser with more stays behind
+SHOWN, SHOWN_LETTERS = 150, 30_000  # lines and characters of one page; a browser is too slow for more
 MAX_LETTERS = 5000  # largest number of characters of a line
 
 
@@ -39,16 +39,16 @@ class Line(NamedTuple):
 class Counted(NamedTuple):
     """Row of the log that is shown."""
 
-    line: Line  # the newest of those that are alike
-    times: int
+    line: Line  # newest of equal lines
+    times: int  # number of equal lines
 
 
 class Filter(NamedTuple):
-    """Conditions of the lines that are shown: all must be met; an empty text meets every line."""
+    """Conditions of a shown line, which must all be met; every line has an empty text."""
 
-    level: int = LEVELS["info"]  # and worse
+    level: int = LEVELS["info"]  # lowest level
     node: str = ""  # part of the node's name
-    text: str = ""  # part of the line, in any case
+    text: str = ""  # part of the line, in upper or lower case
 
     def passes(self, line: Line) -> bool:
         """Return whether a line is shown."""
@@ -76,7 +76,7 @@ class LogBuffer:
         self.count += 1
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
-        """Put the last EARLIER lines of a file before those that came by themselves, each line once."""
+        """Put the last EARLIER lines of a file before the lines of messages, each line once."""
         known = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
         earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in known]
         earlier = earlier[-EARLIER:]
@@ -84,10 +84,10 @@ class LogBuffer:
         self.count += len(earlier)
 
     def select(self, condition: Filter) -> List[Counted]:
-        """The newest lines that pass, newest first, as many as a page can show.
+        """Return the newest lines that pass, newest first, as many as a page can show.
 
-        Lines of a node that differ in their numbers only are one row with the newest of them, unless a text
-        is searched.
+        Lines of a node that differ only in their numbers are one row with the newest line, unless a text is
+        searched.
         """
         counts: Counter[Any] = Counter()
         passing: Dict[Any, Line] = {}
@@ -102,7 +102,7 @@ class LogBuffer:
 
 
 def lines_of_rosout(text: str) -> List[Line]:
-    """Lines of the file that the rosout node writes; a line that does not begin as one continues the last."""
+    """Return the lines of the rosout node's file; a line without a stamp continues the one before."""
     lines: List[Line] = []
     for row in text.splitlines():
         found = _ROSOUT.match(row)
@@ -120,7 +120,7 @@ def _cut(text: str) -> str:
 
 
 def log_to_html(rows: Iterable[Counted]) -> str:
-    """Rows as HTML; whatever a node has logged is text, never markup."""
+    """Return rows as HTML; texts of nodes are escaped."""
     names = {number: name for name, number in LEVELS.items()}
     divisions = [
         f'<div class="{names.get(line.level, "info")}"><span class="time">{_moment(line.stamp)}</span> '
@@ -132,7 +132,7 @@ def log_to_html(rows: Iterable[Counted]) -> str:
 
 
 def _moment(stamp: float) -> str:
-    """Simulated time in seconds, or the time of day (UTC) of a node that keeps the machine's time."""
+    """Return simulated time in seconds, or the time of day (UTC) of a node that uses the wall clock."""
     if stamp < DAY_ONE:
         return f"{stamp:.2f}"
     return datetime.fromtimestamp(stamp, timezone.utc).strftime("%H:%M:%S")

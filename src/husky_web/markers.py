@@ -1,4 +1,4 @@
-"""Markers as RViz draws them: what a Marker message looks like, and which markers there are.
+"""Markers as RViz draws them: the pieces of a Marker message, and the set of markers that are shown.
 
 In: visualization_msgs. Out: meshes, lines, points and texts in the marker's own frame.
 """
@@ -20,7 +20,7 @@ from husky_web import shapes
 from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
 MAX_COPIES = 2000  # copies of a cube or sphere in a list; a page with more does not turn smoothly
-# cost of drawing in a browser, in points of a cloud. With more, its emergency stop comes late
+# cost of drawing in a browser, in points of a cloud; with more, its emergency stop would come late
 MAX_POINTS, MAX_COST = 100_000, 300_000  # limit of one marker, limit of all
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
 MAX_LETTERS = 500  # largest number of characters of a text
@@ -30,7 +30,7 @@ Key = Tuple[str, str, int]  # topic, namespace, id
 
 
 def primitives(marker: Marker) -> List[Piece]:
-    """Shapes of a marker in its own frame; empty for one that RViz would refuse."""
+    """Return the shapes of a marker in its own frame; empty if RViz would reject it."""
     size = (marker.scale.x, marker.scale.y, marker.scale.z)
     if not all(isfinite(value) for value in size):
         return []
@@ -68,7 +68,7 @@ _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.C
 
 
 def appearance(marker: Marker) -> Tuple[Any, ...]:
-    """Appearance of a marker: what `primitives` depends on, to the millimetre; equal looks are drawn once."""
+    """Return all that `primitives` depends on, to the millimetre; the same appearance is drawn once."""
     scale, color = marker.scale, marker.color
     return (
         marker.type,
@@ -83,17 +83,17 @@ def appearance(marker: Marker) -> Tuple[Any, ...]:
 
 
 def frame_of_message(msg: Any) -> str:
-    """Frame of a message, without a slash that TF does not know."""
+    """Return the frame of a message, without a leading slash."""
     return str(msg.header.frame_id).lstrip("/")
 
 
 def points_of(marker: Marker) -> np.ndarray:
-    """Points (N, 3) float32 [m] of a marker, in its own frame."""
+    """Return the points (N, 3) float32 [m] of a marker, in its own frame."""
     return np.array([(p.x, p.y, p.z) for p in marker.points], np.float32).reshape(-1, 3)
 
 
 def markers_of(msg: Any) -> Sequence[Marker]:
-    """The markers of a Marker, a MarkerArray or a Path; a path is a line, an empty one deletes it."""
+    """Return the markers of a Marker, a MarkerArray or a Path; a path is a line, an empty path deletes it."""
     if isinstance(msg, Marker):
         return [msg]
     if not isinstance(msg, Path):
@@ -106,7 +106,7 @@ def markers_of(msg: Any) -> Sequence[Marker]:
 
 
 def pose_of(marker: Marker) -> Optional[Pose]:
-    """The marker's pose in its frame; an all-zero quaternion is none (RViz), NaN makes no pose."""
+    """Return the marker's pose in its frame, or None for NaN; zeros do not rotate, as in RViz."""
     position, quat = pose_from_msg(marker.pose)
     length = sum(value * value for value in quat) ** 0.5
     if not all(isfinite(value) for value in (*position, *quat)):
@@ -118,7 +118,7 @@ def pose_of(marker: Marker) -> Optional[Pose]:
 
 
 def cost(marker: Marker) -> int:
-    """Cost of drawing a marker, in points of a cloud."""
+    """Return the cost of drawing a marker, in points of a cloud."""
     if marker.type in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
         return COPY_COST * min(len(marker.points), MAX_COPIES)
     if marker.type == Marker.TEXT_VIEW_FACING:
@@ -127,16 +127,16 @@ def cost(marker: Marker) -> int:
 
 
 class Markers:
-    """Markers in force: added, replaced, deleted, gone after their lifetime; bounded in their cost."""
+    """Markers that are shown: they are added, replaced, deleted and expire, and their cost is limited."""
 
     def __init__(self) -> None:
         self.shown: Dict[Key, Marker] = {}
-        self.is_full = False  # a marker was left out, for those shown cost MAX_COST
+        self.is_full = False  # a marker was left out, because it would exceed MAX_COST
         self._cost = 0
         self._ends: Dict[Key, float] = {}  # [s]
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:
-        """Do what a message says; `now` [s] is any clock that `expire` uses as well."""
+        """Apply a message; `now` [s] is the time of the same clock as in `expire`."""
         key = (topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
             self._remove(key)
@@ -157,12 +157,12 @@ class Markers:
                 self._remove(other)
 
     def expire(self, now: float) -> None:
-        """Take away what has lived its time [s]."""
+        """Remove markers whose lifetime has ended at `now` [s]."""
         for key in [key for key, end in self._ends.items() if now >= end]:
             self._remove(key)
 
     def clear(self) -> None:
-        """Take all away."""
+        """Remove all markers."""
         self.shown.clear()
         self._ends.clear()
         self._cost, self.is_full = 0, False
@@ -174,7 +174,7 @@ class Markers:
 
 
 def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
-    """Arrow by pose and scale (length, width, height), or from the first point to the second."""
+    """Return an arrow by pose and scale (length, width, height), or from the first point to the second."""
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
         mesh = shapes.arrow((1.0 - ARROW_HEAD) * length, 0.5 * thick, ARROW_HEAD * length, thick)
@@ -198,7 +198,7 @@ def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> L
 
 
 def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
-    """Solids of the parts, one for each colour."""
+    """Return solids of the parts, one for each colour."""
     groups: Dict[Rgba, List[Any]] = {}
     for part, color in zip(parts, colors):
         r, g, b, a = (float(value) for value in color)
@@ -207,7 +207,7 @@ def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
 
 
 def _colors(marker: Marker, count: int) -> np.ndarray:
-    """A colour for each point (count, 4); the marker's own where the message has not one for each."""
+    """Return a colour for each point (count, 4), or the marker's own if the number of colours differs."""
     if count and len(marker.colors) == count:
         return np.array([(c.r, c.g, c.b, c.a) for c in marker.colors])
     return np.tile(_rgba(marker.color), (count, 1))

@@ -1,4 +1,4 @@
-"""Mouse in the scene: each page has a tool, and the scene's nodes pass on clicks and drags."""
+"""Mouse in the scene: each page has a tool, and the scene's nodes report clicks and drags."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from husky_web.pages import DELETE, LOOK, MOVE, PUT, Page
 from husky_web.scene import BASE, Scene
 from husky_web.state_bar import Moving
 
-if TYPE_CHECKING:  # it imports messages, which tests without a workspace do not have
+if TYPE_CHECKING:  # the module imports messages, which tests without a workspace do not have
     from husky_web.world_tab import WorldTab
 
-FARTHEST = 200.0  # [m]; a click just below the horizon means no place
-# slope below the horizon from which on a grasp moves on its level: by a flatter ray it would fly away
+FARTHEST = 200.0  # [m] largest distance of a click, because one just below the horizon is not exact
+# slope below the horizon above which a grasp moves on its level; with a flatter ray it would move too far
 STEEP = 0.05
 
 
 class Mouse:
-    """Binds clicks and drags to the nodes that some page's tool acts on; all others turn the view."""
+    """Binds clicks and drags to the nodes on which a page's tool acts; on other nodes they turn the view."""
 
     def __init__(
         self, scene: Scene, objects: Objects, world: WorldTab, moving: Moving, pages: Dict[int, Page]
@@ -32,20 +32,20 @@ class Mouse:
         objects.on_new = self._bind_object
 
     def bind(self) -> None:
-        """Bind every node by the tools that the pages have now."""
+        """Bind every node according to the tools of the pages."""
         for key, shown in list(self._objects.shown.items()):
             self._bind_object(key, shown)
         self.bind_robot()
 
     def bind_robot(self) -> None:
-        """Let the robot be dragged while some page has the tool for it."""
+        """Let the robot be dragged while a page has the tool for it."""
         for node in self._scene.robot_shapes:
             node.remove_drag_callback("all")
             if self._is_used(MOVE):
                 node.on_drag("left")(self._on_drag_robot)
 
     def release(self, page: int) -> None:
-        """End the drags of a page that was closed; what it dragged stays where it was."""
+        """End the drags of a closed page; the objects stay where they were."""
         for key in [key for key, drag in list(self._drags.items()) if drag.page == page]:
             self._end(key)
 
@@ -74,7 +74,7 @@ class Mouse:
                 node.on_drag("left")(partial(self._on_drag_object, key))
 
     def on_ground(self, event: Any) -> None:
-        """Put the chosen shape where a page with the tool for it has clicked."""
+        """Put the chosen shape at the point that a page with the tool for it has clicked."""
         if self._tool(event) != PUT:
             return
         point = point_on_level(event.ray_origin, event.ray_direction, self._scene.ground)
@@ -85,7 +85,7 @@ class Mouse:
         if self._tool(event) == DELETE and key in self._objects.shown and not self._objects.delete(key):
             self._world.delete(event.client, key[1])
 
-    async def _on_drag_object(self, key: Key, event: Any) -> None:  # async: viser keeps the order of those
+    async def _on_drag_object(self, key: Key, event: Any) -> None:  # async, because viser keeps their order
         shown = self._objects.shown.get(key)
         if shown is None or self._tool(event) != MOVE:
             return
@@ -119,19 +119,19 @@ class Mouse:
 
 
 class Drag:
-    """Object that the mouse drags over the ground; where it was grasped it stays under the mouse."""
+    """Object that the mouse drags over the ground; its grasped point stays under the mouse."""
 
     def __init__(
         self, page: int, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Pose], None]
     ) -> None:
-        """A page begins at a pose in the fixed frame; `show` draws it, `drop` gets the last one."""
+        """Begin a page's drag at a pose in the fixed frame; `show` draws a pose, `drop` gets the last one."""
         self.page = page
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
         self._grasp: Any = None
         self._is_level = True
 
     def on_event(self, event: Any) -> None:
-        """Follow the mouse: its ray is cut with a plane through the grasp."""
+        """Follow the mouse to the intersection of its ray with a plane through the grasp."""
         eye = [float(value) for value in event.client.camera.position]
         if event.phase == "start" or self._grasp is None:
             self._grasp = tuple(float(value) for value in event.start_position)
@@ -151,21 +151,21 @@ class Drag:
 
 
 def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:
-    """Intersection of a ray with the plane at height `z` [m]; None behind the camera or too far."""
+    """Return the intersection of a ray with the plane at height `z` [m]; None if behind or too far."""
     return _meeting(origin, direction, (0.0, 0.0, z), (0.0, 0.0, 1.0))
 
 
 def point_before(
     origin: Sequence[float], direction: Sequence[float], point: Sequence[float]
 ) -> Optional[Vector3]:
-    """Intersection of a ray with the upright plane through a point [m] that faces the ray's origin."""
+    """Return the intersection of a ray with the upright plane through a point [m] that faces its origin."""
     return _meeting(origin, direction, point, (point[0] - origin[0], point[1] - origin[1], 0.0))
 
 
 def _meeting(
     origin: Sequence[float], direction: Sequence[float], point: Sequence[float], normal: Sequence[float]
 ) -> Optional[Vector3]:
-    """Intersection of a ray with the plane through a point; None behind the origin, or too far."""
+    """Return the intersection of a ray with the plane through a point; None behind the origin, or too far."""
     along = sum(a * b for a, b in zip(direction, normal))
     if abs(along) < 1e-9:
         return None

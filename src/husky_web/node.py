@@ -47,13 +47,13 @@ from husky_web.world_tab import WorldTab
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
-NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
+NETWORK_PERIOD = 3.0  # [s] between two looks at the topics of the network
 ROSOUT_BYTES = 1_000_000  # bytes of rosout's file that are read; a line has about 700
-IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
+IDLE_PERIOD = 1.0  # [s] longest wait without a page, until the node checks whether to end
 
-SOFTWARE = (  # shown by viser_client.js in place of viser's warning, which covers the scene
-    '<div class="husky-block husky-software">This browser draws without a graphics card: '
-    "fewer pictures a second.</div>"
+SOFTWARE = (  # shown by viser_client.js instead of viser's warning, which covers the scene
+    '<div class="husky-block husky-software">This browser has no graphics card, so it draws '
+    "fewer pictures per second.</div>"
 )
 
 
@@ -68,18 +68,18 @@ class WebConfig:
     rate: float = number(1.0, 60.0, "rate of the view [Hz]", 20.0)
     fixed_frame: str = setting("frame in which everything is drawn", "odom")
     controller: str = setting("controller node to start and stop", "/husky_highlevel_controller")
-    simulator: str = setting("node of pause, spawn and the like", "/husky_simulator")
+    simulator: str = setting("simulator node, with services such as pause and spawn", "/husky_simulator")
     scan_topic: str = setting("sensor_msgs/LaserScan", load_robot().topics.scan)
     cloud_topic: str = setting("sensor_msgs/PointCloud2", "camera/depth/points")
     odometry_topic: str = setting("nav_msgs/Odometry", load_robot().topics.odometry)
-    truth_topic: str = setting("nav_msgs/Odometry, if any", "ground_truth/odom")
+    truth_topic: str = setting("nav_msgs/Odometry with true poses, if any", "ground_truth/odom")
     command_topic: str = setting(
         "geometry_msgs/TwistStamped, the wheels' command", load_robot().topics.limited_command
     )
 
 
 class WebNode:
-    """Shows the robot to every page that is open; while there is none, it listens to the log only."""
+    """Shows the robot to every open page; without a page it only subscribes to the log."""
 
     def __init__(self) -> None:
         (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
@@ -98,11 +98,11 @@ class WebNode:
         self._reason = StopReason()
         self._world_name = ""  # name of the simulator's world
         self._was_master_silent = False  # state at the last look at the network
-        # /rosout_agg has no memory; by now it is subscribed to, so that no line is lost in between
+        # read after the subscription, because /rosout_agg is not latched and no line must be lost in between
         self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
-        # a token is for who sees this terminal: logs can be read by everybody
-        (print if has_token else rospy.loginfo)(f"the page; open it in a browser: {address}")
+        # an address with a token is only printed to this terminal, because everybody can read the log
+        (print if has_token else rospy.loginfo)(f"open this page in a browser: {address}")
 
     def _build(self, config: WebConfig) -> None:
         server = self._server
@@ -110,7 +110,7 @@ class WebNode:
         server.initial_camera.fov = FIELD_OF_VIEW
         self._scene = Scene(server, config.fixed_frame, config.controller)
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
-        self._state_bar = StateBar(server.gui)  # above the tabs, and so on each of them
+        self._state_bar = StateBar(server.gui)  # above the tabs, so each tab shows it
         self._moving, self._drivers = Moving(), Drivers()
         group = server.gui.add_tab_group()
         names = ("Drive", "World", "Tune", "Curves", "Log", "View")
@@ -183,7 +183,7 @@ class WebNode:
         self._server.stop()
 
     def _forget(self) -> None:
-        """Drop what was kept for pages."""
+        """Drop everything that was kept for pages."""
         if self._topics.is_open:
             self._topics.close()
             self._tuning.follow([])
@@ -201,7 +201,7 @@ class WebNode:
         published = None if is_known is None else self._ask("getPublishedTopics", "")
         if published is None:
             self._is_master_gone = self._was_master_silent = True
-            rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {rosgraph.get_master_uri()}")
+            rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return
         is_lost = self._registration.is_lost
         if self._was_master_silent or (is_lost and not was_lost):
@@ -229,7 +229,7 @@ class WebNode:
             self._mouse.bind_robot()
 
     def _ask(self, method: str, *arguments: Any) -> Any:
-        """Value of a method of the master, None if it fails: the view waits for it."""
+        """Call a method of the master, and return its value, or None if it fails in a short time."""
         uri, name = rosgraph.get_master_uri(), rospy.get_name()
         return ask(uri, method, name, *arguments, deadline=MASTER_DEADLINE)
 
@@ -250,7 +250,7 @@ class WebNode:
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
         command = self._drivers.command(numbers.time, now)
         activity, level, fault = self._drive.activity()
-        # the emergency stop says itself why the robot stands
+        # while the emergency stop is on, it is the reason
         self._reason.update(activity, None if self._teleop.is_locked else numbers.time, self._log.warning)
         is_other = command is not None and command.sender != self._config.controller
         self._state_bar.update(
@@ -281,7 +281,7 @@ class WebNode:
 
 
 def read_rosout() -> str:
-    """The end of the file in which rosout keeps the log of this ROS network; empty on another machine."""
+    """Return the end of rosout's file with the log of this ROS network; empty on another machine."""
     try:
         file = Path(rospkg.get_log_dir()) / str(parameter("/run_id", "")) / "rosout.log"
         with file.open("rb") as log:
@@ -292,15 +292,15 @@ def read_rosout() -> str:
 
 
 def title(robot: str, world: str) -> str:
-    """Title of the page: the robot and the file of its world, as far as they are known."""
+    """Return the title of the page: the robot and the file of its world, as far as they are known."""
     name = load_robot(robot).title if robot in ROBOTS else robot.replace("_", " ") or "Husky"
     return f"{name} in {Path(world).stem}" if world else name
 
 
 def give_memory_back() -> None:
-    """Give freed memory back to the system, which glibc keeps otherwise."""
+    """Return freed memory to the system, because glibc would keep it."""
     gc.collect()
-    with contextlib.suppress(AttributeError, OSError):  # another C library
+    with contextlib.suppress(AttributeError, OSError):  # another C library has no malloc_trim
         ctypes.CDLL(None).malloc_trim(0)
 
 

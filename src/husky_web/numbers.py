@@ -1,4 +1,4 @@
-"""Numbers of the drive as the page shows them: time, speeds, errors, rates, and where the pillar is."""
+"""Numbers of the run as the page shows them: time, speeds, errors, rates, and the pillar's position."""
 
 from __future__ import annotations
 
@@ -12,31 +12,29 @@ from husky_web.plots import Curve
 from husky_web.scene import Scene
 from husky_web.topics import Topics
 
-NO_NEWS_TIME = 2.0  # [s] wall time without a message of the robot until the page says so
-RATE_WINDOW = 3.0  # [s] over which rates are taken
+NO_NEWS_TIME = 2.0  # [s] wall time without odometry, after which the page reports it
+RATE_WINDOW = 3.0  # [s] time over which rates are measured
 UNKNOWN = (nan, nan)
 
 
 class Numbers:
-    """The newest numbers; each sample goes to its curve as well."""
+    """The newest numbers; each sample is also added to its curve."""
 
     def __init__(self, curves: Dict[str, Curve]) -> None:
-        """Begin without numbers; `curves` by the names of `plots.CHARTS`."""
+        """Begin without numbers; `curves` has the names of `plots.CHARTS`."""
         self._curves = curves
-        self.scans, self.clock = (
-            Curve(1, RATE_WINDOW),
-            Curve(1, RATE_WINDOW),
-        )  # counted, and [s] of the simulation
+        self.scans = Curve(1, RATE_WINDOW)  # number of scans
+        self.clock = Curve(1, RATE_WINDOW)  # [s] simulated time
         self._heard_at = -inf  # [s] time `now` of the last odometry
         self._speeds: Dict[str, Tuple[float, float]] = {}
-        self.time: Optional[float] = None  # [s]
+        self.time: Optional[float] = None  # [s] simulated time
         self.distance: Optional[float] = None  # [m] remaining distance
-        self.speed: Optional[float] = None  # [m/s], measured
-        self.bearing: Optional[float] = None  # [rad]
-        self.pillar: Optional[Vector3] = None  # [m], fixed frame
+        self.speed: Optional[float] = None  # [m/s] measured speed
+        self.bearing: Optional[float] = None  # [rad] bearing of the pillar
+        self.pillar: Optional[Vector3] = None  # [m] position of the pillar in the fixed frame
 
     def take(self, topics: Topics, scene: Scene, now: float) -> None:
-        """Take in what has come on the topics; `now` [s] of any clock."""
+        """Take in new messages of the topics; `now` [s] is the time of any clock."""
         odometry = topics.take("truth") or topics.take("odometry")
         if odometry is not None:
             self._heard_at = now
@@ -65,7 +63,7 @@ class Numbers:
             self.scans.add(scene.scan_stamp, topics.scan_count)
 
     def excuse(self, now: float) -> None:
-        """Expect no news until `now` [s]: the world is paused."""
+        """Expect no odometry until `now` [s], because the world is paused."""
         self._heard_at = now
 
     def is_silent(self, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""Interactive markers, the objects of the world: drawn, dragged on the level and deleted, as RViz does."""
+"""Interactive markers, the objects of the world: drawn, dragged over the ground and deleted, as in RViz."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from husky_web.topics import Received
 from husky_web.viser_private import place
 
 Key = Tuple[str, str]  # server's topic, name of the marker
-WIDEST = 50.0  # [m]
+WIDEST = 50.0  # [m] size of a sheet above which the page's own ground replaces it
 MOVABLE = (
     InteractiveMarkerControl.MOVE_PLANE,
     InteractiveMarkerControl.MOVE_ROTATE,
@@ -59,34 +59,39 @@ class Objects:
         self._feedback: Dict[str, rospy.Publisher] = {}
 
     def update(self, received: List[Received]) -> None:
-        """Take in messages of servers, then put everything where it is now."""
+        """Take in messages of servers, then move all objects to their present poses."""
         for topic, msg in received:
             with left_out(topic):
                 self._take(topic, msg)
         for key, shown in self.shown.items():
             with left_out(f"'{key[1]}' of {key[0]}"):
-                self._place(key, shown)
+                frame = self._frames.pose(shown.frame, self._fixed_frame)
+                if key in self.dragged:
+                    place(shown.node, self.dragged[key])
+                elif frame is not None:
+                    place(shown.node, compose(frame, shown.pose_in_frame))
 
     def _take(self, topic: str, msg: Any) -> None:
+        """Take in a change, or all markers of a server, which come on a topic of their own at the start."""
         if isinstance(msg, InteractiveMarkerInit):
-            self._on_init(topic[: -len("_full")], msg)
+            server, names = topic[: -len("_full")], {marker.name for marker in msg.markers}
+            for key in [key for key in self.shown if key[0] == server and key[1] not in names]:
+                self._erase(key)
+            for marker in msg.markers:
+                if (server, marker.name) not in self.shown:
+                    self._insert(server, marker)
         elif msg.type == InteractiveMarkerUpdate.UPDATE:
             for marker in msg.markers:
                 self._insert(topic, marker)
             for moved in msg.poses:
-                self._move((topic, moved.name), conversions.pose_from_msg(moved.pose))
+                key, pose = (topic, moved.name), conversions.pose_from_msg(moved.pose)
+                if key in self.shown:
+                    self.shown[key] = self.shown[key]._replace(pose_in_frame=pose)
             for name in msg.erases:
                 self._erase((topic, name))
 
-    def _place(self, key: Key, shown: Object) -> None:
-        frame = self._frames.pose(shown.frame, self._fixed_frame)
-        if key in self.dragged:
-            place(shown.node, self.dragged[key])
-        elif frame is not None:
-            place(shown.node, compose(frame, shown.pose_in_frame))
-
     def clear(self) -> None:
-        """Take all away, and stop speaking to their servers."""
+        """Remove all objects, and the publishers to their servers."""
         for key in list(self.shown):
             self._erase(key)
         for publisher in self._feedback.values():
@@ -94,7 +99,7 @@ class Objects:
         self._feedback.clear()
 
     def drop(self, key: Key, pose_in_fixed: Pose) -> None:
-        """Tell the server that a marker was dragged to a pose in the fixed frame."""
+        """Report to the server that a marker was dragged to a pose in the fixed frame."""
         shown = self.shown.get(key)
         frame = None if shown is None else self._frames.pose(shown.frame, self._fixed_frame)
         if shown is None or frame is None:
@@ -104,7 +109,7 @@ class Objects:
             self._send(key, shown, pose, event, 0)
 
     def delete(self, key: Key) -> bool:
-        """Choose *Delete* of a marker's menu; False where it has no such entry."""
+        """Choose *Delete* in a marker's menu, and return whether it has such an entry."""
         shown = self.shown[key]
         for number, title in shown.menu:
             if title.lower() == "delete":
@@ -134,18 +139,10 @@ class Objects:
             )
         return self._feedback[server]
 
-    def _on_init(self, topic: str, msg: InteractiveMarkerInit) -> None:
-        names = {marker.name for marker in msg.markers}
-        for key in [key for key in self.shown if key[0] == topic and key[1] not in names]:
-            self._erase(key)
-        for marker in msg.markers:
-            if (topic, marker.name) not in self.shown:
-                self._insert(topic, marker)
-
     def _insert(self, topic: str, marker: InteractiveMarker) -> None:
         key = (topic, marker.name)
         self._erase(key)
-        self._publisher(topic)  # connected long before the mouse lets go
+        self._publisher(topic)  # made now, so it is connected before the first drag ends
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
         nodes: List[Any] = []
@@ -167,10 +164,6 @@ class Objects:
         )
         self.on_new(key, self.shown[key])
 
-    def _move(self, key: Key, pose: Pose) -> None:
-        if key in self.shown:
-            self.shown[key] = self.shown[key]._replace(pose_in_frame=pose)
-
     def _erase(self, key: Key) -> None:
         shown = self.shown.pop(key, None)
         self.dragged.pop(key, None)
@@ -179,5 +172,5 @@ class Objects:
 
 
 def _is_ground(piece: Piece) -> bool:
-    """Return whether a piece is a sheet so wide that the grid replaces it."""
+    """Return whether a piece is so wide that the page's own ground replaces it."""
     return isinstance(piece, Solid) and bool(piece.extents[:2].min() > WIDEST)

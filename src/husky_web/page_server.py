@@ -1,8 +1,8 @@
 """Server of the page: viser's, behind checks of origin and token; the page itself, and the drive WebSocket.
 
-viser serves its page and its data on one port and asks for nothing. The gate stands before both, on the
-same port: it refuses requests of other sites' pages (a WebSocket knows no same-origin rule), asks for the
-token where there is one, adds the package's own script to the page, and answers the drive channel itself.
+viser serves its page and its data on one port, without any check. The gate is in front of both, on the same
+port. It rejects requests of other sites' pages, because the same-origin rule does not hold for a WebSocket.
+It checks the token if there is one, adds the package's own script to the page, and answers the drive channel.
 """
 
 from __future__ import annotations
@@ -36,12 +36,10 @@ from husky_web.viser_private import page_html, started_behind
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
 MAX_MESSAGE = 1000  # [B] largest message on the drive channel
-MAX_PAGES = 20  # open at the same time; each takes up to 1.6 MB here
-TOO_MANY = (
-    f"{MAX_PAGES} pages are open, and there can be no more: close one of them, then load this page again"
-)
+MAX_PAGES = 20  # pages that are open at the same time; each takes up to 1.6 MB in this process
+TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
-# the browser refuses requests to any other host; viser's page unpacks itself by script and runs workers
+# the browser rejects requests to any other host; viser's page unpacks itself by script and runs workers
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'none'"
 Message = Dict[str, Any]
 OnMessage = Callable[[int, Message], None]
@@ -49,26 +47,26 @@ OnLeave = Callable[[int], None]
 
 
 class PageServer(viser.ViserServer):
-    """viser without the offer to show the page through a host of viser's makers."""
+    """Server of viser, without the offer to share the page through a host of viser's makers."""
 
     gate: Gate
 
     def request_share_url(self, verbose: bool = True) -> Optional[str]:
-        """Refused, whichever page asks for it."""
-        rospy.logwarn("a page asked to be shared through another host; refused")
+        """Reject the request, because it would open the robot to others."""
+        rospy.logwarn("the request of a page to be shared through another host was rejected")
         return None
 
 
 def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tuple[PageServer, str, bool]:
-    """A running server, the address to open, and whether that holds a token.
+    """Start a server, and return it, the address to open, and whether the address has a token.
 
-    Where the port is taken, the next free one is used.
+    If the port is taken, the next free one is used.
 
     Args:
-        host: an address of this machine; any but a loopback address gets a random token.
-        port: 1..65535.
-        on_message: gets each message of the drive channel, with a number for the page.
-        on_leave: called when a page is gone.
+        host: address of this machine; the server needs a random token unless it is a loopback address.
+        port: port, 1..65535.
+        on_message: function that gets each message of the drive channel, with a number for the page.
+        on_leave: function that is called when a page has gone.
 
     Raises:
         HuskyError: this machine has no such address.
@@ -84,7 +82,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     everywhere = host in ("0.0.0.0", "::")
     visible_host = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
     suffix = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
-    # no other machine knows a container's host name; its published port is this machine's
+    # other machines do not know a container's host name, but its published port is a port of this machine
     elsewhere = f" (from another machine: http://{socket.gethostname()}{suffix})" if everywhere else ""
     return server, f"http://{visible_host}{suffix}{elsewhere}", token is not None
 
@@ -96,28 +94,28 @@ def _is_loopback(host: str) -> bool:
             probe.bind(address)
     except OSError as error:
         raise HuskyError(
-            f"{rospy.get_name()}/address = '{host}' is no address of this machine: {error}"
+            f"{rospy.get_name()}/address = '{host}' is not an address of this machine: {error}"
         ) from None
     return ipaddress.ip_address(address[0]).is_loopback
 
 
 def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Optional[str]) -> Optional[str]:
-    """Reason why a request is refused, or None.
+    """Return the reason why a request is rejected, or None.
 
     Args:
         headers: headers of the request.
         path: path of the request, with its query.
-        is_loopback: whether the server is bound to the loopback interface only.
+        is_loopback: the server is bound to the loopback interface only.
         token: required token in the address or as a cookie; None if no token is required.
     """
     host = headers.get("Host", "")
     if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
-        return f"this page is for {', '.join(sorted(LOOPBACK))} only, not for '{host}'"
+        return f"this page can be opened at {', '.join(sorted(LOOPBACK))} only, not at '{host}'"
     origin = headers.get("Origin")
     if origin is not None and urlsplit(origin).netloc != host:
         return f"the page of another site ('{origin}') may not act on the robot"
     if token is not None and not _shows(token, headers, path):
-        return "the address needs its token: use the address that the node has printed"
+        return "the address needs its token; use the address that the node has printed"
     return None
 
 
@@ -133,7 +131,7 @@ def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
 
 
 def page() -> bytes:
-    """Viser's page with the package's scripts and styles."""
+    """Return viser's page with the package's scripts and styles."""
     html, folder = page_html().replace("<title>Viser</title>", "<title>Husky</title>"), share_folder() / "web"
     at = html.index("<head>") + len("<head>")
     scripts = (f"<script>{(folder / name).read_text()}</script>" for name in ("viser_client.js", "page.js"))
@@ -148,14 +146,17 @@ class Gate:
     def __init__(
         self, is_loopback: bool, token: Optional[str], on_message: OnMessage, on_leave: OnLeave
     ) -> None:
-        """Args as `refusal` and `serve`."""
+        """See `refusal` and `serve` for the arguments."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
-        self._open = {True: 0, False: 0}  # connections: of the drive channel, and of viser
+        self._open = {
+            True: 0,
+            False: 0,
+        }  # number of connections of the drive channel (True) and of viser (False)
         self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:
-        """An HTTP response, or None for a WebSocket that may be opened."""
+        """Return an HTTP response, or None for a WebSocket that may be opened."""
         reason = refusal(request.headers, request.path, self._is_loopback, self._token)
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")

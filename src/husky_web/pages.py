@@ -32,7 +32,7 @@ class Page:
         on_tool: Callable[[], None],
         is_dark: bool,
     ) -> None:
-        """Add the page's own fields to the tabs; `on_tool` is called when its mouse gets another tool."""
+        """Add the page's own fields to the tabs; `on_tool` is called if its mouse gets another tool."""
         self.client, self.tool, self._log = client, LOOK, log
         self._camera = Camera(client)
         self._filter, self._log_count = Filter(), -1
@@ -42,11 +42,11 @@ class Page:
         self._make_tools(tabs["World"])
 
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Move the camera with what it looks at [m, fixed frame]."""
+        """Move the camera with the robot or the pillar, both in the fixed frame [m]."""
         self._camera.update(base, pillar)
 
     def show_log(self) -> None:
-        """Show the lines of the log that its filter passes, if there are new ones."""
+        """Show the lines of the log that pass its filter, if there are new lines."""
         if self._log_count != self._log.count:
             self._log_count = self._log.count
             self._lines.content = log_to_html(self._log.select(self._filter))
@@ -70,7 +70,7 @@ class Page:
         show_backdrop(self.client, is_dark)
 
     def _make_tools(self, tab: Any) -> None:
-        """Fields of the mouse's tools, the first of a tab."""
+        """Add the fields of the mouse's tools at the top of a tab."""
         with tab:
             self._chosen_tool = self.client.gui.add_html(choice_html(0), order=-1.5)
             tool = self.client.gui.add_button_group(
@@ -105,19 +105,19 @@ class Page:
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
-        self._hint.content = _HINTS[self.tool]  # the hint's action works from now on
+        self._hint.content = _HINTS[self.tool]  # shown last, because its action works from now on
 
 
 _HINTS = {
     LOOK: '<div class="husky-block">The mouse turns the view.</div>',
-    PUT: '<div class="husky-block"><b>Click the ground</b>: the shape below is put there.</div>',
+    PUT: '<div class="husky-block"><b>Click the ground</b> to put the shape below there.</div>',
     MOVE: '<div class="husky-block"><b>Drag</b> an object, or the robot, over the ground.</div>',
     DELETE: '<div class="husky-block"><b>Click</b> an object to delete it.</div>',
 }
 
 
 class Pages:
-    """Pages that are open; they come in threads of viser's, and are admitted by the thread that draws."""
+    """Open pages; they arrive in threads of viser, and the thread that draws admits them."""
 
     def __init__(self, server: viser.ViserServer, tabs: Mapping[str, Any], log: LogBuffer) -> None:
         self.open: Dict[int, Page] = {}
@@ -129,13 +129,13 @@ class Pages:
         server.on_client_connect(self._on_connect)
 
     def admit(self) -> None:
-        """Add the fields of pages that have come, and forget pages that have gone."""
+        """Add the fields of new pages, and forget closed pages."""
         clients = self._server.get_clients()
         leavers = self.open.keys() - clients
         while self._arrivals:
             client, is_dark = self._arrivals.popleft()
             if client.client_id not in clients:
-                continue  # it has left while its storage was asked
+                continue  # the page was closed while its storage was read
             with left_out("a page that comes"):
                 self.open[client.client_id] = Page(client, self._tabs, self._log, self.on_tool, is_dark)
         for number in leavers:
@@ -150,15 +150,15 @@ class Pages:
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:
-    """Return whether a browser asks for dark colours, by its remembered choice or by its settings."""
+    """Return whether a browser prefers dark colours, by its remembered choice or its settings."""
     try:
         return client.local_storage.get_item(IS_DARK, STORAGE_TIMEOUT) == "1"
-    except (RuntimeError, TimeoutError):  # gone, or without a storage
+    except (RuntimeError, TimeoutError):  # the page is closed, or has no storage
         return False
 
 
 def theme(gui: viser.GuiApi, is_dark: bool) -> None:
-    """Colours of a page; the button that would share it through another host is not offered."""
+    """Set the colours of a page, and hide the button that would share it through another host."""
     gui.configure_theme(
         dark_mode=is_dark,
         show_logo=False,

@@ -15,8 +15,8 @@ import yaml
 from husky_highlevel_controller.datatypes import HuskyError
 
 WIDEST_SLIDER = 1e4  # largest range of a slider; a wider one cannot be set sensibly
-STEPS = 1000  # least number of steps of a slider
-# groups of this package's controller, by prefixes of parameter names; dynparam needs them flat
+STEPS = 1000  # smallest number of steps of a slider
+# groups of this package's controller, by prefixes of names, because dynparam needs flat parameters
 GROUPS = {
     "Gains": ("p_gain_",),
     "Limits": ("max_linear", "max_angular", "stop_distance", "arrival_"),
@@ -39,13 +39,13 @@ class Parameter(NamedTuple):
 
     @property
     def group(self) -> str:
-        """Group of the page; empty where it has none."""
+        """Return the group in the page; empty if it has none."""
         ours = (group for group, beginnings in GROUPS.items() if self.name.startswith(beginnings))
         return self.server_group or next(ours, "")
 
     @property
     def label(self) -> str:
-        """The name; the unit, where the help text ends with one; the default, where no slider marks it."""
+        """Return the name, the unit if the help text ends with one, and the default if no slider marks it."""
         unit = re.search(r"\[[^\]]+\]\s*$", self.help)
         on_or_off = "on" if self.default else "off"
         default = on_or_off if self.kind == "bool" else shown_value(self, self.default)
@@ -64,16 +64,16 @@ class Parameter(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Step of the slider: 1 for whole numbers, otherwise a power of ten that divides the range finely."""
+        """Return the step of the slider: 1 for whole numbers, otherwise a small power of ten."""
         if self.kind == "int":
             return 1
         return float(10.0 ** floor(log10((self.max - self.min) / STEPS)))
 
     def checked(self, value: Any) -> Any:
-        """The value in this parameter's type.
+        """Return a value in this parameter's type.
 
         Raises:
-            HuskyError: it is not of that type, or not within the range.
+            HuskyError: the value has another type, or is not within the range.
         """
         if self.kind in ("int", "double"):
             is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
@@ -88,8 +88,12 @@ class Parameter(NamedTuple):
 
 
 def parameters(description: Mapping[str, Any], server_group: str = "") -> List[Parameter]:
-    """Parameters of all groups of a description."""
-    result = [_parameter(entry, server_group) for entry in description.get("parameters", ())]
+    """Return the parameters of all groups of a description."""
+    result = []
+    for entry in description.get("parameters", ()):
+        name, kind, default, low, high = (entry[key] for key in ("name", "type", "default", "min", "max"))
+        text, choices = str(entry.get("description", "")), _choices(entry.get("edit_method"))
+        result.append(Parameter(name, kind, default, low, high, text, choices, server_group))
     groups = description.get("groups", {})
     for group in groups.values() if isinstance(groups, Mapping) else groups:
         names = {parameter.name for parameter in result}
@@ -99,23 +103,23 @@ def parameters(description: Mapping[str, Any], server_group: str = "") -> List[P
 
 
 def by_group(all_parameters: Sequence[Parameter]) -> Dict[str, List[Parameter]]:
-    """Parameters by their group: those without one first, then GROUPS, then the server's own groups."""
+    """Return parameters by their groups: no group first, then GROUPS, then the server's own groups."""
     names = dict.fromkeys(["", *GROUPS, *(parameter.group for parameter in all_parameters)])
     groups = {name: [each for each in all_parameters if each.group == name] for name in names}
     return {name: members for name, members in groups.items() if members}
 
 
 def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
-    """Values by node as a file that `from_yaml` reads and a person can edit."""
+    """Return values by node as YAML for `from_yaml`, which people can edit."""
     return str(yaml.safe_dump({node: dict(of_node) for node, of_node in values.items()}, sort_keys=True))
 
 
 def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Dict[str, Any]]:
-    """Checked values by node.
+    """Return checked values by node.
 
     Args:
         text: text of the file.
-        servers: the parameters of every node there is.
+        servers: parameters of all nodes, by node.
 
     Raises:
         HuskyError: it is not such a file, names an unknown node or parameter, or has a wrong value.
@@ -123,30 +127,26 @@ def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Di
     try:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise HuskyError(f"this is no YAML: {error}") from None
+        raise HuskyError(f"the file is not valid YAML: {error}") from None
     if not isinstance(data, dict) or not all(isinstance(item, dict) for item in data.values()):
-        raise HuskyError("the file must name nodes, and below each its parameters")
+        raise HuskyError("the file must have names of nodes, and below each node its parameters")
     return {node: _checked(node, values, servers) for node, values in data.items()}
 
 
 def _checked(node: str, values: Dict[str, Any], servers: Mapping[str, List[Parameter]]) -> Dict[str, Any]:
     if node not in servers:
-        raise HuskyError(f"node '{node}' has no parameters to tune; there are {', '.join(servers) or 'none'}")
+        raise HuskyError(
+            f"node '{node}' has no parameters to tune; there are: {', '.join(servers) or 'none'}"
+        )
     by_name = {parameter.name: parameter for parameter in servers[node]}
     for name in values:
         if name not in by_name:
-            raise HuskyError(f"{node} has no parameter '{name}'; there are {', '.join(by_name)}")
+            raise HuskyError(f"{node} has no parameter '{name}'; there are: {', '.join(by_name)}")
     return {name: by_name[name].checked(value) for name, value in values.items()}
 
 
-def _parameter(entry: Mapping[str, Any], server_group: str) -> Parameter:
-    name, kind, default, low, high = (entry[key] for key in ("name", "type", "default", "min", "max"))
-    choices = _choices(entry.get("edit_method"))
-    return Parameter(name, kind, default, low, high, str(entry.get("description", "")), choices, server_group)
-
-
 def _choices(edit_method: Optional[Any]) -> Tuple[Tuple[str, Any], ...]:
-    """An enumeration travels as the text of a Python dictionary."""
+    """Return the choices of an enumeration, which is sent as the text of a Python dictionary."""
     if isinstance(edit_method, str) and edit_method:
         try:
             edit_method = ast.literal_eval(edit_method)
@@ -158,5 +158,5 @@ def _choices(edit_method: Optional[Any]) -> Tuple[Tuple[str, Any], ...]:
 
 
 def shown_value(parameter: Parameter, value: Any) -> Any:
-    """A value as its field shows it: one of an enumeration by its name."""
+    """Return a value as its field shows it; a choice of an enumeration has its name."""
     return next((name for name, item in parameter.choices if item == value), value)

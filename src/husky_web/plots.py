@@ -1,6 +1,6 @@
 """Curves tab: errors and speeds of the last half minute as SVG charts.
 
-A chart of viser's own takes its width from its tab before the tab is shown, and stays as narrow as a letter.
+A chart of viser itself is too narrow, because it takes its width from its tab before the tab is shown.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any, Deque, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 import viser
 
-CAPACITY = 1000  # samples
+CAPACITY = 1000  # samples of a curve
 WINDOW = 30.0  # [s] time that a chart shows
-RESOLUTION = 0.4  # [s] between two points of a curve: more are not seen, and are sent again and again
+RESOLUTION = 0.4  # [s] between two points of a curve, because more are not visible but sent each time
 # size of a chart in px in a window of 1280 px, and the space for labels at its sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
@@ -31,8 +31,8 @@ class Chart(NamedTuple):
     name: str  # name of its curve
     title: str
     unit: str
-    series: Tuple[str, ...]  # commanded is dashed
-    least: Tuple[float, float]  # range that is always shown, so that noise does not look large
+    series: Tuple[str, ...]  # names; the line of "commanded" is dashed
+    least: Tuple[float, float]  # range that is always shown, so noise does not look large
     zero: str = ""  # name of the line at 0, if it has one
 
 
@@ -48,9 +48,9 @@ class Curve:
     """The samples of the last `window` seconds."""
 
     def __init__(self, series: int, window: float = WINDOW) -> None:
-        """Begin empty; `series` is how many values a sample has."""
+        """Begin empty; `series` is the number of values of a sample, without its time."""
         self._window, self._series = window, series
-        self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # time and values, the newest last
+        self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # times and values, the newest last
 
     def add(self, stamp: float, *values: float) -> None:
         """Add a sample; a time that runs backwards clears it, a repeated time adds nothing."""
@@ -65,12 +65,12 @@ class Curve:
 
     @property
     def arrays(self) -> Tuple[np.ndarray, ...]:
-        """Times and each series, oldest first; NaN where there was no value."""
+        """Return the times and each series, oldest first; NaN if there was no value."""
         return tuple(np.array(list(self._samples), float).reshape(-1, self._series + 1).T)
 
     @property
     def rate(self) -> Optional[float]:
-        """Growth of the first series each second; None before two samples, and where it has shrunk."""
+        """Return the growth of the first series per second; None before two samples, or if it shrinks."""
         if len(self._samples) < 2:
             return None
         (start, first, *_), (end, last, *_) = self._samples[0], self._samples[-1]
@@ -90,16 +90,18 @@ class Plots:
         self._marks.append((stamp, text))
 
     def update(self) -> None:
-        """Send what is new."""
+        """Send new charts to the pages."""
         charts = (chart_html(chart, self.curves[chart.name].arrays, list(self._marks)) for chart in CHARTS)
         self._element.content = f'<div class="husky-charts">{"".join(charts)}</div>'
 
 
 def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark] = ()) -> str:
-    """HTML of a chart of series over time; NaN and values from LARGEST on are gaps."""
+    """Return HTML of a chart of series over time; NaN and values from LARGEST on are gaps."""
     times, series = arrays[0], [np.where(np.abs(each) < LARGEST, each, np.nan) for each in arrays[1:]]
     end = float(times[-1]) if len(times) else 0.0
-    ticks = nice_ticks(*_limits(series, chart.least))
+    values = np.concatenate([chart.least, *series])
+    finite = values[np.isfinite(values)]
+    ticks = nice_ticks(float(finite.min()), float(finite.max()))
     low, high = ticks[0], ticks[-1]
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
 
@@ -152,19 +154,12 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
 
 
 def nice_ticks(low: float, high: float) -> List[float]:
-    """Three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
+    """Return three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
     raw = (high - low) / 3.0
     power = 10.0 ** floor(log10(raw))
     step = next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= raw * (1.0 - 1e-9))
     first, last = floor(low / step + SLACK), ceil(high / step - SLACK)
     return [round(step * number, 9) for number in range(first, last + 1)]
-
-
-def _limits(series: Sequence[np.ndarray], least: Tuple[float, float]) -> Tuple[float, float]:
-    """Lowest and highest value of all series and of the least range."""
-    values = np.concatenate([least, *series])
-    values = values[np.isfinite(values)]
-    return float(values.min()), float(values.max())
 
 
 def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
@@ -182,7 +177,7 @@ def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
 
 
 def fixed(value: Optional[float], digits: int) -> str:
-    """A number with so many digits after the point, a dash for none; what rounds to nothing has no sign."""
+    """Return a number with so many digits after the point, or a dash if unknown; a rounded 0 has no sign."""
     if value is None or value != value:
         return "&ndash;"
     text = f"{value:.{digits}f}"
@@ -190,5 +185,5 @@ def fixed(value: Optional[float], digits: int) -> str:
 
 
 def choice_html(number: Optional[int]) -> str:
-    """Mark by which viser.css raises one button of the group that follows, or none of them if None."""
+    """Return a mark with which viser.css raises one button of the next group, or none if it is None."""
     return f'<i class="husky-choice-{"none" if number is None else number}" hidden></i>'

@@ -1,4 +1,4 @@
-"""Recording of a drive, to be downloaded as one HTML page that plays it, as marking's replays do."""
+"""Recording of a run, which can be downloaded as one HTML page that replays it, as in grading."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_web.actions import Actions
 
-MAX_TIME = 3600.0  # [s], then a recording ends by itself: it is kept in memory
+MAX_TIME = 3600.0  # [s] longest recording, because it is kept in memory
 RECORD, END, SAVE = "Record", "End", "Save as a page"
-# time [s]; x, y, yaw of base_link; x, y of the pillar, NaN where it is not known [m, rad]
+# time [s]; x, y, yaw of base_link; x, y of the pillar, NaN if unknown [m, rad]
 Row = Tuple[float, ...]
 
 
@@ -31,13 +31,13 @@ class Recorder:
         with gui.add_folder("Recording"):
             self._state = gui.add_html("")
             self._buttons: Any = gui.add_button_group(
-                "Drive", (RECORD,), hint=f"{SAVE}: it plays the drive, from disk"
+                "Run", (RECORD,), hint=f"{SAVE}: a file that replays the run, without this page"
             )
             self._buttons.on_click(self._on_click)
         self._show()
 
     def tick(self, time: Optional[float], base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Record where the robot and the pillar are at a time [s], [m, fixed frame]."""
+        """Record the robot's pose and the pillar's position [m], both in the fixed frame, at a time [s]."""
         rows = self._rows
         if not self._is_on or time is None or base is None or (rows and time <= rows[-1][0]):
             return
@@ -47,22 +47,22 @@ class Recorder:
         self._show()
 
     def stop(self) -> None:
-        """End a recording; it can be saved then."""
+        """End a recording, which can be saved afterwards."""
         self._is_on = False
         self._show()
 
     def _on_click(self, event: Any) -> None:
+        def save() -> None:
+            page = recording_page(list(self._rows), self.robot_name).encode()
+            event.client.send_file_download("drive.html", page, save_immediately=True)
+
         if event.target.value == SAVE:
-            self._actions.do(lambda: self._save(event.client), event.client, "Recording")
+            self._actions.do(save, event.client, "Recording")
             return
         self._is_on = event.target.value == RECORD
         if self._is_on:
             self._rows = []
         self._show()
-
-    def _save(self, client: Any) -> None:
-        page = recording_page(list(self._rows), self.robot_name).encode()
-        client.send_file_download("drive.html", page, save_immediately=True)
 
     def _show(self) -> None:
         length = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
@@ -72,13 +72,13 @@ class Recorder:
 
 
 def recording_page(rows: List[Row], robot_name: str) -> str:
-    """HTML page that plays a drive of a robot, which looks like the Husky where it is none of ROBOTS.
+    """Return an HTML page that replays a run of a robot, with the Husky's shape if it is not in ROBOTS.
 
     Raises:
         HuskyError: there are no rows.
     """
     if not rows:
-        raise HuskyError(f"nothing is recorded yet: press {RECORD}, then {END}")
+        raise HuskyError(f"nothing is recorded yet; press {RECORD}, then {END}")
     table = np.array(rows)
     times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]
     is_known = np.isfinite(pillars).all(axis=1)
@@ -87,7 +87,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(
         Replay(
-            "Drive",
+            "Run",
             f"{times[-1] - times[0]:.0f} s, recorded in the page",
             times,
             poses,

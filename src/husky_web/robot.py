@@ -1,4 +1,4 @@
-"""The robot to look at, from its URDF: rigid groups of visuals, each moving with one TF frame.
+"""The robot's appearance from its URDF: rigid groups of visuals, each of which moves with one TF frame.
 
 In: the text of robot_description. Out: records.
 """
@@ -31,10 +31,12 @@ class Visual(NamedTuple):
 
 
 def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
-    """Name of a robot, and its visuals by the frame that moves them: the root link, or one behind a joint.
+    """Return the name of a robot, and its visuals by the frame that moves them.
+
+    The frame is the root link, or a link behind a joint that is not fixed.
 
     Raises:
-        DescriptionError: not a URDF, or an element in it that cannot be read.
+        DescriptionError: it is not a URDF, or an element cannot be read.
     """
     robot, links, joints = read_urdf(description)
     colors = {item.get("name", ""): _rgba(item) for item in robot.findall("material")}

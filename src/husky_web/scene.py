@@ -53,34 +53,32 @@ from husky_web.topics import Topics
 from husky_web.viser_private import place
 
 POINT_SIZE = 0.05  # [m] size of the scan's points
-RAYS = 60  # largest number; a few show which beams have returned
-TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
+RAYS = 60  # largest number of drawn beams, because a few show which ones have returned
+TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] spacing of trail points; maximum number of points
 LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
-TRAIL_NEW, TRAIL_OLD = (
-    3.0,
-    15.0,
-)  # [m] behind the robot that have the trail's colour, and that have the faded one
-FADED_COLOR = (125, 148, 176)  # seen on the ground of the day and of the night, but not looked at
+# [m] distances behind the robot up to which the trail has its colour, and from which on it has faded
+TRAIL_NEW, TRAIL_OLD = 3.0, 15.0
+FADED_COLOR = (125, 148, 176)  # visible by day and by night, but not striking
 LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
 GAMMA = 2.2  # gamma of a screen's colours
-TRAIL_JUMP = 1.0  # [m] motion that means that the robot was put elsewhere, so the trail restarts
+TRAIL_JUMP = 1.0  # [m] motion that means that the robot was moved by a service, so the trail restarts
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m] and colour of the dragged robot
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
-MAX_SCAN_AGE = 0.3  # [s] behind the newest pose; where scans are older or none, the view does not wait
-LOOKS_PERIOD = 0.2  # [s] between two changes of what markers and the plan look like
+MAX_SCAN_AGE = 0.3  # [s] age of a scan, relative to the newest pose, beyond which the view ignores its stamp
+LOOKS_PERIOD = 0.2  # [s] between two updates of the appearance of markers and plan
 MAX_AXES = 200  # frames that are shown
 BASE, FOOTPRINT = "base_link", "base_footprint"
-# namespaces of the controller's markers: the trail begins with its path, its state stands in the state bar
+# namespaces of the controller's markers: the trail begins with its path; the state bar shows its state
 TARGET, PATH, STATE = "target", "path", "state"
 
 
 @dataclass
 class DrawnMarker:
-    """A marker as it is in the view."""
+    """Marker in the view."""
 
     node: Any
-    placed: Optional[Marker] = None  # the message that its node is placed by
-    drawn: Optional[Marker] = None  # the message that its parts are drawn by
+    placed: Optional[Marker] = None  # message that has given its node the pose
+    drawn: Optional[Marker] = None  # message of which its parts were drawn
     appearance: Optional[Tuple[Any, ...]] = None
     parts: List[Any] = field(default_factory=list)  # nodes of its pieces
 
@@ -94,11 +92,11 @@ class Scene:
         self.frames, self.markers = Frames(), Markers()
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s]
-        self.moment: Optional[float] = None  # [s] drawn time by the newest scan; if None, each frame's newest
+        self.moment: Optional[float] = None  # [s] stamp of the drawn scan; None for the newest poses
         self._robot: Dict[str, Any] = {}
         self.robot_name = ""
         self._shadow: Any = None
-        self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
+        self.robot_shapes: List[Any] = []  # nodes that the mouse can grasp
         self._drawn: Dict[Key, DrawnMarker] = {}
         self._axes: Dict[str, Any] = {}
         self._trail: List[Tuple[float, float, float]] = []
@@ -121,7 +119,7 @@ class Scene:
         return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
 
     def draw_robot(self, description: str) -> None:
-        """Draw the robot of a URDF; a text that is none is a warning."""
+        """Draw the robot of a URDF, or log a warning if it cannot be read."""
         for node in reversed(self._robot.values()):  # children before their parent
             node.remove()
         self._robot, self.robot_shapes, self._shadow = {}, [], None
@@ -131,7 +129,7 @@ class Scene:
             rospy.logwarn(str(error))
             return
         for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
-            # wheels and the like hang on the base: one pose moves them all
+            # wheels and the like are children of the base, so one pose moves them all
             parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
@@ -146,17 +144,17 @@ class Scene:
 
     @property
     def base(self) -> Optional[Pose]:
-        """base_link in the fixed frame at the moment that is drawn, or None."""
+        """Return the pose of base_link in the fixed frame at the drawn moment, or None."""
         return self.frames.pose(BASE, self.fixed_frame, self.moment)
 
     @property
     def ground(self) -> float:
-        """Height of the ground in the fixed frame [m]: that of base_footprint, or 0."""
+        """Return the height of the ground in the fixed frame [m]: the height of base_footprint, or 0."""
         pose = self.frames.pose(FOOTPRINT, self.fixed_frame)
         return 0.0 if pose is None else pose.position[2]
 
     def update(self, topics: Topics) -> None:
-        """Draw what has come in."""
+        """Draw the new messages."""
         for _, transforms in topics.take_all("tf"):
             for msg in transforms.transforms:
                 if not is_pose(msg.transform):
@@ -188,7 +186,7 @@ class Scene:
             place(self._shadow, Pose((x, y, footprint.position[2] + SHADOW_HEIGHT)))
 
     def show_ghost(self, pose: Optional[Pose]) -> None:
-        """Show where the robot would be put, or nothing."""
+        """Show the pose to which the robot would be moved, or nothing."""
         self._show(self._ghost, pose)
 
     def forget(self) -> None:
@@ -242,7 +240,7 @@ class Scene:
         self._draw_trail([*self._trail[-TRAIL_POINTS:], point])
 
     def _begin_trail(self, path: Marker) -> None:
-        """Begin the trail with the controller's path: the way driven before a page was open."""
+        """Begin the trail with the controller's path, which the robot drove before a page was open."""
         frame, points = self.frames.pose(frame_of_message(path), self.fixed_frame), points_of(path)
         if len(self._trail) < 2 <= len(points) and frame is not None and np.isfinite(points).all():
             height = self.ground + LINE_HEIGHT
@@ -256,7 +254,7 @@ class Scene:
         self._trail_line.colors = np.stack([colors[:-1], colors[1:]], axis=1)
 
     def _update_plan(self) -> None:
-        """Draw dashes from where the controller wants the robot to stop to where it is."""
+        """Draw dashes from the controller's stop point to the robot."""
         base, target, shown = self.base, None, self.markers.shown if self.layers["plan"] else {}
         for (topic, namespace, _), marker in shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
@@ -277,7 +275,7 @@ class Scene:
                     elif not (is_ours and marker.ns == STATE):
                         self.markers.apply(topic, marker, now)
         if self.markers.is_full:
-            warn_left_out("a part of the markers", "there are more than a browser draws in time")
+            warn_left_out("a part of the markers", "there are more than a browser can draw in time")
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
@@ -296,7 +294,7 @@ class Scene:
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
-            return  # it stays where it was in the fixed frame when it came
+            return  # it keeps the pose in the fixed frame that it had when it came
         drawing.placed = marker
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)
@@ -331,9 +329,9 @@ class Scene:
 
 
 def trail_colors(trail: np.ndarray) -> np.ndarray:
-    """Colours (N, 3) of the points of a trail (N, 3) [m], the oldest first: what is far behind has faded.
+    """Return colours (N, 3) of the points of a trail (N, 3) [m], the oldest first; far points have faded.
 
-    They are linear: the browser shows the colours of a line's points brighter than the one of a whole line.
+    The colours are linear, because the browser shows colours of single points brighter than a line's colour.
     """
     steps = np.linalg.norm(np.diff(trail, axis=0), axis=1)
     behind = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])

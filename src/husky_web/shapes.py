@@ -18,11 +18,11 @@ from husky_highlevel_controller.datatypes import HuskyError, Rgba, Vector3
 from husky_highlevel_controller.drawing.robot_mesh import CELL, coarser
 
 SIDES = 24  # sides of a cylinder, a cone, and a sphere's equator
-MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box in place of an unreadable mesh
+MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box that replaces an unreadable mesh
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
-# triangles of a part, from where on it is drawn with fewer: without a graphics card the Husky's own ones take
-# a third of a picture's time; cells for each of its lengths, at least
+# triangles of a part above which it is simplified, because without a graphics card the Husky's own triangles
+# take a third of the time of a picture; smallest number of cells along a part
 MANY, CELLS = 500, 25.0
 
 
@@ -38,11 +38,11 @@ class Solid(NamedTuple):
 
     mesh: Mesh
     rgba: Rgba
-    scale: Vector3 = (1.0, 1.0, 1.0)  # along x, y and z: costs less to change than a mesh
+    scale: Vector3 = (1.0, 1.0, 1.0)  # factors along x, y and z, which are cheaper to change than a mesh
 
     @property
     def extents(self) -> np.ndarray:
-        """Size [m] along x, y and z."""
+        """Return the size [m] along x, y and z."""
         extents: np.ndarray = np.ptp(self.mesh.vertices, axis=0) * np.abs(self.scale)
         return extents
 
@@ -64,13 +64,13 @@ class Points(NamedTuple):
 
 
 class Label(NamedTuple):
-    """A text that faces the camera."""
+    """Text that faces the camera."""
 
     text: str
 
 
 class MeshFile(NamedTuple):
-    """A mesh that is to be loaded."""
+    """Mesh that is loaded from a file."""
 
     uri: str
     scale: Vector3
@@ -81,7 +81,7 @@ Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
-    """Mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
+    """Return a mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
     corners = points[:, None] + unit.vertices * np.asarray(size)
     faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
     return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
@@ -89,7 +89,7 @@ def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
 
 @lru_cache(maxsize=None)
 def cube() -> Mesh:
-    """A cube of edge length 1 about the origin; corners are not shared, so that edges look sharp."""
+    """Return a cube of edge length 1 around the origin; it shares no corners, so its edges look sharp."""
     box = creation.box()
     box.unmerge_vertices()
     return _mesh(box)
@@ -97,20 +97,20 @@ def cube() -> Mesh:
 
 @lru_cache(maxsize=None)
 def cylinder() -> Mesh:
-    """A cylinder of diameter 1 and length 1 about the origin, along z."""
+    """Return a cylinder of diameter 1 and length 1 around the origin, along z."""
     return _turned([(0.0, -0.5), (0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (0.5, 0.5), (0.0, 0.5)])
 
 
 @lru_cache(maxsize=None)
 def sphere() -> Mesh:
-    """A sphere of diameter 1 about the origin."""
-    # not trimesh's: it doubles the sides, and with an even number of rings has no equator
+    """Return a sphere of diameter 1 around the origin."""
+    # the sphere of trimesh has twice the sides, and with an even number of rings no equator
     angles = np.linspace(-pi / 2.0, pi / 2.0, SIDES // 2 + 1)
     return _turned([(0.5 * np.cos(angle), 0.5 * np.sin(angle)) for angle in angles])
 
 
 def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_diameter: float) -> Mesh:
-    """An arrow from the origin along x."""
+    """Return an arrow from the origin along x."""
     shaft, head, length = shaft_diameter / 2.0, head_diameter / 2.0, shaft_length + head_length
     rim, step, tip = (shaft, 0.0), (head, shaft_length), (0.0, length)
     along_z = _turned([(0.0, 0.0), rim, rim, (shaft, shaft_length), step, step, tip])
@@ -118,7 +118,7 @@ def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_d
 
 
 def triangles(points: np.ndarray) -> Mesh:
-    """Mesh of triangles: three points (3 N, 3) each."""
+    """Return a mesh of triangles, each with three of the points (3 N, 3)."""
     count = len(points) // 3
     return Mesh(
         np.asarray(points[: 3 * count], np.float32).reshape(-1, 3),
@@ -127,7 +127,7 @@ def triangles(points: np.ndarray) -> Mesh:
 
 
 def _turned(profile: Sequence[Sequence[float]]) -> Mesh:
-    """Solid of revolution about z of a profile (radius, z) from bottom to top; a doubled point is an edge."""
+    """Return the solid of revolution of a profile (radius, z), upwards; a doubled point is an edge."""
     return _mesh(creation.revolve(np.array(profile, float), sections=SIDES, process=False))
 
 
@@ -139,7 +139,7 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
 
 
 def solids_of(file: MeshFile) -> List[Solid]:
-    """The triangles of a mesh file; a box and a warning where it cannot be read."""
+    """Return the triangles of a mesh file, or a box with a warning if it cannot be read."""
     try:
         parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))
     except HuskyError as error:
@@ -158,10 +158,10 @@ def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
             for part in loaded.dump()
             if isinstance(part, trimesh.Trimesh)
         )
-    except Exception as error:  # a mesh file may be broken in as many ways as its reader has errors
+    except Exception as error:  # any error of the reader, because a mesh file may be broken in any way
         raise HuskyError(f"mesh '{uri}' cannot be read: {type(error).__name__}: {error}") from None
     if not parts:
-        raise HuskyError(f"mesh '{uri}' holds no triangles")
+        raise HuskyError(f"mesh '{uri}' has no triangles")
     return parts
 
 

@@ -1,4 +1,4 @@
-"""State bar of the page, above its tabs: what the robot does in one line, figures, the emergency stop."""
+"""State bar of the page, above its tabs: the robot's activity in one line, numbers, the emergency stop."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ LEVELS = ("ok", "warn", "error", "error")  # classes of DiagnosticStatus.OK, WAR
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
 STARTED = "waiting"  # its state before its first scan
 MASTER_GONE = (
-    "the ROS master has ended, and the emergency stop of this page may reach no robot: "
-    "press the red button of the robot, end the launch of this page and start it again"
+    "the ROS master has ended, so the emergency stop of this page may not reach the robot; "
+    "press the red button of the robot, then end the launch of this page and start it again"
 )
-LOCKED = "emergency stop: no command is obeyed"
-UNHEARD = "emergency stop, but nobody listens to e_stop: this page cannot stop the robot"
-UNCERTAIN = "emergency stop, but no news from the robot: whether it obeys is not known"
+LOCKED = "emergency stop: the robot obeys no command"
+UNHEARD = "emergency stop, but no node subscribes to e_stop, so this page cannot stop the robot"
+UNCERTAIN = "emergency stop, but the robot is not responding and may not have stopped"
 PHRASES = {
     STOPPED: "standing still until Start is pressed",
     STARTED: "waiting for a scan to drive by",
@@ -31,21 +31,21 @@ PHRASES = {
     ARRIVED: "at the pillar",
 }
 BY_HAND, MOVING, NO_DRIVER = "driven by hand", "being moved", "no node drives the robot"
-MAX_REASON = 200  # letters
+MAX_REASON = 200  # characters of a reason
 FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
-REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
+REASON_TIME = 3.0  # [s] longest time between the controller's stop and the warning with its reason
 SEEN_AFTER = 0.03  # [s] simulated time of one scan or two, in which a controller notices a moved object
 SEEN_AT_LAST = 0.3  # [s] wall time, for a robot without a clock
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
 class RobotStatus(NamedTuple):
-    """Facts that the state bar tells in words."""
+    """Facts that the state bar shows in words."""
 
-    is_locked: bool = False  # true while the emergency stop is on
-    has_listener: bool = True  # a node besides this one subscribes to the emergency stop
-    is_master_gone: bool = False  # true if it ended or restarted
-    is_paused: bool = False  # the simulated world
+    is_locked: bool = False  # the emergency stop is on
+    has_listener: bool = True  # another node subscribes to the emergency stop
+    is_master_gone: bool = False  # the master ended or restarted
+    is_paused: bool = False  # the simulated world is paused
     is_silent: bool = False  # no odometry has come for a while
     moving: str = ""  # object that a page moves
     is_by_hand: bool = False  # a person drives
@@ -53,19 +53,19 @@ class RobotStatus(NamedTuple):
     level: int = 0  # level of the controller's diagnostics
     activity: str = ""  # state of the controller
     fault: str = ""  # fault by the controller's diagnostics
-    reason: str = ""  # the warning that came as the controller stopped
+    reason: str = ""  # warning that came when the controller stopped
 
 
 class Figures(NamedTuple):
     """Numbers of the state bar."""
 
     distance: Optional[float] = None  # [m] remaining distance
-    speed: Optional[float] = None  # [m/s], measured
-    time: Optional[float] = None  # [s]
+    speed: Optional[float] = None  # [m/s] measured speed
+    time: Optional[float] = None  # [s] simulated time
 
 
 class Moving:
-    """Name of the thing that a page moves in the world, until the robot can have seen the result."""
+    """Name of the object that a page moves in the world, until the robot can have noticed the motion."""
 
     def __init__(self) -> None:
         self._text = ""
@@ -74,7 +74,7 @@ class Moving:
 
     @contextmanager
     def __call__(self, text: str) -> Iterator[None]:
-        """Move this in a block."""
+        """Move this object during a block."""
         self.begin(text)
         try:
             yield
@@ -82,15 +82,15 @@ class Moving:
             self.end()
 
     def begin(self, text: str) -> None:
-        """A page moves this from now on."""
+        """Note that a page moves this object from now on."""
         self._text, self._ended_at, self._seen_from = text, None, None
 
     def end(self) -> None:
-        """The page has put it down."""
+        """Note that the page has put the object down."""
         self._ended_at = monotonic()
 
     def text(self, time: Optional[float], now: float) -> str:
-        """Name of the moved thing at `time` [s] of simulated time, None if unknown; `now` [s]: wall time."""
+        """Return the name of the moved object; `time` [s] simulated, None if unknown; `now` [s] wall time."""
         if self._ended_at is not None:
             if time is not None and (self._seen_from is None or time < self._seen_from):
                 self._seen_from = time
@@ -101,7 +101,7 @@ class Moving:
 
 
 class StopReason:
-    """Warning that came as the controller stopped, kept while it stands: later ones tell of other things."""
+    """Warning that came when the controller stopped; it is kept, because later ones have other reasons."""
 
     def __init__(self) -> None:
         self.text = ""
@@ -116,10 +116,10 @@ class StopReason:
 
 
 class StateBar:
-    """State, emergency stop and what can be done next, shown on every tab."""
+    """State, emergency stop and next actions, shown on every tab."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self.on_again: Callable[[Any], None] = lambda client: None  # called with the page that asks for it
+        self.on_again: Callable[[Any], None] = lambda client: None  # called with the page of the button
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._state = gui.add_html(state_html(RobotStatus(), Figures()))
         self._e_stop = gui.add_html(e_stop_html(False))
@@ -127,12 +127,12 @@ class StateBar:
         self._next = gui.add_button_group(
             "What next?",
             (AGAIN, ELSEWHERE),
-            hint=f"{AGAIN}: from the start. {ELSEWHERE}: to a place 4 to 8 m away; the robot follows it",
+            hint=f"{AGAIN}: from the start. {ELSEWHERE}: to a position 4 to 8 m away; the robot follows it",
         )
         self._next.on_click(self._on_next)
 
     def update(self, status: RobotStatus, figures: Figures, now: float) -> None:
-        """Show a new state at once, new figures each FIGURES_PERIOD; `now` [s] of wall time."""
+        """Show a new state at once, and new numbers each FIGURES_PERIOD; `now` [s] wall time."""
         if now >= self._figures_due:
             self._figures, self._figures_due = figures, now + FIGURES_PERIOD
         self._e_stop.content = e_stop_html(status.is_locked, status.has_listener)
@@ -143,7 +143,7 @@ class StateBar:
 
 
 def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
-    """Button of the emergency stop, whose clicks the page's script sends on."""
+    """Return HTML of the button of the emergency stop; the page's script sends its clicks."""
     state = "STOPPED" if has_listener else "NOT HEARD"
     text, style = (f"{state} &mdash; RELEASE", "locked") if is_locked else ("EMERGENCY STOP", "")
     locks = "false" if is_locked else "true"
@@ -154,7 +154,7 @@ def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
 
 
 def state_html(status: RobotStatus, figures: Figures) -> str:
-    """State and figures as HTML; texts of nodes are escaped."""
+    """Return HTML of state and numbers; texts of nodes are escaped."""
     doing = PHRASES.get(status.activity, status.activity)
     level, sentence = next(
         (level, sentence)
@@ -164,7 +164,7 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
             (status.is_locked and status.is_silent and not status.is_paused, "error", UNCERTAIN),
             (status.is_locked, "error", LOCKED),
             (status.is_paused, "warn", "PAUSED"),
-            (status.is_silent, "error", "no news from the robot"),
+            (status.is_silent, "error", "the robot is not responding"),
             (bool(status.moving), "busy", f"{MOVING}: {status.moving}"),
             (status.is_by_hand, "busy", BY_HAND),
             (bool(status.driver), "ok", f"{status.driver} drives the robot"),

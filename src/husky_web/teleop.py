@@ -1,4 +1,4 @@
-"""Teleoperation: commands of the pages, and the emergency stop, from a thread that nothing else delays."""
+"""Teleoperation: commands of the pages, and the emergency stop, in a thread that nothing else delays."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from husky_highlevel_controller.ros.node import contained, publish
 
 PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
 
-SLOWEST = 0.1  # [m/s], [rad/s], of a slider of speed
+SLOWEST = 0.1  # [m/s], [rad/s] lowest value of a slider of speed
 EXPIRY = 0.25  # [s] silence of the page, which sends every 0.05 s while a key is held
 
 
 def clamp_axis(value: Any) -> Optional[float]:
-    """Axis of a joystick, clamped to -1..1; None if it is not a finite number."""
+    """Return the axis of a joystick, clamped to -1..1; None if it is not a finite number."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         return None
     return float(max(-1, min(1, value))) if abs(value) != inf else None
 
 
 def set_speed(teleop: Teleop, limit: str, high: float, event: Any) -> None:
-    """Take a slider's value as a limit of driving by hand, unless it is outside of the slider, or NaN."""
+    """Set a limit of driving by hand to a slider's value, unless it is NaN or outside of the slider."""
     if SLOWEST <= event.target.value <= high:
         setattr(teleop, limit, event.target.value)
 
@@ -48,7 +48,7 @@ class HoldToDrive:
         return self._holder is not None or self._has_to_stop
 
     def hold(self, page: int, twist: Twist2D, now: float) -> None:
-        """A page commands a twist at `now` [s]; no motion at all is to let go."""
+        """Take a page's twist at `now` [s]; a zero twist releases control."""
         if self._holder not in (None, page) and now - self._heard_at < EXPIRY:
             return
         if twist == STOP:
@@ -57,12 +57,12 @@ class HoldToDrive:
             self._holder, self._twist, self._heard_at = page, twist, now
 
     def release(self, page: int) -> None:
-        """A page lets go, or is gone."""
+        """Release control of a page."""
         if page == self._holder:
             self._holder, self._has_to_stop = None, True
 
     def command(self, now: float) -> Optional[Twist2D]:
-        """The twist to send at `now` [s]: one STOP after the last, then None."""
+        """Return the twist to send at `now` [s]; after the last one a single STOP, then None."""
         if self._holder is not None and now - self._heard_at >= EXPIRY:
             self.release(self._holder)
         if self._holder is not None:
@@ -77,16 +77,16 @@ class Teleop:
     """Commands on kb_teleop/cmd_vel and e_stop."""
 
     def __init__(self, simulator: str) -> None:
-        """Start the thread; `simulator` is a node that latches on `locked` whether it is stopped."""
+        """Start the thread; the node `simulator` latches its emergency stop on its topic `locked`."""
         self.on_lock: Callable[[], None] = lambda: None  # called when a page presses the emergency stop
-        self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s], of a key that is held
+        self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] speeds while a key is held
         self.is_locked = False  # true if any sender has locked e_stop
         self._hold = HoldToDrive()
         self._turn = threading.Lock()
         self._wake = threading.Event()
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
-        # a simulator tells it also to a page that comes later; a twist_mux does not
+        # a simulator latches it for a page that starts later; a twist_mux does not
         for topic in ("e_stop", f"{simulator}/locked"):
             rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()
@@ -105,7 +105,7 @@ class Teleop:
             self._wake.set()
 
     def on_leave(self, page: int) -> None:
-        """A page is gone."""
+        """Release control of a closed page."""
         with self._turn:
             self._hold.release(page)
         self._wake.set()
@@ -121,7 +121,7 @@ class Teleop:
         return self._e_stop.get_num_connections() > 1  # this node does
 
     def lock(self, locked: bool) -> None:
-        """Stop the robot and refuse its commands, or let it go."""
+        """Switch the emergency stop on or off."""
         self.is_locked = locked
         publish(self._e_stop, Bool(locked))
 

@@ -20,9 +20,9 @@ from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdat
 
 from husky_highlevel_controller.robot import load_robot
 
-PAUSE, NUMBERS_PAUSE = 0.05, 0.1  # [s] between two readings of what is drawn, and of numbers
-BURST_SHARE = 0.2  # fraction of a pause; a message this soon after it had come in meanwhile
-QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
+PAUSE, NUMBERS_PAUSE = 0.05, 0.1  # [s] between two readings of a drawn topic, and of a number
+BURST_SHARE = 0.2  # fraction of a pause; a message that is read so soon after it came during the pause
+QUEUE = 2000  # messages of one topic that are kept between two looks; beyond, the oldest are lost
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
 INPUTS = load_robot().topics.velocity  # the strongest first, the controller's last; the same for every robot
@@ -30,13 +30,13 @@ Received = Tuple[str, Any]  # topic and message
 
 
 class Topics:
-    """Subscriptions of the page; what came in is taken by the thread that draws."""
+    """Subscriptions of the page; the thread that draws takes their messages."""
 
     def __init__(self, names: Dict[str, str]) -> None:
-        """Listen to nothing yet; `names` has the topics by use, such as scan or odometry."""
+        """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
         self.scan_count = 0  # number of scans that ever came
-        self._pause_ended = threading.local()  # [s]; a topic has a thread for each publisher
+        self._pause_ended = threading.local()  # [s] time for each thread, of which each publisher has one
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
@@ -48,12 +48,12 @@ class Topics:
         return bool(self._subscribers)
 
     def open(self) -> None:
-        """Listen to what every robot has; `follow` adds what the network offers."""
+        """Subscribe to the topics of every robot; `follow` adds further topics of the network."""
         self.listen("scan", numpy_msg(LaserScan), True)
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
-        for name in INPUTS:  # relative, and so they are in what `take_all("inputs")` returns
+        for name in INPUTS:  # relative names, which `take_all("inputs")` returns, too
             self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
@@ -69,7 +69,7 @@ class Topics:
                 self._subscribers[full] = self._subscriber(full, InteractiveMarkerInit, "objects")
 
     def listen(self, use: str, kind: Any, is_open: bool) -> None:
-        """Subscribe or not to what is shown on demand."""
+        """Subscribe to a topic that is shown on demand, or unsubscribe."""
         if is_open and use not in self._subscribers:
             pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
             self._subscribers[use] = self._subscriber(self.names[use], kind, use, pause)
@@ -77,11 +77,11 @@ class Topics:
             self._subscribers.pop(use).unregister()
 
     def take(self, use: str) -> Optional[Any]:
-        """The newest message of one use; None if there is no new one."""
+        """Return the newest message of one use; None if there is no new one."""
         return next((msg for _, msg in self.take_all(use)), None)
 
     def take_all(self, kind: str) -> List[Received]:
-        """Messages since the last call, oldest first."""
+        """Return the messages since the last call, oldest first."""
         queue, messages = self._queues[kind], []
         while queue:
             messages.append(queue.popleft())
@@ -100,9 +100,9 @@ class Topics:
         return rospy.Subscriber(topic, kind, push, queue_size=QUEUE, buff_size=2**20, tcp_nodelay=True)
 
     def _push(self, use: str, topic: str, pause: float, msg: Any) -> None:
-        """Keep a message; if it did not arrive during the last pause, sleep `pause` [s]: then read a burst.
+        """Keep a message; if it did not arrive during the last pause, sleep `pause` [s] to read in bursts.
 
-        Without it the messages of a drive wake this process 475 times a second.
+        Otherwise the messages of a run would wake this process 475 times per second.
         """
         self._queues[use].append((topic, msg))
         if use == "scan":

@@ -25,11 +25,11 @@ from husky_web.parameters import (
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
 SUFFIX = "/parameter_descriptions"
 FOLDED = ("Detection",)
-SMALL = '<i class="husky-small" hidden></i>'  # viser.css makes the button that follows a small one
+SMALL = '<i class="husky-small" hidden></i>'  # viser.css makes the next button small
 
 
 class Tuning:
-    """Keeps the fields and the servers equal, both ways."""
+    """Keeps fields and servers equal, in both directions."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions, tab: Any) -> None:
         self._gui, self._actions, self._tab = server.gui, actions, tab
@@ -44,7 +44,7 @@ class Tuning:
         upload.on_upload(self._on_upload)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
-        """Add folders of servers that are new, drop those of servers that are gone."""
+        """Add folders of new servers, and remove folders of servers that have gone."""
         names = {topic[: -len(SUFFIX)] for topic, kind in published if kind == DESCRIPTION}
         for name in set(self._servers) - names:
             self._servers.pop(name).close()
@@ -71,9 +71,9 @@ class Tuning:
             try:
                 changes = from_yaml(text.decode(), servers)
             except UnicodeDecodeError:
-                raise HuskyError("this is no text file") from None
+                raise HuskyError("the file is not a text file in UTF-8") from None
             for name in changes.keys() - self._servers.keys():
-                raise HuskyError(f"{name} is gone")
+                raise HuskyError(f"node '{name}' has gone; load the file again")
             for name, values in changes.items():
                 self._servers[name].request(values, client)
             return f"{sum(map(len, changes.values()))} values of {', '.join(changes)}"
@@ -104,13 +104,13 @@ class _Server:
     def close(self) -> None:
         for subscriber in self._subscribers:
             subscriber.unregister()
-        with self._turn:  # a message that is on its way must not change fields that are gone
+        with self._turn:  # a late message must not change removed fields
             self._is_closed = True
             self._fields.clear()
             self._folder.remove()
 
     def request(self, values: Dict[str, Any], client: Optional[viser.ClientHandle]) -> None:
-        """Ask for values; of many requests for one parameter that wait, only the last is sent."""
+        """Request values; if several requests for one parameter wait, only the last one is sent."""
         with self._turn:
             is_first = not self._waiting
             self._waiting.update(values)
@@ -130,7 +130,7 @@ class _Server:
         refused = [
             f"{name} stays {values.get(name)}" for name, value in request.items() if values.get(name) != value
         ]
-        return f"refused: {', '.join(refused)}" if refused else None
+        return f"rejected by {self._name}: {', '.join(refused)}" if refused else None
 
     def _on_description(self, msg: ConfigDescription) -> None:
         with self._turn:
@@ -182,7 +182,7 @@ class _Server:
         return field
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
-        if event.client is None:  # set by _show
+        if event.client is None:  # `_show` has changed the field, not a page
             return
         value = dict(parameter.choices).get(event.target.value, event.target.value)
         try:
@@ -193,6 +193,6 @@ class _Server:
 
 
 def change_text(name: str, old: Any, new: Any) -> str:
-    """Change of a parameter in a few letters."""
+    """Return a short text on the change of a parameter."""
     before, after = (f"{value:g}" if isinstance(value, float) else str(value) for value in (old, new))
     return f"{name} {before} \u2192 {after}"

@@ -1,4 +1,4 @@
-"""Private names of viser 1.1 that the page needs; test_viser_private.py tells which one an update breaks."""
+"""Private names of viser 1.1 that the page needs; test_viser_private.py fails if an update breaks one."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 
-INVISIBLE = 5e-4  # [m], and of a quaternion (1 mrad): what moves less stays
+INVISIBLE = 5e-4  # [m], and of a quaternion's component (1 mrad), change that is not sent
 
 
 class LoopEvent(asyncio.Event):
-    """An event that only its loop's thread sets.
+    """Event that only its loop's thread sets.
 
-    viser sets the event of a message buffer twice for each message: at once, in whichever thread the message
-    comes from, and again in its loop. The first is a race with the loop that ends the caller with
-    "deque mutated during iteration" (seen within a minute on a busy machine); the second is enough.
+    viser sets the event of a message buffer twice for each message: at once, in the thread of the message,
+    and again in its loop. The first one races with the loop, and can end the caller with "deque mutated
+    during iteration", which was seen within a minute on a busy machine. The second one is enough.
     """
 
     def set(self) -> None:
@@ -45,14 +45,14 @@ class MessageBuffer(_infra.AsyncMessageBuffer):
 
 @contextmanager
 def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator[None]:
-    """Let a server that is started meanwhile ask for each request, and wrap its handler.
+    """Let a server that is started in this block check each request, and wrap its handler.
 
-    viser has no hook for a check of its requests: the function of `websockets` that starts its server is
+    viser has no hook for a check of its requests, so the function of `websockets` that starts its server is
     replaced, and so is its message buffer.
 
     Args:
-        process_request: as of `websockets.asyncio.server.serve`.
-        wrap: gets the handler of connections, and returns another.
+        process_request: argument of `websockets.asyncio.server.serve`.
+        wrap: function that gets the handler of connections and returns another one.
     """
     original: Any = websockets.asyncio.server.serve
     logger = logging.getLogger("husky_web.websockets")
@@ -71,14 +71,14 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
 
 
 def page_html() -> str:
-    """Page of viser's client, which is one file."""
+    """Return the page of viser's client, which is one file."""
     return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
 
 
 def place(node: Any, pose: Pose) -> None:
-    """Put a node somewhere, if it is not there already: every change is sent to every page.
+    """Set the pose of a node if it has changed, because every change is sent to every page.
 
-    Its message is queued without viser's setter, which compares by numpy.allclose: 6 instead of 39 us each.
+    The message is queued without viser's setter, which compares by numpy.allclose: 6 us instead of 39 us.
     """
     inside, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
     if _differ(inside.position.tolist(), position):
@@ -90,9 +90,9 @@ def place(node: Any, pose: Pose) -> None:
 
 
 def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
-    """Put a page's camera somewhere; its handle keeps telling what the page has reported.
+    """Move a page's camera; its handle keeps the last report of the page.
 
-    Not by viser's setters, which calculate its rotation as well: a seventh of the page's thread.
+    viser's setters are not used, because they also calculate the rotation, in a seventh of the thread's time.
     """
     queue = camera._state.client._websock_connection.queue_message
     queue(_messages.SetCameraPositionMessage(position))
@@ -105,7 +105,7 @@ def show_in_page(client: viser.ClientHandle, name: str, is_visible: bool) -> Non
 
 
 def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:
-    """Viser's order of a quaternion."""
+    """Return a quaternion in viser's order."""
     x, y, z, w = quat_xyzw
     return (w, x, y, z)
 

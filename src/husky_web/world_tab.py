@@ -1,4 +1,4 @@
-"""The tab of the world: what a click puts down, and which world is loaded."""
+"""World tab: the shape that a click puts down, and the loaded world."""
 
 from __future__ import annotations
 
@@ -51,13 +51,11 @@ class WorldTab:
             self._loaded = gui.add_html("")
             files = sorted(path.name for path in (share_folder() / "worlds").glob("*.world"))
             self._worlds: Any = gui.add_dropdown("File", files)
-            load = gui.add_button(
-                "Load", hint="the robot begins in this world, and from now on that is the start"
-            )
+            load = gui.add_button("Load", hint="load this world; the robot starts in it, also after a reset")
         load.on_click(lambda event: actions.do(self._load, event.client, "World"))
 
     def show_loaded(self, name: str) -> None:
-        """Show the name or path of the world that is loaded, and choose its file when it is another one."""
+        """Show the name or path of the loaded world, and select its file if it has changed."""
         content = f'<div class="husky-block">loaded: <b>{escape(Path(name).name)}</b></div>' if name else ""
         if content != self._loaded.content and Path(name).name in self._worlds.options:
             self._worlds.value = Path(name).name
@@ -70,17 +68,17 @@ class WorldTab:
         self._actions.do(lambda: self._spawn(shape, size, mass, pose), client, "Put")
 
     def move_robot(self, client: Optional[viser.ClientHandle], pose: Pose) -> None:
-        """Put the robot somewhere else, upright on the ground."""
+        """Move the robot to a pose, upright on the ground."""
         level = pose_from_2d(pose_to_2d(pose))
         self._actions.do(lambda: self._move(ROBOT, level), client, "Move")
 
     def delete(self, client: viser.ClientHandle, name: str) -> None:
-        """Take an object away."""
+        """Delete an object."""
         service = f"{self._simulator}/delete"
         self._actions.do(lambda: call(service, DeleteObject, name), client, "Delete")
 
     def move_away(self, client: viser.ClientHandle, point: Optional[Vector3]) -> None:
-        """Move the object nearest to a point [m, the page's frame] elsewhere."""
+        """Move the object nearest to a point [m, in the page's frame] to a random position 4 to 8 m away."""
         self._actions.do(lambda: self._move_away(point), client, "Move")
 
     def _move_away(self, point: Optional[Vector3]) -> str:
@@ -99,7 +97,7 @@ class WorldTab:
         for _ in range(MOVE_ATTEMPTS - 1):
             with suppress(HuskyError):
                 return self._move(name, elsewhere())
-        return self._move(name, elsewhere())  # its refusal says why
+        return self._move(name, elsewhere())  # the last attempt raises its error
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         poses = self._poses()
@@ -123,7 +121,7 @@ class WorldTab:
             )
 
     def _poses(self) -> Dict[str, Pose]:
-        """Poses of all objects in the page's frame."""
+        """Return the poses of all objects in the page's frame."""
         answer = answer_of(f"{self._simulator}/list", ListObjects, self._frame)
         if not answer.success:
             raise HuskyError(f"{self._simulator}/list: {answer.status_message}")

@@ -253,7 +253,7 @@ def test_what_is_drawn_stays_close_behind_the_robot(page, robot):
 
 def test_garbage_to_upload_is_refused_with_a_sentence(page, tmp_path):
     show(page, "Tune")
-    for content, words in ((b"\xff\xfe", "this is no text file"), (b"{", "this is no YAML")):
+    for content, words in ((b"\xff\xfe", "is not a text file"), (b"{", "is not valid YAML")):
         (tmp_path / "garbage.yaml").write_bytes(content)
         with page.expect_file_chooser() as chooser:
             press(page, "Load YAML")
@@ -383,12 +383,12 @@ def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_s
     page.mouse.up()
     wait_until(lambda: robot.is_locked, "e_stop is sent")
     page.wait_for_selector(".husky-e-stop.locked")
-    page.wait_for_selector("text=emergency stop: no command is obeyed")
+    page.wait_for_selector("text=emergency stop: the robot obeys no command")
     opened(browser, launched, ".husky-e-stop.locked").close()
     page.reload()
     page.wait_for_selector(".husky-e-stop.locked")
     press(page, "Start")
-    page.wait_for_selector("text=the emergency stop is on: release it first")
+    page.wait_for_selector("text=the emergency stop is on; release it first")
     page.keyboard.down("w")
     wait_until(lambda: robot.commanded > 0.0, "the key is still sent")
     assert abs(robot.speed) < 0.01
@@ -461,7 +461,7 @@ def test_the_state_follows_each_change_at_once_and_says_nothing_false_in_between
     network.call("/husky_highlevel_controller/start_stop", "true")
     comes(driving)
     page.keyboard.press("Space")
-    comes("emergency stop: no command is obeyed")
+    comes("emergency stop: the robot obeys no command")
     page.click(".husky-e-stop.locked")
     comes(standing)
     # between its start and its first scan a controller waits for one
@@ -594,11 +594,11 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     node = alone.start(*web)
     wait_until(lambda: ADDRESS.search(node.output), "the page's address is printed")
     page = opened(browser, f"http://127.0.0.1:{port}")
-    page.wait_for_selector("text=no news from the robot")
+    page.wait_for_selector("text=the robot is not responding")
     over_the_view = "getComputedStyle(document.documentElement, '::before').content"
     assert "Waiting for news of the robot" in page.evaluate(over_the_view)
     page.click(E_STOP)
-    page.wait_for_selector(".husky-state:has-text('nobody listens to e_stop')")
+    page.wait_for_selector(".husky-state:has-text('no node subscribes to e_stop')")
     page.click(".husky-e-stop.locked")
     simulator = alone.roslaunch("simulator.launch", "web:=false")
     page.wait_for_selector(".husky-state[data-time]")
@@ -611,7 +611,7 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     page.keyboard.press("Space")
     page.wait_for_selector(".husky-banner:has-text('has NOT been sent')")
     alone.start(*web)
-    page.wait_for_selector(".husky-state:has-text('emergency stop: no command is obeyed')")
+    page.wait_for_selector(".husky-state:has-text('emergency stop: the robot obeys no command')")
     page.click(".husky-e-stop.locked")
     page.wait_for_selector(E_STOP)
     page.wait_for_selector(".husky-banner:empty", state="attached")
@@ -623,10 +623,10 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     alone.core()
     alone.roslaunch("simulator.launch", "web:=false")
     wait_until(lambda: page.evaluate(TIME_SHOWN) < before, "the page shows the new simulator")
-    page.wait_for_selector("text=the emergency stop of this page may reach no robot")
+    page.wait_for_selector("text=the emergency stop of this page may not reach the robot")
     page.click(E_STOP)
     page.wait_for_selector(".husky-e-stop.locked")
-    page.wait_for_selector("text=the emergency stop of this page may reach no robot")
+    page.wait_for_selector("text=the emergency stop of this page may not reach the robot")
     page.close()
     alone.end()
 

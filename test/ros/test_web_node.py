@@ -32,7 +32,7 @@ OURS = "http://robot:4000/"
 def test_the_next_page_is_told_that_there_are_too_many_and_memory_is_given_back(ros):
     ros.core()
     launched = ros.roslaunch("web.launch")
-    launched.says("open it in a browser")
+    launched.says("open this page in a browser")
     address = ADDRESS.search(launched.output).group(1)
     (pid,) = ros.pids("husky_web")
 
@@ -51,9 +51,7 @@ def test_the_next_page_is_told_that_there_are_too_many_and_memory_is_given_back(
     wait_until(lambda: memory() > before + 0.5 * MAX_PAGES, "they take memory")
     with pytest.raises(HTTPError, match="503") as refusal:
         urlopen(address)
-    told = (
-        f"{MAX_PAGES} pages are open, and there can be no more: close one of them, then load this page again"
-    )
+    told = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
     assert refusal.value.read().decode() == told
     with open_page() as one_more, pytest.raises(ConnectionClosed, match="pages are open"):
         one_more.recv()

@@ -29,5 +29,5 @@ def test_a_service_that_hangs_is_given_up_with_a_sentence(monkeypatch):
     monkeypatch.setattr(actions, "CALL_TIMEOUT", 0.2)
     monkeypatch.setattr(actions.rospy, "ServiceProxy", lambda *_: lambda *_: release.wait(20.0))
     results = action_results(monkeypatch, lambda: actions.call("/reset", None), lambda: "done")
-    assert results == [("/reset has not answered for 0.2 s; it may still do it", False), ("done", True)]
+    assert results == [("/reset has not answered for 0.2 s; it may still act", False), ("done", True)]
     release.set()

@@ -15,14 +15,18 @@ from husky_web.state_bar import Figures, Moving, RobotStatus, StopReason, state_
 @pytest.mark.parametrize(
     ("status", "level", "words"),
     [
-        (RobotStatus(is_locked=True, activity="driving"), "error", "emergency stop: no command is obeyed"),
+        (
+            RobotStatus(is_locked=True, activity="driving"),
+            "error",
+            "emergency stop: the robot obeys no command",
+        ),
         (RobotStatus(is_locked=True, has_listener=False, is_silent=True), "error", state_bar.UNHEARD),
         (RobotStatus(is_locked=True, is_silent=True), "error", state_bar.UNCERTAIN),
         (RobotStatus(is_locked=True, is_silent=True, is_paused=True), "error", state_bar.LOCKED),
         (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
         (RobotStatus(activity="<driving>"), "ok", "&lt;driving&gt;"),
         (RobotStatus(activity="arrived"), "ok", "at the pillar"),
-        (RobotStatus(is_silent=True), "error", "no news from the robot"),
+        (RobotStatus(is_silent=True), "error", "the robot is not responding"),
         (RobotStatus(is_master_gone=True, is_locked=True), "error", state_bar.MASTER_GONE),
         (RobotStatus(moving="unit_cylinder", activity="arrived"), "busy", "being moved: unit_cylinder"),
         (RobotStatus(is_by_hand=True, activity="driving", fault="no pillar"), "busy", "driven by hand"),
