@@ -186,7 +186,11 @@ def _module(source: str) -> ModuleType:
 
 
 def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
-    """Drive a scene, as a task for `Workers.map`; HuskyError if the function or ROS fails."""
+    """Drive a scenario, as a task for `Workers.map`.
+
+    Raises:
+        HuskyError: the function or ROS fails.
+    """
     competitor, scenario = item
     return competitor.drive(scenario)
 

@@ -84,7 +84,7 @@ class Batch:
 
 
 def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
-    """Mark every submission; a result that could not be marked has a `problem` and no items.
+    """Mark every submission, and return the results; one that could not be marked has only a `problem`.
 
     Raises:
         HuskyError: there is no submission, marking.yaml is wrong, or marking was interrupted.

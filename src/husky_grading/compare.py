@@ -1,6 +1,6 @@
 """`compare` with launch files as contestants: the grader starts them and its recorder watches them.
 
-In: the command line of `compare`. Out: what `compare` gives.
+In: the command line of `compare`. Out: the output of `compare`.
 """
 
 from __future__ import annotations

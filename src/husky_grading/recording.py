@@ -76,10 +76,8 @@ class Recording:
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
     command_count: int = 0  # all of them
     zero_count: int = 0  # number of commands with all components zero
-    fastest: Optional[float] = (
-        None  # [m/s], the largest linear.x of all commands, either way; None if unknown
-    )
-    sharpest: Optional[float] = None  # [rad/s], likewise of angular.z
+    fastest: Optional[float] = None  # [m/s] largest size of linear.x in all commands; None if unknown
+    sharpest: Optional[float] = None  # [rad/s] largest size of angular.z in all commands; None if unknown
     nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
     hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()

@@ -123,7 +123,7 @@ class GivenPoints:
     """Points of one item, given by hand."""
 
     points: float = number(0.0, 1000.0, "an item's points")
-    word: str = setting("the reason, for the student")
+    word: str = setting("comment to the student with the reason")
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class Late:
     """A penalty for lateness."""
 
     percent: float = number(0.0, 100.0, "penalty in percent of all points")
-    word: str = setting("the reason, for the student")
+    word: str = setting("comment to the student with the reason")
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class Drivers:
         return min(reversed(living), key=lambda command: INPUTS.index(command.name), default=None)
 
     def forget(self) -> None:
-        """Drop what was kept."""
+        """Drop all commands."""
         self._last.clear()
 
 

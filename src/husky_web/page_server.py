@@ -174,7 +174,7 @@ class Gate:
         return response
 
     def with_drive_channel(self, handler: Any) -> Any:
-        """The handler of viser's connections, and of the drive channel."""
+        """Return the handler of viser's connections, and of the drive channel."""
 
         async def handle(connection: Any) -> None:
             is_drive = urlsplit(connection.request.path).path == DRIVE_PATH

@@ -22,7 +22,7 @@ TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "mi
 SLACK = 0.02  # fraction of a step that a curve may go past the last tick: 1.003 m/s needs no tick at 1.5
 LARGEST = 1e9  # largest value that is drawn
 MAX_MARKS = 8  # changes of parameters in one chart
-Mark = Tuple[float, str]  # time [s] of a change of a parameter, and what has changed
+Mark = Tuple[float, str]  # time [s] and text of a change of a parameter
 
 
 class Chart(NamedTuple):

@@ -15,7 +15,7 @@ from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 
-INVISIBLE = 5e-4  # [m], and of a quaternion's component (1 mrad), change that is not sent
+INVISIBLE = 5e-4  # [m] change of a coordinate that is not sent; also of a quaternion's component, 1 mrad
 
 
 class LoopEvent(asyncio.Event):

@@ -45,7 +45,9 @@ class WorldTab:
                 step=0.05,
                 hint="full extents; cylinder: d, d, height",
             )
-            self._mass = gui.add_number("Mass [kg]", 5.0, min=0.0, step=0.5, hint="0: never moves")
+            self._mass = gui.add_number(
+                "Mass [kg]", 5.0, min=0.0, step=0.5, hint="an object of 0 kg never moves"
+            )
         self._shape.on_update(self._on_shape)
         with gui.add_folder("World"):
             self._loaded = gui.add_html("")

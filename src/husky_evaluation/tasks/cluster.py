@@ -42,9 +42,13 @@ class Cluster:
     """Connection to a scheduler, and the set of its workers that may be used."""
 
     def __init__(self, address: str) -> None:
-        """Connect; HuskyError if no scheduler answers there."""
+        """Connect to a scheduler.
+
+        Raises:
+            HuskyError: no scheduler answers.
+        """
         self._address = address
-        self._refused: Dict[str, str] = {}  # reason for each refused worker
+        self._refused: Dict[str, str] = {}  # reason for each rejected worker
         self._fit: FrozenSet[str] = frozenset()
         try:
             self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)

@@ -1,1 +1,1 @@
-"""Runs untrusted programs on a private ROS network and ends them."""
+"""Execution of untrusted programs: sandbox, limits, private ROS network, and their end."""

@@ -21,7 +21,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 
 MAX_SIZE = 20_000_000  # [bytes] size of a file that is read whole
 MAX_YAML = 500_000  # [bytes] size of a YAML file; its nodes take a thousand times as much
-MAX_ENTRIES = 50_000  # files and folders of a hand-in that are looked at
+MAX_ENTRIES = 50_000  # files and folders of a submission that are looked at
 
 
 class UnreadableFileError(HuskyError):
@@ -29,7 +29,7 @@ class UnreadableFileError(HuskyError):
 
 
 def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
-    """Content of a regular file; a link, FIFO or device is refused, neither followed nor waited for.
+    """Return the content of a regular file; a link, FIFO or device is rejected without waiting for it.
 
     Raises:
         UnreadableFileError: it cannot be read, is not a regular file, or has more than `max_size` bytes.
@@ -57,7 +57,7 @@ def is_regular(path: Path) -> bool:
 
 
 def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
-    """Content of a regular file as UTF-8; bytes that are not become U+FFFD.
+    """Return the content of a regular file as UTF-8; other bytes become U+FFFD.
 
     Raises:
         UnreadableFileError: as `read_regular`.
@@ -66,12 +66,12 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
 
 
 def file_suffix(path: Path) -> str:
-    """Suffix of a file; .launch for .launch.xml, too: both are names of launch files."""
+    """Return the suffix of a file; for .launch.xml it is .launch, because both are names of launch files."""
     return ".launch" if path.name.endswith(".launch.xml") else path.suffix
 
 
 def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) -> Iterator[Tuple[Path, str]]:
-    """Files below a folder with one of these suffixes, and their texts; none that cannot be read.
+    """Yield the files below a folder that have one of these suffixes and can be read, and their texts.
 
     Raises:
         UnreadableFileError: as `walk`.
@@ -83,7 +83,7 @@ def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) 
 
 
 def read_xml(path: Path, max_size: int) -> Any:
-    """Root of an XML file; entities are refused.
+    """Return the root of an XML file; entities are rejected.
 
     Raises:
         UnreadableFileError: as `read_regular`, or it is not such XML.
@@ -92,20 +92,21 @@ def read_xml(path: Path, max_size: int) -> Any:
     try:
         return ElementTree.fromstring(content)
     except Exception as error:  # any error, such as LookupError of an unknown encoding
-        raise UnreadableFileError(f"{path}: it is no XML that can be read: {error}") from error
+        raise UnreadableFileError(f"{path}: not XML that can be read: {error}") from error
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Loader of YAML without aliases: a few of these name billions of nodes, or one that holds itself."""
+    """Loader of YAML without aliases, because a few can expand to billions of nodes or to a circle."""
 
     def compose_node(self, parent: Optional[yaml.Node], index: Any) -> Optional[yaml.Node]:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.composer.ComposerError(None, None, "aliases are refused", self.peek_event().start_mark)
+            problem = "YAML aliases are not allowed; write the value out"
+            raise yaml.composer.ComposerError(None, None, problem, self.peek_event().start_mark)
         return super().compose_node(parent, index)
 
 
 def read_yaml(path: Path) -> Any:
-    """Content of a YAML file of plain values, at most MAX_YAML bytes and without aliases.
+    """Return the content of a YAML file of plain values, at most MAX_YAML bytes and without aliases.
 
     Raises:
         UnreadableFileError: as `read_regular`, or it is not such YAML.
@@ -118,10 +119,10 @@ def read_yaml(path: Path) -> Any:
 
 
 def create(path: Path) -> BinaryIO:
-    """Open a new file for writing, in place of whatever had its name: links are removed, not followed.
+    """Open a new file for writing; a file or link with its name is removed first, so no link is followed.
 
     Raises:
-        OSError: it cannot be made.
+        OSError: the file cannot be made.
     """
     path.unlink(missing_ok=True)
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -129,11 +130,11 @@ def create(path: Path) -> BinaryIO:
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy a regular file of bounded size in place of whatever has the target's name; no link is followed.
+    """Copy a regular file of bounded size; a file or link with the target's name is replaced, not followed.
 
     Raises:
         UnreadableFileError: as `read_regular`.
-        OSError: it cannot be written.
+        OSError: the copy cannot be written.
     """
     content = read_regular(source)
     with create(target) as file:
@@ -141,17 +142,18 @@ def copy(source: Path, target: Path) -> None:
 
 
 def is_below(path: Path, root: Path) -> bool:
-    """Return whether a path leads below a folder, and not by a link out of it."""
+    """Return whether a path leads below a folder, after all its links are followed."""
     return root.resolve() in path.resolve().parents
 
 
 def write_whole(path: Path, content: str) -> None:
-    """Write a file completely or not at all: a full disk leaves no half of it.
+    """Write a file completely or not at all, so a full disk leaves no partial file.
 
     Raises:
-        OSError: it cannot be written; what was there before stays.
+        OSError: it cannot be written; an earlier file with its name stays.
     """
-    partial = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.partial")  # two may write
+    # a name of its own for each thread, because several may write the same file
+    partial = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.partial")
     try:
         with partial.open("w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(content)
@@ -163,7 +165,7 @@ def write_whole(path: Path, content: str) -> None:
 
 
 def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Path]:
-    """Regular files below a folder, in order; links are not followed.
+    """Yield the regular files below a folder, in order; links are not followed.
 
     Raises:
         UnreadableFileError: there are more than MAX_ENTRIES.
@@ -174,7 +176,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
         try:
             with os.scandir(waiting.pop()) as entries:
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
-        except OSError:  # it is gone, hides its content, or its path is longer than the kernel takes
+        except OSError:  # it has gone, hides its content, or has a path that is too long for the kernel
             continue
         count += len(inner)
         if count > MAX_ENTRIES:
@@ -185,5 +187,5 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
 
 
 def remove_tree(folder: Path) -> None:
-    """Remove a folder, however deep it is, where it exists; links are not followed."""
+    """Remove a folder of any depth, if it exists; links are not followed."""
     subprocess.run(["rm", "-rf", "--", str(folder)], check=False, capture_output=True)

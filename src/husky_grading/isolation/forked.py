@@ -1,6 +1,6 @@
-"""Marking's own ROS programs, forked from a process that has imported what they share.
+"""Marking's own ROS programs, forked from a process that has imported their common modules.
 
-In: module and arguments. Out: running processes, as those of `process`, within milliseconds.
+In: module and arguments. Out: running processes with the interface of `process`, within milliseconds.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def import_early() -> None:
-    """Begin to import what the programs share, beside whatever this program does next."""
-    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # it needs more
+    """Begin to import the programs' common modules in the background."""
+    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # it imports more
     forkserver.ensure_running()
 
 
 class ForkedProcess(Process):
-    """Program that is one of the MODULES; it starts no other, and dies with this one."""
+    """Program of MODULES; it starts no other program, and ends with this one."""
 
     def __init__(
         self, command: Sequence[str], log: Path, env: Dict[str, str], folder: Path, handed: Sequence[Any] = ()
     ) -> None:
-        """Start it, as a `Process`; its main() gets what is handed to it, such as a connection."""
+        """Start it, as a `Process`; its main() gets the arguments `handed`, such as a connection."""
         self._handed = handed
         super().__init__(command, log, env, folder)
 

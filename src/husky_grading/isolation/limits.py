@@ -51,7 +51,7 @@ class SizeWatch:
     def _run(self) -> None:
         try:
             self.problem = self._watch()
-        except Exception as error:  # a program that cannot be watched does not go on
+        except Exception as error:  # any error, because a program that cannot be watched must end
             reason = getattr(error, "strerror", None) or error  # strerror has no path of 3000 folders
             self.problem = f"it was ended: its size cannot be watched: {reason}"
         if self.problem:
@@ -91,7 +91,7 @@ def processes_below(pid: int) -> Optional[List[psutil.Process]]:
 
 
 def thread_count(processes: Sequence[psutil.Process]) -> int:
-    """Number of the threads of processes, up to the first beyond THREADS."""
+    """Return the number of threads of processes; it counts up to the first one beyond THREADS."""
     count = len(processes)
     for process in processes if count <= THREADS else ():
         with contextlib.suppress(psutil.Error):
@@ -100,17 +100,17 @@ def thread_count(processes: Sequence[psutil.Process]) -> int:
 
 
 def socket_count() -> int:
-    """Number of the sockets in this program's network, also of those that no process has accepted yet."""
+    """Return the number of sockets in this program's network, with connections that are not accepted yet."""
     (used,) = re.findall(r"^sockets: used (\d+)", Path("/proc/self/net/sockstat").read_text(), re.MULTILINE)
     return int(used)
 
 
 def temporary_files(processes: Sequence[psutil.Process]) -> int:
-    """Size of the files in the folders in memory of a sandbox that processes are in [bytes]."""
+    """Return the size of the files in the memory folders of the sandbox of these processes [bytes]."""
     own_mounts, size = os.readlink("/proc/self/ns/mnt"), 0
     for process in processes:
         root = f"/proc/{process.pid}/root"
-        with contextlib.suppress(OSError):  # it has ended
+        with contextlib.suppress(OSError):  # the process has ended
             if os.readlink(f"/proc/{process.pid}/ns/mnt") != own_mounts:
                 for folder in TEMPORARY:
                     status = os.statvfs(root + folder)
@@ -122,9 +122,9 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
 
 
 def detached_segments(processes: Sequence[psutil.Process]) -> int:
-    """Size of System V shared memory that no process of a sandbox is attached to any more [bytes].
+    """Return the size of a sandbox's System V shared memory to which no process is attached any more [bytes].
 
-    The calling thread enters the sandbox's namespace of them, and stays in it.
+    The calling thread enters the sandbox's namespace for it, and stays there.
     """
     marking, own = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
     for process in processes:
@@ -141,12 +141,12 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
 
 
 def memory_of(processes: Sequence[psutil.Process]) -> int:
-    """Memory of processes together, shared pages once [bytes]."""
+    """Return the memory of processes together, with shared pages counted once [bytes]."""
     resident = 0
     for process in processes:
         with contextlib.suppress(psutil.Error):
             resident += process.memory_info().rss
-    if resident <= MEMORY:  # each process counts the pages it shares with others
+    if resident <= MEMORY:  # an upper bound, because each process counts its shared pages
         return resident
     proportional = 0
     for process in processes:
@@ -156,12 +156,12 @@ def memory_of(processes: Sequence[psutil.Process]) -> int:
 
 
 def disk_usage(folder: Path) -> Tuple[int, int]:
-    """Blocks of the files below a folder [bytes], and the number of files and folders; no link is followed.
+    """Return the blocks of the files below a folder [bytes], and the number of files and folders.
 
-    It ends with the first entry beyond FILES.
+    Links are not followed. It ends with the first entry beyond FILES.
 
     Raises:
-        OSError: a folder hides its content, or its path is longer than the kernel takes.
+        OSError: a folder hides its content, or has a path that is too long for the kernel.
     """
     size = count = 0
     waiting = [str(folder)]
@@ -175,13 +175,13 @@ def disk_usage(folder: Path) -> Tuple[int, int]:
                     else:
                         with contextlib.suppress(FileNotFoundError):
                             size += BLOCK * entry.stat(follow_symlinks=False).st_blocks
-        except FileNotFoundError:  # it is gone
+        except FileNotFoundError:  # the folder has gone
             continue
     return size, count
 
 
 def deleted_files(processes: Sequence[psutil.Process]) -> int:
-    """Blocks of files that have no name any more and are held open [bytes]."""
+    """Return the blocks of open files that have no name any more [bytes]."""
     sizes = {}
     for process in processes:
         with contextlib.suppress(OSError), os.scandir(f"/proc/{process.pid}/fd") as entries:

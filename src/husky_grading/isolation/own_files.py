@@ -1,9 +1,9 @@
-"""Files of this package that an untrusted program sees, whether it is cloned, built or installed.
+"""Files of this package that an untrusted program sees, if the package is cloned, built or installed.
 
-In: what the program may use. Out: folders that the sandbox hides, and what it shows in them.
+In: the kind of use. Out: folders that the sandbox hides, and files that it shows in them.
 
-A hand-in reads this package's launch files, worlds and messages, and nothing else: neither the controllers,
-which would do its exercise, nor what lies in the clone, such as a fellow's results.
+A submission reads this package's launch files, worlds and messages, and nothing else. It reads neither the
+controllers, which would solve its exercise, nor other files of the clone, such as another student's results.
 """
 
 from __future__ import annotations
@@ -19,23 +19,22 @@ from husky_highlevel_controller.paths import search_path, share_folder
 
 
 class Own(Enum):
-    """Use that an untrusted program makes of this package, beside its launch files, worlds and messages."""
+    """Files of this package that an untrusted program may use besides launch files, worlds and messages."""
 
-    NOTHING = "nothing"  # a hand-in
-    FILTER = "filter"  # a hand-in of exercise 4: the stand-in of robot_localization is a node of this package
-    ALL = "all"  # a launch file or node of this package, which a teacher names
+    NOTHING = "nothing"  # use of a submission
+    FILTER = "filter"  # use of exercise 4, because our filter replaces robot_localization
+    ALL = "all"  # use of a launch file or node of this package, which a teacher names
 
 
 MODULES = Path(paths.__file__).resolve().parent  # folder of the source tree, also in catkin's devel space
 NAME = MODULES.name
-BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # packages that lie beside MODULES
+BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # packages next to MODULES
 # entries of the package's folder, in the source tree or installed, that launch files and builds read
 DATA = ("package.xml", "cmake", "compat", "config", "launch", "msg", "rviz", "srv", "urdf", "worlds")
 CODE = ("cfg", "examples", "scripts", "src", "tools", "web")
 STARTER = Path(__file__).resolve().parents[1] / "nodes" / "submission.py"  # program that starts a submission
-IN_WORKSPACE = (
-    share_folder() / "tools" / "in_workspace.bash"
-).resolve()  # likewise, with its workspace sourced
+# script that sources the workspace of a submission and starts a program in it
+IN_WORKSPACE = (share_folder() / "tools" / "in_workspace.bash").resolve()
 FILTER_PROGRAM = "planar_ekf"
 
 
@@ -43,16 +42,16 @@ FILTER_PROGRAM = "planar_ekf"
 class OwnFiles:
     """Files of this package in a sandbox."""
 
-    hidden: FrozenSet[Path]  # folders that are empty but for what is shown in them
+    hidden: FrozenSet[Path]  # folders that are empty except for shown files
     shown: FrozenSet[Path]  # files and folders
 
 
 def own_files(own: Own) -> OwnFiles:
-    """Return what a program sees of this package."""
+    """Return the files of this package that a program sees."""
     share = share_folder()
     entries = [*DATA, *CODE] if own is Own.ALL else [*DATA]
     shown: Set[Path] = {STARTER, IN_WORKSPACE}
-    # the roots of the source tree and of what is installed; in an installed folder entries may be links
+    # roots of the source tree and of the installed package, in which entries may be links
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
     shown |= {(share / name).resolve() for name in entries}
     code = {MODULES, *(MODULES.parent / name for name in BESIDE), *programs()}
@@ -60,7 +59,9 @@ def own_files(own: Own) -> OwnFiles:
         shown |= code
     else:
         hidden |= code
-        shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}  # messages, where it is installed
+        shown |= {
+            MODULES / name for name in ("__init__.py", "msg", "srv")
+        }  # messages of an installed package
     if own is Own.FILTER:
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}
         shown |= {*(MODULES / "ros").glob("*.py"), MODULES / "ros" / "estimation"}

@@ -1,9 +1,8 @@
-"""Neutral place of a marking: its folder of results under a path that holds no name of a person or machine.
+"""Neutral place of a marking: its folder of results under a path without any user's or machine's name.
 
 CMake, make, catkin's setup files, `launch-prefix`, `args` and ROS_PACKAGE_PATH take no quotes, blanks or
-colons in a path, and a teacher's `--out` may have them. So the marking program sees its folder of results at
-a place that is always the same, in mounts of its own. It builds and drives there, and so it finds a workspace
-that was kept.
+colons in a path, but a teacher's `--out` may have them. So the marking program sees its folder of results at
+a place that is always the same, in mounts of its own. It builds and drives there, so it finds a kept one.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def make() -> str:
             folder.mkdir(mode=0o755, exist_ok=True)
             status = folder.lstat()
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-                return ""  # another user's, who could lay something else there
+                return ""  # another user owns it, and could put other files there
     except OSError:
         return ""
     return str(place)
@@ -51,7 +50,7 @@ def show_results_at(out: Path) -> Path:
             return Path(place)
     if not SAFE.fullmatch(str(out)):
         raise HuskyError(
-            f"the path of --out has characters that CMake and roslaunch do not take: {str(out)!r}; choose "
-            "another folder, because this machine makes no mount namespace that could hide them"
+            f"the path of --out has characters that CMake and roslaunch do not accept: {str(out)!r}. Choose "
+            "another folder, because this machine allows no mount namespace that could hide them"
         )
     return out

@@ -1,4 +1,4 @@
-"""Folders of the marking machine in texts for students, who know only the paths in their hand-in."""
+"""Folders of the marking machine in texts for students, who know only paths in their submission."""
 
 from __future__ import annotations
 

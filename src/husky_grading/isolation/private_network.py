@@ -1,6 +1,6 @@
 """Namespaces of one marking: a network with a loopback only, and mounts of its own.
 
-So no submission reaches another, or a machine, and the folder of results is seen at a neutral place.
+So no submission reaches another one or a machine, and it sees its folder of results at a neutral place.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40  # SIOCSIFFLAGS; IFF_UP, 
 
 
 def enter_network() -> None:
-    """Start this program again in a network of its own; returns inside, or where the machine allows none."""
+    """Start this program again in a network of its own; return in the new program, or if none is allowed."""
     if VARIABLE in os.environ:
         if os.environ[VARIABLE]:
-            _bring_loopback_up()
+            with socket.socket() as any_socket:  # bring the loopback up
+                fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack("16sH14x", b"lo", _UP_AND_RUNNING))
         return
     command, variables = inside([sys.executable, *sys.argv])
     os.environ.update(variables)
@@ -34,7 +35,7 @@ def enter_network() -> None:
 
 
 def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
-    """Command of a program in namespaces of its own, where the machine allows them, and its variables."""
+    """Return the command of a program in its own namespaces, if these are allowed, and its variables."""
     prefix = _namespace_command()
     own_place = place.make() if MOUNTS in prefix else ""
     return [*prefix, *command], {VARIABLE: "private" if prefix else "", place.VARIABLE: own_place}
@@ -46,7 +47,7 @@ def is_entered() -> bool:
 
 
 def reach() -> str:
-    """Reach of this program's network, as text."""
+    """Return the reach of this program's network as text."""
     return "loopback only" if is_entered() else "not kept apart"
 
 
@@ -62,8 +63,3 @@ def _namespace_command() -> Tuple[str, ...]:
         if works("unshare", *flags, "--net", "--", "true"):
             return (system_program("unshare"), *flags, "--net", "--")
     return ()
-
-
-def _bring_loopback_up() -> None:
-    with socket.socket() as any_socket:
-        fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack("16sH14x", b"lo", _UP_AND_RUNNING))

@@ -1,4 +1,4 @@
-"""Processes whose output is cut, whose size is watched, and which leave no process behind.
+"""Processes with limited output and size, which leave no process behind.
 
 In: commands. Out: running processes with a log.
 """
@@ -31,9 +31,9 @@ _REAPER = str(Path(__file__).with_name("reaper.py"))
 
 
 class Process:
-    """A process in a session of its own, without input, whose output goes to a log of limited size.
+    """Process in a session of its own, without input, with its output in a log of limited size.
 
-    It ends, with every process it started, when it is killed or when this program dies.
+    It ends, with every process that it started, when it is killed or when this program ends.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class Process:
             command: program and arguments.
             log: file for its output.
             env: environment.
-            folder: working directory; the only one that an untrusted program may write.
-            workspace: of an untrusted program, which then runs in the sandbox; None for one of ours.
-            shows_errors: its standard error is this program's, for a progress bar, in place of the log.
+            folder: working directory, the only folder that an untrusted program may write.
+            workspace: workspace of an untrusted program, which runs in the sandbox; None for our programs.
+            shows_errors: its standard error goes to the terminal, for a progress bar, instead of the log.
         """
         self.log = log
         self._file: Optional[BinaryIO] = None
-        with contextlib.suppress(OSError):  # a full disk costs the log, not the drive
-            self._file = create(log)  # before the program can lay a link there
+        with contextlib.suppress(OSError):  # a full disk costs the log, not the run
+            self._file = create(log)  # made now, before the program could make a link there
         self._watch: Optional[SizeWatch] = None
         if workspace is not None:
             command = sandboxed(workspace, command, folder, env)
@@ -104,7 +104,7 @@ class Process:
 
     @property
     def output(self) -> str:
-        """Output so far: the beginning, and the end."""
+        """Return the output so far: its beginning and its end."""
         head, tail = bytes(self._head), bytes(self._tail)
         return (head + b"\n" + tail if tail else head).decode(errors="replace")
 
@@ -115,7 +115,7 @@ class Process:
 
     @property
     def problem(self) -> str:
-        """Return the limit for which it was ended, or an empty text if it was not."""
+        """Return why it was ended by a limit, or an empty text if it was not."""
         return self._watch.problem if self._watch else ""
 
     def interrupt(self) -> None:
@@ -127,7 +127,7 @@ class Process:
         """End it and every process that it ever started."""
         if self._watch:
             self._watch.end()
-        self.popen.terminate()  # the reaper kills what is below it
+        self.popen.terminate()  # the reaper kills its other processes
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -141,11 +141,11 @@ STOP_REQUESTED = threading.Event()  # Ctrl-C or SIGTERM: marking is to end
 
 
 class StoppedError(HuskyError):
-    """The marking was interrupted."""
+    """Marking was interrupted."""
 
 
 def request_stop() -> None:
-    """End all waits; if that is not enough, end this program, and with it everything it started."""
+    """End all waits; if that does not end this program in time, kill it with all programs that it started."""
     if not STOP_REQUESTED.is_set():
         STOP_REQUESTED.set()
         last_resort = threading.Timer(STOP_DEADLINE, os._exit, [2])
@@ -154,21 +154,21 @@ def request_stop() -> None:
 
 
 def stop_on_signals() -> None:
-    """End all waits at Ctrl-C and SIGTERM, so that programs are ended."""
+    """End all waits at Ctrl-C and SIGTERM, so this program ends its programs."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: request_stop())
 
 
 def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) -> bool:
-    """Wait until a condition holds; False if it does not after so many seconds of wall time.
+    """Wait until a condition holds, and return whether it held within so many seconds of wall time.
 
     Raises:
-        StoppedError: the marking is to end.
+        StoppedError: marking was interrupted.
     """
     end = time.monotonic() + seconds
     while not condition():
         if STOP_REQUESTED.is_set():
-            raise StoppedError("the marking was stopped")
+            raise StoppedError("marking was interrupted")
         if time.monotonic() > end:
             return False
         time.sleep(period)
@@ -176,10 +176,10 @@ def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) ->
 
 
 def ends(process: Process, seconds: float, period: float = 0.05) -> bool:
-    """Wait for a process to end, and kill what is left of it; whether it ended in time.
+    """Wait for a process to end, kill its leftovers, and return whether it ended in time.
 
     Raises:
-        StoppedError: the marking is to end.
+        StoppedError: marking was interrupted.
     """
     try:
         return wait(lambda: not process.running, seconds, period)
@@ -188,7 +188,7 @@ def ends(process: Process, seconds: float, period: float = 0.05) -> bool:
 
 
 def with_variable(name: str, value: str) -> List[int]:
-    """Every process that was started with this variable in its environment."""
+    """Return the processes that were started with this variable in their environment."""
     pids = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error, OSError):
@@ -198,7 +198,7 @@ def with_variable(name: str, value: str) -> List[int]:
 
 
 def end_all(processes: Sequence[Process]) -> List[int]:
-    """Kill the processes and all that they started; those that are left in spite of it."""
+    """Kill processes and everything that they started, and return the ids of those that still run."""
     for process in processes:
         process.kill()
     return [process.popen.pid for process in processes if process.running]

@@ -1,11 +1,11 @@
-"""Runs a command and ends every process it leaves behind: `reaper.py PARENT_PID COMMAND...`.
+"""Program that runs a command and ends every process that it leaves: `reaper.py PARENT_PID COMMAND...`.
 
-A child subreaper (prctl(2)): orphans below become children of this process, so all are found by their
-parents. It ends with the command, on SIGTERM, or when the process that started it dies, by whatever signal.
-SIGINT, SIGUSR1 and SIGUSR2 are passed on to the command. It is started by its path and imports nothing of
-this package, because a package of a submission may have the same name.
+It is a child subreaper (prctl(2)), so orphans become its children, and it finds all of them. It ends with the
+command, on SIGTERM, or when the process that started it ends. It forwards SIGINT, SIGUSR1 and SIGUSR2 to the
+command. It is started by its path and imports nothing of this package, because a submitted package may have
+the same name.
 
-Signals are blocked and waited for: none interrupts anything, and none is passed on after the command's end.
+Signals are blocked and awaited, so none interrupts a step, and none is forwarded after the command's end.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ def end_descendants() -> None:
 
 
 def run_and_reap(parent: int, command: List[str]) -> int:
-    """Run the command to its end; its exit code."""
+    """Run the command to its end, and return its exit code."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
-        return STOPPED  # it died before it could be watched
+        return STOPPED  # the parent has already ended
     child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before))
     while True:
         number = signal.sigwait(SIGNALS)
         if number == signal.SIGTERM:
             return STOPPED
         if number != signal.SIGCHLD:
-            os.kill(child.pid, number)  # at worst a zombie, so the number has no other process
+            os.kill(child.pid, number)  # an ended child is a zombie, so no other process has its number
             continue
         pid, status = os.waitpid(-1, os.WNOHANG)
         while pid:
@@ -64,7 +64,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
 
 
 def main() -> None:
-    """Run `PARENT_PID COMMAND...` and leave nothing of it behind."""
+    """Run `PARENT_PID COMMAND...` and leave none of its processes."""
     try:
         code = run_and_reap(int(sys.argv[1]), sys.argv[2:])
     except OSError as error:

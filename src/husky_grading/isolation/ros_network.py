@@ -1,6 +1,6 @@
-"""A ROS network of its own: a master on a free port, programs that use it, and the end of them all.
+"""Private ROS network: a master on a free port, programs that use it, and their end.
 
-In: programs to start. Out: processes that talk to one master.
+In: programs to start. Out: processes that use one master.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ START_DEADLINE = 600.0  # [s] wall time for the start of our own program on the 
 
 
 class MarkingError(HuskyError):
-    """Marking itself does not work here; no submission is to blame."""
+    """Marking itself does not work on this machine, which is not a fault of the submission."""
 
 
 class Network:
-    """A ROS master of its own, in a folder of its own; closing it ends every program in it."""
+    """ROS master in a folder of its own, and its programs, which all end when it is closed."""
 
-    master: Tuple[str, ...] = (MASTER, "--core")  # the program, without its port
+    master: Tuple[str, ...] = (MASTER, "--core")  # program of the master, without its port
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -51,7 +51,7 @@ class Network:
         raise MarkingError(f"{self.master[0]} does not start: " + self.processes[-1].output.strip()[-300:])
 
     def variables(self) -> Dict[str, str]:
-        """Environment variables of a program that talks to this master."""
+        """Return the environment variables of a program that uses this master."""
         return {
             "ROS_MASTER_URI": self.uri,
             "ROS_IP": "127.0.0.1",
@@ -62,7 +62,7 @@ class Network:
         }
 
     def folder_of(self, name: str) -> Path:
-        """The folder that an untrusted program of this name works in, the only one it may write."""
+        """Return the working directory of an untrusted program, the only folder that it may write."""
         folder = self.folder / name
         for path in (folder, folder / "home"):
             path.mkdir(exist_ok=True)
@@ -79,10 +79,10 @@ class Network:
         """Start a program.
 
         Args:
-            name: of its log, and of its folder if it is untrusted.
+            name: name of its log, and of its folder if it is untrusted.
             command: program and arguments; or one of the MODULES, and arguments.
-            workspace: of an untrusted program, which runs in the sandbox; None for one of ours.
-            handed: to the main() of one of the MODULES, such as a connection.
+            workspace: workspace of an untrusted program, which runs in the sandbox; None for our programs.
+            handed: arguments for the main() of one of the MODULES, such as a connection.
             **more: further variables of its environment.
         """
         env = dict(os.environ) if workspace is None else clean_environment()
@@ -105,7 +105,11 @@ class Network:
         return process
 
     def close(self) -> None:
-        """End everything."""
+        """End all programs.
+
+        Raises:
+            MarkingError: a process cannot be ended.
+        """
         survivors = end_all(self.processes)
         if survivors:
             raise MarkingError(f"processes {survivors} cannot be ended")
@@ -118,6 +122,6 @@ class Network:
 
 
 def _decided(master: Process, port: int) -> bool:
-    """Return whether it has ended, or listens."""
+    """Return whether a master has ended, or listens on its port."""
     with socket.socket() as probe:
         return not master.running or probe.connect_ex(("127.0.0.1", port)) == 0

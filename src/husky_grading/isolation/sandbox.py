@@ -2,9 +2,9 @@
 
 In: folders that a program may see and write. Out: a command that runs inside.
 
-With bubblewrap it sees the system's programs and settings, but for those that not every user may read, and
-what the workspace needs, read-only; only its own folder and folders of temporary files can be written. It
-sees no process but its own. docs/sandbox.md says what holds without it.
+With bubblewrap a program sees the system's programs and settings, except files that not every user may read,
+and the folders of its workspace, all read-only. It can write only its own folder and folders of temporary
+files. It sees only its own processes. docs/sandbox.md has the guarantees without bubblewrap.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ KEPT_VARIABLES = (
     "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "CMAKE_POLICY_VERSION_MINIMUM",
 )  # fmt: skip
 
-# without --cap-drop, bubblewrap called by uid 0 (marking's private network makes it that) leaves all
-# capabilities, and with them the mounts can be undone
+# marking's private network makes this user uid 0, for which bubblewrap without --cap-drop leaves all
+# capabilities, and these can undo the mounts
 _BUBBLEWRAP = [
     "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
     "--cap-drop", "ALL",
@@ -50,27 +50,27 @@ _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGK
 
 
 def clean_environment() -> Dict[str, str]:
-    """Variables of an untrusted program: search paths, ROS, language, and no other of marking's own.
+    """Return the variables of an untrusted program: search paths, ROS, language, and no others of marking.
 
-    A user's name is for launch files: roslaunch refuses $(env USER) where there is none.
+    USER is set, because roslaunch rejects $(env USER) without it.
     """
     return {"USER": "student", **{name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}}
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Environment of an untrusted program: setup files that it sources itself, and what it may see."""
+    """Environment of an untrusted program: setup files that it sources itself, and folders that it sees."""
 
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that need no build
-    hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
-    own: Own = Own.ALL  # use of this package; a hand-in has one of the same name, and makes none
+    hidden: Tuple[Path, ...] = ()  # folders that it must not see, such as other submissions and results
+    own: Own = Own.ALL  # files of this package that it may use
 
 
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
-    """The command that runs a command in the sandbox, with its workspace sourced inside.
+    """Return the command that runs a command in the sandbox, with its workspace sourced there.
 
-    It may write the existing `folder` alone; `env` is the environment of the whole.
+    The command may write only the existing `folder`; `env` is its environment.
     """
     kind = kind_of_sandbox()
     limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
@@ -89,7 +89,7 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
 
 @lru_cache(maxsize=1)
 def kind_of_sandbox() -> str:
-    """Kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
+    """Return the kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
     if works("bwrap", *_BUBBLEWRAP, *_system(), "true"):
         return BUBBLEWRAP
     return NAMESPACE if works("unshare", *_NAMESPACE, "true") else NONE
@@ -97,7 +97,7 @@ def kind_of_sandbox() -> str:
 
 @lru_cache(maxsize=1)
 def _bubblewrap() -> List[str]:
-    """Options of bubblewrap for every sandbox, as far as this machine's version has them."""
+    """Return the options of bubblewrap for every sandbox that this machine's version has."""
     options = [*_BUBBLEWRAP, *_NO_NESTED_NAMESPACES]
     return options if works("bwrap", *options, *_system(), "true") else _BUBBLEWRAP
 
@@ -114,12 +114,12 @@ def works(program: str, *arguments: str) -> bool:
 
 @lru_cache(maxsize=None)
 def system_program(name: str) -> str:
-    """Absolute path of a program of the system, by the search path that marking was started with."""
+    """Return the absolute path of a system program, by the search path with which marking was started."""
     return shutil.which(name) or f"/usr/bin/{name}"
 
 
 def _system() -> List[str]:
-    """Bubblewrap's arguments for the system, read-only, without what only this user may read."""
+    """Return bubblewrap's arguments for the system, read-only, without files that not every user may read."""
     arguments = ["--proc", "/proc", "--dev", "/dev"]
     for path in (Path("/", name) for name in SYSTEM):
         if path.is_symlink():
@@ -135,10 +135,10 @@ def _system() -> List[str]:
 
 
 def _secrets(folder: str) -> List[Path]:
-    """Files and folders below one that not every user may read."""
+    """Return the files and folders below a folder that not every user may read."""
     secrets, waiting = [], [folder]
     while waiting:
-        # it is gone, or not even this user may read it
+        # an error means that it has gone, or that this user may not read it either
         with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 mode = entry.stat(follow_symlinks=False).st_mode
@@ -151,7 +151,7 @@ def _secrets(folder: str) -> List[Path]:
 
 
 def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
-    """Bubblewrap's arguments: outer folders come first, so that inner ones are mounted into them."""
+    """Return bubblewrap's mounts; outer folders come first, because inner ones are mounted into them."""
     homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     roots = {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
     place = folder.resolve()
@@ -169,7 +169,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     whole = {*bound, *(Path("/", name) for name in SYSTEM)}
     for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
         around = next((each for each in (link, *link.parents) if each in whole | hidden), None)
-        if around not in whole:  # it is not there already, and leads to something that is
+        if around not in whole:  # the link itself is not visible yet, but its target is
             steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
     steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
     mounts = chain.from_iterable(options for _, _, options in sorted(steps, key=lambda step: step[:2]))
@@ -178,14 +178,14 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
-    """Folders that a program of the workspace reads: what its environment names."""
+    """Return the folders that a program of the workspace reads, which its environment names."""
     folders = {Path(sys.prefix), Path(sys.base_prefix), Path(sysconfig.get_paths()["purelib"])}
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
     for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
-        if prefix.startswith("/"):  # libraries and messages lie beside devel/ in the source space
+        if prefix.startswith("/"):  # the source space next to devel/ has libraries and messages
             sources = Path(prefix).parent / "src"
             folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)
     folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
-    # not Path.exists, which raises for a folder that this user must not enter
+    # os.path.exists, because Path.exists raises for a folder that this user may not enter
     return sorted(path for path in folders if os.path.exists(path))

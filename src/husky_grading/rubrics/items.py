@@ -59,7 +59,7 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
 
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
-    """Return the items of a submission that behaves by chance: those of its runs are graded by hand."""
+    """Return the items of a submission that behaves by chance; all except RViz are graded by hand."""
     judged, reason, first = [], f"{cause}, so it drives by chance", [INITIALISE]
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:

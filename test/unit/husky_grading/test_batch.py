@@ -294,7 +294,7 @@ def test_a_class_is_marked_whatever_its_files_are_called_or_however_many_and_wha
     ]  # fmt: skip
     assert problems["Eve"] == "the grader failed: RecursionError: too deep"
     assert "more than 10 files and folders" in problems["bob"]
-    assert "; caf\\xe9/package.xml: it is no XML" in problems["ann"], "no path of this machine"
+    assert "; caf\\xe9/package.xml: not XML" in problems["ann"], "no path of this machine"
     assert "has no catkin package" in problems["results.csv"]
     assert len((tmp_path / "out" / "results.csv").read_text(encoding="utf-8").splitlines()) == len(names) + 4
     printed = capsys.readouterr()

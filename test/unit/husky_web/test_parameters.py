@@ -68,8 +68,8 @@ def test_yaml_goes_round():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("{", "no YAML"),
-        ("3", "name nodes"),
+        ("{", "not valid YAML"),
+        ("3", "names of nodes"),
         ("/other: {p_gain: 1}", "/other"),
         ("/node: {q_gain: 1}", "q_gain"),
         ("/node: {p_gain: 11}", "p_gain = 11 is not within 0.0..10.0"),

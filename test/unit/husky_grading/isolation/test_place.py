@@ -41,7 +41,7 @@ def test_without_mounts_of_its_own_an_odd_path_is_refused_and_a_plain_one_taken(
     monkeypatch.delenv(place.VARIABLE, raising=False)
     assert place.show_results_at(tmp_path / "out-1.b_c") == tmp_path / "out-1.b_c"
     for name in (ODD, "a b", "a:b", "a'b"):
-        with pytest.raises(HuskyError, match="characters that CMake and roslaunch do not take"):
+        with pytest.raises(HuskyError, match="characters that CMake and roslaunch do not accept"):
             place.show_results_at(tmp_path / name)
 
 

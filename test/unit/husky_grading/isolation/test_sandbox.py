@@ -434,7 +434,7 @@ def test_ctrl_c_and_sigterm_end_every_wait(number):
     assert marking.stdout.readline() == "up\n"
     marking.send_signal(number)
     _, error = marking.communicate(timeout=60)
-    assert "the marking was stopped" in error
+    assert "marking was interrupted" in error
 
 
 def test_a_folder_that_is_named_twice_in_a_row_is_hidden_too():
