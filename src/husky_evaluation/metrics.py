@@ -147,7 +147,7 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
     stop = max(control.stop_distance, robot.footprint.hull[0] - lidar_x)
     length = max(hypot(pillar_x - x, pillar_y - y) - PILLAR_RADIUS - stop - lidar_x, 0.0)
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
-    if length < speed**2 / acceleration:  # it must brake before it reaches full speed
+    if length < speed**2 / acceleration:  # the robot brakes before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
     return length / speed + speed / acceleration
 

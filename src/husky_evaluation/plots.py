@@ -26,7 +26,7 @@ class Panel(NamedTuple):
     """Quantity over the grid."""
 
     title: str
-    values: np.ndarray  # (N,) or (N, M), one for each point; nan if there is none
+    values: np.ndarray  # values of the points, (N,) or (N, M); nan if there is none
     span: float  # smallest range of the colours, because a negligible difference must not show
     digits: int = 1  # digits after the decimal point of a cell's label
     is_good_high: bool = False

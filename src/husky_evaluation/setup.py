@@ -213,7 +213,7 @@ def load_setup(path: Path, base: Setup) -> Setup:
     except (OSError, UnicodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from None
     if not isinstance(values, dict):
-        raise ConfigError(f"{path} has no parameters; write lines such as 'p_gain_vel: 0.5'")
+        raise ConfigError(f"{path}: it has no parameters; write lines such as 'p_gain_vel: 0.5'")
     driving = {str(name): value for name, value in values.items() if name not in NODE_ONLY}
     return base.with_values(driving, f"{path}: ")
 

@@ -127,7 +127,7 @@ def parse_weights(assignments: Sequence[str]) -> Objective:
     for name, _, text in (assignment.partition("=") for assignment in assignments):
         try:
             weights[name] = float(text)
-        except ValueError:  # not a number, so `from_plain` rejects it
+        except ValueError:  # `from_plain` rejects it as well
             weights[name] = text
     return from_plain(Objective, weights, "--weights ")
 

@@ -108,10 +108,10 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
         if hand_in.problem:
-            remove_tree(Path(job.out))  # it may have the result of the wrong entry
+            remove_tree(Path(job.out))  # the folder may have the result of the wrong entry
             results[job.name] = unmarked(job, hand_in.problem)
             continue
-        if job.name in batch.only:  # it is also built again
+        if job.name in batch.only:  # removes the build, too
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
         if earlier is not None:
@@ -234,7 +234,7 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
         if judged != result:
             write_result(judged, out)
         write_whole(out / JOB, to_json(job))  # the class may have moved since
-    except OSError:  # it is marked again
+    except OSError:  # the submission is marked again
         return None
     return judged
 
@@ -289,7 +289,7 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     try:
         in_time = wait(lambda: not process.running, deadline)
     except StoppedError:
-        process.interrupt()  # it ends its own programs
+        process.interrupt()  # the program ends its own programs
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.popen.wait(CLEANUP_DEADLINE)
         raise

@@ -21,8 +21,8 @@ MAX_DISPLAYS = 500
 class RvizDisplay:
     """Display that is switched on, and drawn large and opaque enough to be seen."""
 
-    kind: str  # its class
-    source: str = ""  # its topic, or the parameter of its robot description
+    kind: str  # class of the display
+    source: str = ""  # topic, or parameter of the robot description
     hidden: Tuple[str, ...] = ()  # namespaces of markers that are switched off
     colouring: str = ""  # colouring of a cloud: transformer and axis
     size: float = 0.0  # [m] size of a cloud's points
@@ -37,7 +37,7 @@ class RvizConfig:
     displays: Tuple[RvizDisplay, ...] = ()
     off: Tuple[RvizDisplay, ...] = ()  # displays that are switched off, transparent, or without a size
     problem: str = ""  # reason why there is nothing to look at
-    started: bool = False  # its launch file starts RViz
+    started: bool = False  # the launch file starts RViz
     missing: str = ""  # path that its launch file names, and that was not handed in
 
 
@@ -180,7 +180,7 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     topics = []
     for each in markers:
         topics.append(each.source)
-        if each.kind == "rviz/Marker":  # it also subscribes to arrays, on a second topic
+        if each.kind == "rviz/Marker":  # RViz also subscribes to arrays, on a second topic
             topics.append(f"{each.source}_array")
     return replace(
         view,

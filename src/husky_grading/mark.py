@@ -68,7 +68,7 @@ def mark(job: Job) -> MarkingResult:
         try:
             result = judge(submission, recordings, job)
             cause = result.cause
-        finally:  # also if the teacher's points do not fit
+        finally:  # written also if the teacher's points do not fit
             write_pictures(recordings, job.name, out, cause)
     except StoppedError:
         raise
@@ -108,7 +108,9 @@ def kept_submission(job: Job) -> Optional[Submission]:
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}  # they may be installed by now
+    misses = MISSES_PACKAGES & {
+        note.kind for note in submission.notes
+    }  # missing packages may be installed by now
     return submission if is_here and is_shut and is_same and not misses else None
 
 

@@ -17,7 +17,7 @@ class Kind(Enum):
     ROBOT = "robot"  # robot that is simulated
     BUILD = "build"
     MISSING_RETURN = "missing return"  # a function without its return, in which the node may crash
-    LAUNCH_FILE = "launch file"  # it cannot be loaded, or starts nothing
+    LAUNCH_FILE = "launch file"  # the file cannot be loaded, or starts nothing
     OWN_NODE = "own node"  # node of this package, which is not part of any submission
     MISSING_INCLUDE = "missing include"  # the launch file cannot be loaded without it
     MISSING_PACKAGE = "missing package"
@@ -28,8 +28,8 @@ class Kind(Enum):
     NOT_STARTED = "not started"
     EXCEPTION = "exception"  # error in a callback or thread, after which the node continues
     NODE_FAILED = "node failed"
-    NODE_CRASHED = "node crashed"  # it ended by a signal, usually without a message
-    NODE_ENDED = "node ended"  # it ended without an error
+    NODE_CRASHED = "node crashed"  # a node ended by a signal, usually without a message
+    NODE_ENDED = "node ended"  # a node ended without an error
     OTHERS_NODE = "others' node"  # a program of another package was not started, or ended
     LIMIT = "limit"  # limit of memory, processes or files
     # findings on the chain from scan to command
@@ -53,7 +53,7 @@ class Kind(Enum):
     NOT_A_NUMBER = "not a number"
     UNREADABLE = "unreadable"  # messages that are not of their topic's type
     AT_ORIGIN = "at the origin"  # always at the origin of its frame, or on the lidar
-    NO_RETURN = "no return"  # there only while no beam has a return
+    NO_RETURN = "no return"  # the marker is there only while no beam has a return
     WRONG_HEIGHT = "wrong height"
     INVISIBLE = "invisible"
     DELETED = "deleted"

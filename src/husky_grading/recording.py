@@ -43,7 +43,7 @@ class MarkerSample:
     until: float = inf  # [s] simulated time at which its lifetime ends
     action: str = ADD
     problem: str = ""  # reason why RViz would draw nothing
-    finite: bool = True  # its numbers are neither inf nor NaN
+    finite: bool = True  # all numbers are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Recording:
     """Recording of one run of one submission; arrays are read-only."""
 
     start: Pose2D  # pose of base_link in the world
-    pillar: Tuple[float, float]  # [m] its centre in the world, before the robot pushes it
+    pillar: Tuple[float, float]  # [m] centre in the world, before the robot pushes it
     deadline: float  # [s] time limit of the run, simulated
     times: np.ndarray = table("(N,) [s] simulated times of the true poses")
     poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)

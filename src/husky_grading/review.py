@@ -145,7 +145,7 @@ def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
                 "folder of your own, and run `grade --all` with that folder"
             )
     hand_ins = find_hand_ins(folder)
-    current = {each.folder for each in hand_ins}  # if names became equal, a student has a new folder
+    current = {each.folder for each in hand_ins}  # a student has a new folder if names became equal
     items = [
         OpenItem(result.name, item, place)
         for result, _, place in marked

@@ -49,7 +49,7 @@ class NamedRobot:
 
     version: str = ""  # a key of ROBOT_VERSIONS
     why: str = ""  # a sentence
-    is_certain: bool = False  # if not, the topic to which the submission subscribes decides
+    is_certain: bool = False  # otherwise the topic to which the submission subscribes decides
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Submission:
     sandbox: str = ""  # kind of sandbox
     network: str = ""
     own: Tuple[str, ...] = ()  # packages that were delivered; empty if unknown
-    equals: Tuple[str, ...] = ()  # its launch file, and others that fit as well and start something else
+    equals: Tuple[str, ...] = ()  # launch file, and others that fit as well and start something else
     parts: Parts = field(default_factory=Parts)
     facts: Mapping[str, Any] = field(default_factory=dict)  # facts for its exercise, by name
     made_of: str = ""  # fingerprint of the files and settings that it was prepared from
@@ -90,11 +90,11 @@ class Plan:
     left_out: Tuple[str, ...] = ()  # package/type of nodes of simulators and drivers
     rviz: Tuple[RvizNode, ...] = ()
     uses: Tuple[str, ...] = ()  # packages that it names
-    pillar: bool = False  # it names the course's world
+    pillar: bool = False  # the launch file names the course's world
     left_out_arguments: Tuple[Tuple[str, str], ...] = ()  # package/type and arguments of nodes left out
     digest: str = ""  # hash of the nodes with their arguments and parameters
     # fields that the program does not write
-    is_read: bool = False  # it can be loaded
+    is_read: bool = False  # the launch file can be loaded
     package_path: Optional[Path] = None  # folder of its package
     notes: Tuple[Note, ...] = ()  # findings on it
 

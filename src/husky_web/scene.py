@@ -62,7 +62,7 @@ FADED_COLOR = (125, 148, 176)  # visible by day and by night, but not striking
 LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
 GAMMA = 2.2  # gamma of a screen's colours
 TRAIL_JUMP = 1.0  # [m] motion that means that the robot was moved by a service, so the trail restarts
-GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m] and colour of the dragged robot
+GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m] size and colour of the dragged robot
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 MAX_SCAN_AGE = 0.3  # [s] age of a scan, relative to the newest pose, beyond which the view ignores its stamp
 LOOKS_PERIOD = 0.2  # [s] between two updates of the appearance of markers and plan
@@ -294,7 +294,7 @@ class Scene:
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
-            return  # it keeps the pose in the fixed frame that it had when it came
+            return  # the marker keeps the pose in the fixed frame that it had when it came
         drawing.placed = marker
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)

@@ -15,7 +15,7 @@ from husky_web.plots import fixed
 
 LEVELS = ("ok", "warn", "error", "error")  # classes of DiagnosticStatus.OK, WARN, ERROR, STALE
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
-STARTED = "waiting"  # its state before its first scan
+STARTED = "waiting"  # state of the controller before its first scan
 MASTER_GONE = (
     "the ROS master has ended, so the emergency stop of this page may not reach the robot; "
     "press the red button of the robot, then end the launch of this page and start it again"

@@ -95,7 +95,7 @@ def processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration, IndexError):  # not Linux, or a processor without a name
+    except (OSError, StopIteration, IndexError):  # another system than Linux, or a processor without a name
         return platform.processor()
 
 

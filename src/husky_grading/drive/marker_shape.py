@@ -19,7 +19,7 @@ TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
 MAX_POINTS = 1000  # points of one marker that are looked at
-MAX_SPREAD = 0.5  # [m] if half of the points are farther from their mean, it does not represent them
+MAX_SPREAD = 0.5  # [m] median distance from their mean beyond which the mean does not represent points
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 

@@ -61,7 +61,7 @@ _IGNORED = re.compile(r"//[^\n]*|/\*.*?(?:\*/|\Z)|\#[^\n]*", re.DOTALL)
 class Place(NamedTuple):
     """A line of a source file."""
 
-    file: str  # its name without folders
+    file: str  # name without folders
     line: int
 
 

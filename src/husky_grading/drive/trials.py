@@ -22,7 +22,7 @@ class Trial:
 
     number: int
     start: Pose2D  # pose of base_link in the world
-    pillar: Tuple[float, float]  # [m] its centre in the world
+    pillar: Tuple[float, float]  # [m] centre in the world
     seed: int  # random seed for all noise
 
 

@@ -351,6 +351,6 @@ EXERCISE = Exercise(
     pace=5.0,
     deadline=120.0,
     random_starts=True,
-    facts=Facts(by_content=True),  # its launch file names the world with the pillar
+    facts=Facts(by_content=True),  # a launch file names the world with the pillar
     watch=PillarWatch,
 )

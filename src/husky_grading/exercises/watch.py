@@ -58,8 +58,8 @@ class DriveState:
     now: float  # [s] simulated time
     speed: float  # [m/s] true speed
     subscribed: bool = False  # the submission subscribes to the `input_topic` of the watch
-    listens: bool = False  # it subscribes to a topic that not every node has
-    advertises: bool = False  # it has a publisher of velocity commands
+    listens: bool = False  # the submission subscribes to a topic that not every node has
+    advertises: bool = False  # the submission has a publisher of velocity commands
     commands: int = 0  # number of commands so far
     abandoned: bool = False  # none of its nodes runs any more
     services: Tuple[str, ...] = ()  # services that it offers

@@ -38,7 +38,8 @@ BUILD_DEADLINE = 600.0  # [s] wall time for each attempt
 MAX_TEXT = 1_000_000  # [bytes] size of a launch file
 MAX_MISSING = 10  # attempts to build, because CMake reports missing packages one after the other
 MAX_STAND_INS = 50  # empty packages in place of missing ones, because a build can print any number of names
-LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
+# [kB] memory that GCC takes before it collects garbage, which saves a tenth of its time
+LESS_COLLECTION = "--param ggc-min-heapsize=500000"
 # header before each C++ source; a repair changes it, so CMake need not run again
 PRELUDE = "marking_prelude.h"
 # headers with which publish(true) and the like compile, as in a Release build of Noetic and older
@@ -280,7 +281,7 @@ def _make_again(
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # before, the missing header had hidden the errors on _1
+        repair = OLD_BOOST  # the missing header had hidden the errors on _1
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 

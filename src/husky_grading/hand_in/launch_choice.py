@@ -54,7 +54,7 @@ class LaunchFile:
 
     path: Path  # path of its copy in the workspace
     place: PurePosixPath  # path in the submission
-    package: str  # its package, otherwise the package of the first node of the submission that it starts
+    package: str  # package of the file, otherwise of its first node of the submission
     plan: Plan
     nodes: Tuple[str, ...] = ()  # package/type of nodes of the submission's packages
     scans: bool = False  # a package of its nodes names the lidar's messages
@@ -210,7 +210,7 @@ def _launch_files(
                     inside = any(each.path in path.parents for each in contents.packages)
                     is_new = not inside and not target.exists() and is_below(path, top)
                     if is_new and file_suffix(path) == ".launch":
-                        with contextlib.suppress(UnreadableFileError):  # it may be a link or FIFO
+                        with contextlib.suppress(UnreadableFileError):  # a link or FIFO is left out
                             target.parent.mkdir(parents=True, exist_ok=True)
                             copy(path, target)
                             yield target, launch_place

@@ -176,7 +176,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
         try:
             with os.scandir(waiting.pop()) as entries:
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
-        except OSError:  # it has gone, hides its content, or has a path that is too long for the kernel
+        except OSError:  # the folder has gone, hides its content, or its path is too long
             continue
         count += len(inner)
         if count > MAX_ENTRIES:

@@ -30,7 +30,9 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 def import_early() -> None:
     """Begin to import the programs' common modules in the background."""
-    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # it imports more
+    _CONTEXT.set_forkserver_preload(
+        [name for name in MODULES if name != BAG_PLAYER]
+    )  # the player imports more
     forkserver.ensure_running()
 
 
@@ -62,7 +64,7 @@ class _Child:
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
                 script = sys.modules["__main__"]
-                sys.modules["__main__"] = ModuleType("__main__")  # or the child would run our script
+                sys.modules["__main__"] = ModuleType("__main__")  # otherwise the child would run our script
                 try:
                     self._process.start()
                 finally:

@@ -129,7 +129,7 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
     marking, own = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
-        with contextlib.suppress(OSError):  # it has ended
+        with contextlib.suppress(OSError):  # the process has ended
             if own == marking != os.readlink(namespace):
                 with open(namespace) as file:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)

@@ -234,7 +234,7 @@ class MarkerWatch:
 
 def _is_file_of(folder: Path, place: str) -> bool:
     """Return whether a path, absolute or in a folder, leads to a file below it, also through links."""
-    with suppress(OSError, ValueError):  # it may have a loop of links or a NUL
+    with suppress(OSError, ValueError):  # a path may have a loop of links or a NUL
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
 

@@ -91,7 +91,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._simulator_files = simulator_files
         self._files = 0
         self.uses: Set[str] = set()  # packages that the launch file names
-        self.pillar = False  # it names the course's world
+        self.pillar = False  # the launch file names the course's world
 
     def resolve_args(self, args: Any, context: Any) -> Any:
         """Note the packages and worlds in an attribute; roslaunch calls this for each attribute."""
@@ -119,7 +119,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._files += 1
         if self._files > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
-        for argument in tag.getElementsByTagName("arg"):  # also if the include is left out
+        for argument in tag.getElementsByTagName("arg"):  # resolved also if the include is left out
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))

@@ -44,7 +44,7 @@ def test_an_axis_is_read(text, values):
         ("p_gain_vel=0:1:0", "COUNT = 0 is not in 1..1000"),
         ("p_gain_vel=0:1:3:log", "equal ratios need numbers above 0"),
         ("p_gain_vel=a", "p_gain_vel = 'a' is not"),
-        ("search=0,1", "search is not a number"),
+        ("search=0,1", "search is not a numeric parameter"),
         ("lidar=1", "lidar is not a parameter"),
     ],
 )
