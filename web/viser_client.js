@@ -1,13 +1,13 @@
-// Hooks into viser's client: each name of its elements and globals that a script needs stands here, and in viser.css.
-// test_viser_private.py names them, and finds them in viser's source.
+// Hooks into viser's client: this file and viser.css have all names of its elements and globals that a script needs.
+// test_viser_private.py lists them, and checks that viser's source has them.
 const viserClient = (() => {
   "use strict";
-  const PANEL = "[data-floating-window]"; // a wide window's panel, and tabs that were torn off
-  const SHEET = ".mantine-Paper-root[style*='bottom: 0']"; // the panel of a phone
-  const CHARTS = ".husky-charts"; // ours, across the window if that is wide, otherwise in the panel
-  const SLIM = 0.3; // of the window's height: a lower panel is folded, and the view's middle need not avoid it
-  const NARROW = 160; // [px]: of a view that is less wide or high the middle stays where it was
-  const TALLEST = 1.3; // of the free part's width: no more of its height has the whole angle of view
+  const PANEL = "[data-floating-window]"; // panel of a wide window, and tabs that were torn off
+  const SHEET = ".mantine-Paper-root[style*='bottom: 0']"; // panel of a phone
+  const CHARTS = ".husky-charts"; // our charts, across a wide window, otherwise in the panel
+  const SLIM = 0.3; // fraction of the window's height; a lower panel is folded, and the view's middle need not avoid it
+  const NARROW = 160; // [px] width or height of the free part below which the view's middle does not move
+  const TALLEST = 1.3; // largest height of the whole angle of view, as a fraction of the free part's width
 
   // Without a graphics card smooth edges more than double the time of a picture; ?antialias keeps them.
   const getContext = HTMLCanvasElement.prototype.getContext;
@@ -26,7 +26,7 @@ const viserClient = (() => {
     .filter((element) => !element.matches(CHARTS) || getComputedStyle(element).position === "fixed")
     .map((element) => element.getBoundingClientRect()).filter((box) => box.width > 0 && box.height > 0);
 
-  // The part of the window that nothing covers: [left, right, bottom], from the top.
+  // Free part of the window, which nothing covers: [left, right, bottom], from the top.
   const free = () => {
     let [left, right, bottom] = [0, innerWidth, innerHeight];
     for (const box of covers()) {
@@ -53,19 +53,19 @@ const viserClient = (() => {
     camera.setViewOffset(...offset);
   };
 
-  // By software the scene is drawn coarser, so that the whole window costs no more than the part beside the panel did.
-  const COARSER = 0.62; // of the screen's resolution
+  // Without a graphics card the scene is drawn coarser, so the whole window costs as much as the part next to the panel.
+  const COARSER = 0.62; // fraction of the screen's resolution
   const coarsen = () => {
     const settings = window.__viserTestpoints?.devSettings;
     if (drawsFast && settings?.get().fixedDpr === null) settings.set({ fixedDpr: COARSER * devicePixelRatio });
   };
 
-  const follow = () => { // whenever a picture is drawn; and one is, when the panel has changed
+  const follow = () => { // called for each picture, and a change of the panel causes one
     coarsen();
     const scene = window.__viserMutable?.scene;
     if (scene && scene.onBeforeRender !== aim) scene.onBeforeRender = aim;
     document.querySelectorAll(`${PANEL}, ${SHEET}, ${CHARTS}`).forEach((element) => {
-      if (observed.has(element)) return; // or it would be told again
+      if (observed.has(element)) return; // otherwise its changes would be reported twice
       observed.add(element);
       resized.observe(element);
     });
@@ -76,7 +76,7 @@ const viserClient = (() => {
   window.addEventListener("resize", draw);
   document.addEventListener("pointermove", (event) => { if (event.buttons !== 0 && event.target.closest?.(PANEL)) draw(); }, true);
 
-  const describe = () => { // what viser leaves without a name, to screen readers
+  const describe = () => { // gives names to viser's elements for screen readers
     document.querySelectorAll("canvas:not([aria-label])").forEach((canvas) => {
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", "3D view of the robot");
@@ -91,14 +91,14 @@ const viserClient = (() => {
         row.setAttribute("aria-label", label.textContent);
       }
     });
-    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it covers the scene; View says it
+    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // a notice covers the scene, and the tab View has its text
       if (!notice.textContent.startsWith("Software WebGL")) return;
       document.documentElement.classList.add("husky-draws-by-software");
       notice.querySelector("button")?.click();
     });
   };
 
-  // A tap on the head of a phone's panel pulls it up or lets it down; viser would fold it, and hide the emergency stop.
+  // A tap on the head of a phone's panel raises or lowers it, because viser would fold it and hide the emergency stop.
   document.addEventListener("click", (event) => {
     const head = event.target.closest?.(`${SHEET} [style*='height: 3.5em']`);
     if (!head) return;

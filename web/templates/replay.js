@@ -1,17 +1,17 @@
-// Replays one drive: drag turns the view, the wheel or two fingers zoom, the space bar pauses.
-// An address ending in #12.5, a frame of the name 12.5 or the message 12.5 show the moment 12.5 s.
+// Replays one run: dragging turns the view, the wheel or two fingers zoom, the space bar pauses.
+// An address that ends in #12.5, a frame with the name 12.5 or the message 12.5 shows the moment 12.5 s.
 "use strict";
 const { title, summary, times, poses, pillars, marks, pillar: pillarRadius, robot } = JSON.parse(document.getElementById("data").textContent);
 const [canvas, slider, output, play, speed, view] = ["canvas", "input", "output", "#play", "select", "#view"].map((s) => document.querySelector(s));
 const end = times[times.length - 1];
-const HOME = { turn: 0.3, height: 0.3, distance: 6 }, camera = { ...HOME }; // [rad] about the robot, [rad], [m]
-let now = times[0], playing = window === top, last = null; // within another page it waits
+const HOME = { turn: 0.3, height: 0.3, distance: 6 }, camera = { ...HOME }; // [rad] angle around the robot, [rad] elevation, [m]
+let now = times[0], playing = window === top, last = null; // in another page it waits for a message
 document.title = document.querySelector("header b").textContent = title;
 document.querySelector("header span").textContent = summary;
 slider.min = times[0]; slider.max = end;
 
 const mix = (a, b, s) => a + s * (b - a);
-const rowAt = (t) => { // row, the next, and the share of the way to it
+const rowAt = (t) => { // row, next row, and the fraction of the way between them
   let low = 0, high = times.length - 1;
   while (high - low > 1) { const middle = (low + high) >> 1; if (times[middle] <= t) low = middle; else high = middle; }
   const span = times[high] - times[low];
@@ -22,7 +22,7 @@ const poseAt = (t) => {
   const [low, high, s] = rowAt(t), a = poses[low], b = poses[high];
   return [mix(a[0], b[0], s), mix(a[1], b[1], s), a[2] + s * turned(a[2], b[2])];
 };
-const rolled = [[0, 0]]; // [m] on the ground, of the left and right wheels
+const rolled = [[0, 0]]; // [m] distance on the ground that the left and right wheels have rolled
 for (let i = 1; i < poses.length; i++) {
   const [x, y, yaw] = poses[i - 1], [u, v] = poses[i], turn = turned(yaw, poses[i][2]) * robot.track / 2;
   const ahead = (u - x) * Math.cos(yaw) + (v - y) * Math.sin(yaw), [left, right] = rolled[i - 1];
@@ -69,18 +69,18 @@ const upload = (array) => {
   gl.bindBuffer(gl.ARRAY_BUFFER, buffer); gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
   return buffer;
 };
-const part = ([color, text]) => { // of millimetres
+const part = ([color, text]) => { // mesh of a part of the robot, from numbers in millimetres
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)), array = new Int16Array(bytes.buffer);
   return { color: rgb(color), buffer: upload(array), count: array.length / 3 };
 };
 const SIDES = 32;
-const column = () => { // of radius and height 1
+const column = () => { // mesh of a cylinder of radius and height 1
   const at = (i, z) => [Math.cos(2 * Math.PI * i / SIDES), Math.sin(2 * Math.PI * i / SIDES), z];
   const all = Array.from({ length: SIDES }, (_, i) => [at(i, 0), at(i + 1, 0), at(i + 1, 1), at(i, 0), at(i + 1, 1), at(i, 1), [0, 0, 1], at(i, 1), at(i + 1, 1)]);
   return { buffer: upload(new Float32Array(all.flat(2))), count: 9 * SIDES };
 };
 const [body, tyre, post, loose] = gl ? [robot.body.map(part), robot.tyre.map(part), column(), gl.createBuffer()] : [];
-const placed = (x, y, z, yaw, roll, sx, sy, sz) => { // scaled, turned about y, then about z, moved
+const placed = (x, y, z, yaw, roll, sx, sy, sz) => { // matrix that scales, turns around y, then around z, and moves
   const c = Math.cos(yaw), s = Math.sin(yaw), a = Math.cos(roll), b = Math.sin(roll);
   return [sx * c * a, sx * s * a, -sx * b, 0, -sy * s, sy * c, 0, 0, sz * c * b, sz * s * b, sz * a, 0, x, y, z, 1];
 };
@@ -91,13 +91,13 @@ const solid = ({ buffer, count }, color, model, type) => {
   gl.drawArrays(gl.TRIANGLES, 0, count);
 };
 const FLAT = placed(0, 0, 0, 0, 0, 1, 1, 1);
-const flat = (mode, points, color, alpha, kind) => { // on the ground, nearer than what lies there already
+const flat = (mode, points, color, alpha, kind) => { // marks on the ground, drawn above others
   gl.bindBuffer(gl.ARRAY_BUFFER, loose); gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(points), gl.DYNAMIC_DRAW);
   gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
   gl.uniform1i(uniform.kind, kind); gl.uniformMatrix4fv(uniform.model, false, FLAT); gl.uniform4f(uniform.color, ...color, alpha);
   gl.drawArrays(mode, 0, points.length / 3);
 };
-const ribbon = (until, pose, width) => { // the way driven
+const ribbon = (until, pose, width) => { // driven path
   const rows = [...poses.slice(0, rowAt(until)[0] + 1), pose], points = [];
   rows.forEach(([x, y], i) => {
     const a = rows[Math.max(i - 1, 0)], b = rows[Math.min(i + 1, rows.length - 1)], gap = Math.hypot(b[0] - a[0], b[1] - a[1]);
@@ -107,7 +107,7 @@ const ribbon = (until, pose, width) => { // the way driven
   });
   return points;
 };
-const look = (target, turn) => { // world to clip space, by columns
+const look = (target, turn) => { // matrix from world to clip space, column by column
   const c = Math.cos(camera.height), s = Math.sin(camera.height), cos = Math.cos(turn), sin = Math.sin(turn), near = 0.3, far = 500;
   const ahead = [c * cos, c * sin, -s], right = [sin, -cos, 0], up = [s * cos, s * sin, c];
   const eye = target.map((value, i) => value - camera.distance * ahead[i]);
@@ -128,7 +128,7 @@ const draw = () => {
   gl.viewport(0, 0, canvas.width, canvas.height);
   const [sky, ground, grid] = (dark ? ["#1b2430", "#23282e", "#46505a"] : ["#dce6ef", "#f1f2f0", "#b9bfc4"]).map(rgb);
   gl.clearColor(...sky, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-  let behind = 0; // the mean turn of the last second: the camera follows smoothly
+  let behind = 0; // mean turn of the last second, so the camera follows smoothly
   for (let i = 0; i < 10; i++) behind += turned(pose[2], poseAt(now - i * 0.15)[2]) / 10;
   const above = view.value === "above", [eye, matrix] = look([pose[0], pose[1], 0.3], above ? Math.PI / 2 + camera.turn - HOME.turn : pose[2] + behind + camera.turn);
   gl.uniformMatrix4fv(uniform.view, false, matrix);
@@ -154,11 +154,11 @@ const draw = () => {
   if (pillar && seen.length) solid(post, rgb("#ff7300"), placed(...seen[seen.length - 1].slice(1), 0, 0, 0, 0.07, 0.07, 1.9), gl.FLOAT);
 };
 
-// ---------------------------------------------------------------------------- time and hands
+// ---------------------------------------------------------------------------- time and user input
 const seek = (moment) => { if (Number.isFinite(moment)) { now = Math.min(Math.max(moment, times[0]), end); playing = false; draw(); } };
 const tick = (moment) => {
   if (playing && last !== null) {
-    const passed = Math.min((moment - last) / 1000, 0.25); // a picture that took longer skips nothing of the drive
+    const passed = Math.min((moment - last) / 1000, 0.25); // a slow picture must not skip a part of the run
     now = Math.min(now + Number(speed.value) * passed, end);
     if (now >= end) playing = false;
     draw();
