@@ -107,7 +107,7 @@ class ControllerNode:
         self._registration = RegistrationWatch(self._stand)
         transforms = tf2_ros.Buffer()
         self._placement = ScanPlacement(transforms, self._answer, robot.footprint)
-        self._listener = Listener(transforms, self._placement.update)
+        self._listener = Listener(transforms, self._placement)
         rospy.on_shutdown(self._stop)
         rospy.Service(service, SetBool, self._on_start_stop)
         rospy.Subscriber(

@@ -33,21 +33,22 @@ MAX_UNPLACED_SCANS = 50  # scans in a row without the lidar's transform before a
 
 
 class Listener(tf2_ros.TransformListener):
-    """Fills a TF buffer, and calls a function after every message on /tf and /tf_static."""
+    """Fills a TF buffer, and tells a placement of scans about every message on /tf and /tf_static."""
 
-    def __init__(self, buffer: tf2_ros.Buffer, on_change: Callable[[], None]) -> None:
-        self._on_change = on_change  # set before the subscribers exist
+    def __init__(self, buffer: tf2_ros.Buffer, placement: ScanPlacement) -> None:
+        self._placement = placement  # set before the subscribers exist
         super().__init__(buffer, tcp_nodelay=True)
 
     def callback(self, data: Any) -> None:
         """Take moving transforms."""
         super().callback(data)
-        self._on_change()
+        self._placement.update()
 
     def static_callback(self, data: Any) -> None:
         """Take fixed transforms."""
         super().static_callback(data)
-        self._on_change()
+        self._placement.forget_mount()
+        self._placement.update()
 
 
 class _PendingScan(NamedTuple):
@@ -83,10 +84,14 @@ class ScanPlacement:
         self._overdue_after: Optional[rospy.Time] = None  # the latest transform when a wait ended without one
         self._clocks = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
+        self._mount: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
         """Take a scan, and its stamp exact to the nanosecond. Any thread."""
         with self._lock:
+            odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
+            if odometry_stamp > 0.0:
+                self._clocks.add_reference(odometry_stamp)
             self._clocks.add(scan.stamp, self._clock())
             pending = self._pending
             if pending is None or stamp < pending.stamp:  # earlier: the simulator was started again
@@ -97,9 +102,6 @@ class ScanPlacement:
 
     def update(self) -> None:
         """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
-        stamp = latest_stamp(self._transforms, ODOM, BASE)
-        if stamp > 0.0:
-            self._clocks.add_reference(stamp)
         if self._pending is None:  # mostly; a scan that is added at this moment looks TF up itself
             return
         with self._lock:
@@ -115,6 +117,10 @@ class ScanPlacement:
         """Forget the pending scans, because a newer one is unusable."""
         with self._lock:
             self._pending = self._next = None
+
+    def forget_mount(self) -> None:
+        """Look the lidar's pose up again for the next scan: call after each message on /tf_static."""
+        self._mount = None
 
     def lookup(
         self, parent: str, child: str, stamp: Optional[rospy.Time] = None
@@ -163,9 +169,17 @@ class ScanPlacement:
         return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        """Pose of the lidar; warn if many scans in a row had none."""
+        """Pose of the lidar, None if unknown; warn if many scans in a row had none."""
+        mount = self._mount
+        if mount is not None and mount[0] == frame:
+            return mount[1]
         transform = self.lookup(BASE, frame)
         self._unplaced_scans = 0 if transform else self._unplaced_scans + 1
         if self._unplaced_scans > MAX_UNPLACED_SCANS:
             rospy.logwarn_throttle(REPORT_PERIOD, f"the robot stands still: {frame_sentence(frame)}")
-        return pose_from_transform(transform) if transform else None
+        if transform is None:
+            return None
+        pose = pose_from_transform(transform)
+        if transform.header.stamp.is_zero():  # every transform on the way is from /tf_static
+            self._mount = frame, pose
+        return pose

@@ -7,7 +7,7 @@ message (1.15.2), and together they took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -53,6 +53,10 @@ class Publishers:
         self._last: Optional[Tuple[float, OdometrySample]] = None
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         self._kept_scan: Optional[Scan] = None
+        self._base_transform = conversions.transform_to_msg(Pose(), 0.0, ODOM, BASE)
+        self._wheel_transforms = [
+            conversions.transform_to_msg(Pose(), 0.0, BASE, wheel.link) for wheel in robot.wheels
+        ]
         self._transform_connections: List[Any] = []  # connections at the last look
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
@@ -95,7 +99,7 @@ class Publishers:
     def publish(self, snapshot: Snapshot, on_clock: Callable[[], None] = lambda: None) -> bool:
         """Publish the samples of a snapshot. Return whether /clock was published.
 
-        The time goes first, then the robot's pose and the scan: a controller needs no more to answer it.
+        The time goes first, then the transforms and the scan: a controller needs no more to answer it.
         `on_clock` is called when the time is out.
         """
         odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
@@ -107,10 +111,11 @@ class Publishers:
             on_clock()
         if odometry is not None:
             self._last = snapshot.stamp, odometry
-            base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
-            if not self.leaves_filter:
-                branch = (ODOM, BASE, base_in_odom)
-                publish_if_subscribed(self.transforms, conversions.tree_to_msg, [branch], snapshot.stamp)
+            with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
+            if with_wheels or not self.leaves_filter:
+                publish_if_subscribed(
+                    self.transforms, self._moving_tree_to_msg, snapshot.stamp, odometry, with_wheels
+                )
         if snapshot.scan is not None:
             self.publish_scan(snapshot.scan)
         self._bumped.update(snapshot.contacts)
@@ -140,20 +145,16 @@ class Publishers:
             return
         self._transform_connections = connections
         stamp, odometry = self._last
-        trees = []
-        if not self.leaves_filter:
-            trees.append([(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))])
-        if stamp == 0.0 or not self._has_state_publisher():  # a state publisher sends nothing at time 0
-            trees.append(list(self._wheel_branches(odometry)))
-        # TF warns of a transform that comes twice
-        self._send_to_new(publisher, [conversions.tree_to_msg(tree, stamp) for tree in trees])
+        with_wheels = stamp == 0.0 or not self._has_state_publisher()  # which sends nothing at time 0
+        if with_wheels or not self.leaves_filter:
+            self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
 
     @staticmethod
-    def _send_to_new(publisher: Any, messages: Sequence[Any]) -> None:
+    def _send_to_new(publisher: Any, message: Any) -> None:
+        """Send a message to those who have had none: TF warns of a transform that comes twice."""
         for connection in publisher.connections:
             if connection.stat_num_msg == 0:
-                for message in messages:
-                    publish(publisher, message, connection_override=connection)
+                publish(publisher, message, connection_override=connection)
 
     def keep(self, snapshot: Snapshot) -> None:
         """Keep what is sent to new subscribers while time has not begun."""
@@ -166,7 +167,7 @@ class Publishers:
     def send_kept_scan(self) -> None:
         """Send the scan that was kept to new subscribers, in the thread that publishes."""
         if self.scan and self._kept_scan is not None:
-            self._send_to_new(self.scan.impl, [conversions.scan_to_msg(self._kept_scan)])
+            self._send_to_new(self.scan.impl, conversions.scan_to_msg(self._kept_scan))
 
     def publish_scan(self, scan: Scan) -> None:
         """Publish a scan."""
@@ -185,9 +186,6 @@ class Publishers:
         stamp = snapshot.stamp
         if snapshot.step % self._wheel_steps == 0:
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
-            if not self._has_state_publisher():
-                branches = self._wheel_branches(odometry)
-                publish_if_subscribed(self.transforms, conversions.tree_to_msg, branches, stamp)
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
             )
@@ -204,6 +202,22 @@ class Publishers:
             self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
         )
         self._bumped.clear()
+
+    def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> TFMessage:
+        """Transform of odom, unless another node publishes it, and of the wheels, in one message.
+
+        Each message costs a system call and wakes every subscriber.
+        """
+        now, transforms = conversions.time_to_msg(stamp), []
+        if not self.leaves_filter:
+            base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
+            transforms.append(conversions.moved(self._base_transform, base_in_odom, now))
+        if with_wheels:
+            transforms += [
+                conversions.moved(msg, wheel.pose_at(angle), now)
+                for msg, wheel, angle in zip(self._wheel_transforms, self._wheels, odometry.wheels.angles)
+            ]
+        return TFMessage(transforms)
 
     def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
         """Transforms from the world to the robot's true pose, to its wheels, and to odom."""

@@ -28,7 +28,9 @@ class Fixture:
         self.placement = ScanPlacement(self.transforms, self.observations.append, outline, lambda: self.now)
 
     def mount(self, x=0.3):
+        """As a message on /tf_static."""
         self.transforms.set_transform_static(transform("base_link", "laser", 0.0, x), "test")
+        self.placement.forget_mount()
 
     def pose(self, stamp, x):
         self.transforms.set_transform(transform("odom", "base_link", stamp, x), "test")
