@@ -145,7 +145,8 @@ class Publishers:
             return
         self._transform_connections = connections
         stamp, odometry = self._last
-        with_wheels = stamp == 0.0 or not self._has_state_publisher()  # which sends nothing at time 0
+        # a robot_state_publisher sends nothing at time 0
+        with_wheels = stamp == 0.0 or not self._has_state_publisher()
         if with_wheels or not self.leaves_filter:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
 
