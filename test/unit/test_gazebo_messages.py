@@ -1,5 +1,9 @@
 """Messages of compat/gazebo_msgs have the published fields, so nodes built with Gazebo's talk to ours."""
 
+import os
+import shutil
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -32,3 +36,17 @@ def test_every_definition_is_compared_and_built():
     assert files.keys() == PUBLISHED.keys()
     listed = (COMPAT / "CMakeLists.txt").read_text()
     assert not [name for name in files.values() if name not in listed]
+
+
+@pytest.mark.skipif(not shutil.which("cmake"), reason="no CMake here")
+def test_a_workspace_that_is_configured_again_builds_them_again(tmp_path):
+    command = ["cmake", "-S", str(COMPAT.parents[1]), "-B", str(tmp_path / "build")]
+    command += [f"-DCATKIN_DEVEL_PREFIX={tmp_path / 'devel'}", f"-DPYTHON_EXECUTABLE={sys.executable}"]
+    # a setup file that is sourced names the workspace itself
+    env = {**os.environ, "CMAKE_PREFIX_PATH": str(tmp_path / "devel"), "CMAKE_POLICY_VERSION_MINIMUM": "3.5"}
+    for _ in range(2):
+        done = subprocess.run(
+            [*command, "-DCATKIN_ENABLE_TESTING=OFF"], env=env, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "gazebo_msgs: 4 messages, 5 services" in done.stdout
