@@ -75,9 +75,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         self._requests_lock = threading.Lock()
         # last answer; None if a request or a parameter has changed since then
         self._unread: Optional[List[List[str]]] = None
-        self._services_in_vain: Dict[
-            Tuple[str, str], None
-        ] = {}  # nodes and services, in the order of requests
+        # nodes and services, in the order of requests
+        self._services_in_vain: Dict[Tuple[str, str], None] = {}
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
         """Answer as every master, and note it."""
