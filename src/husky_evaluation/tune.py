@@ -147,7 +147,7 @@ def tune(
     Raises:
         HuskyError: Optuna is not installed.
     """
-    optuna = _optuna()
+    optuna = _require_optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     defaults = parameter_values(base)
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
@@ -176,7 +176,7 @@ def _propose(trial: Any, ranges: Sequence[Range], defaults: Mapping[str, Any]) -
     return values
 
 
-def _optuna() -> Any:
+def _require_optuna() -> Any:
     try:
         import optuna
     except ImportError as error:
@@ -270,7 +270,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
-        _optuna()
+        _require_optuna()
         seed = options.seed
         starts, fresh = random_starts(options.starts, seed), random_starts(options.fresh, seed + 1)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:

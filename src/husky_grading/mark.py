@@ -108,9 +108,8 @@ def kept_submission(job: Job) -> Optional[Submission]:
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    misses = MISSES_PACKAGES & {
-        note.kind for note in submission.notes
-    }  # missing packages may be installed by now
+    # prepared again, because packages that were missing may be installed now
+    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}
     return submission if is_here and is_shut and is_same and not misses else None
 
 

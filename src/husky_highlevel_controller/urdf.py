@@ -121,7 +121,7 @@ def origin_of(element: ET.Element, where: str) -> Pose:
 def joined_links(
     links: Mapping[str, ET.Element], joints: Iterable[ET.Element]
 ) -> Tuple[Tuple[str, str, Pose], ...]:
-    """Parent, child, and the child's pose in the parent, of joints that are at zero."""
+    """Return parent, child and the pose of the child in the parent for each joint, at position 0."""
     return tuple((*ends_of(joint, links), origin_of(joint, label_of(joint))) for joint in joints)
 
 

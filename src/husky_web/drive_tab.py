@@ -44,7 +44,7 @@ SERVICES: Dict[str, Any] = {  # the simulator's service of each button: name, de
     RESUME: ("resume", CALL_TIMEOUT, Trigger),
     BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
-ON_ITS_WAY = 1.0  # [s] longest delay of a message
+STALE_STATUS = 1.0  # [s] wall time after a request in which a status that contradicts it is an old one
 MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown; characters of a name or a message
 
 
@@ -96,7 +96,7 @@ class DriveTab:
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
                     # messages that were sent before the service answered are older than the answer
-                    if (self._state != STOPPED) is self._request or now - self._requested_at > ON_ITS_WAY:
+                    if (self._state != STOPPED) is self._request or now - self._requested_at > STALE_STATUS:
                         self._request = None
 
     def update(self, readings: Readings, is_paused: Optional[bool]) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, Protocol, Tuple
 from husky_grading.drive.ros_graph import has_service, set_parameters
 from husky_grading.drive.trials import Trial, trial_world
 from husky_grading.isolation.forked import SIMULATOR, SIMULATOR_SETUP
-from husky_grading.isolation.process import Process, ends, wait
+from husky_grading.isolation.process import Process, wait, wait_and_kill
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_grading.records import MarkingConfig
 from husky_grading.submission import SIMULATOR_NODES
@@ -69,7 +69,7 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
         process = network.start(
             "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *launch_arguments]
         )
-        ends(process, START_DEADLINE)
+        wait_and_kill(process, START_DEADLINE)
         try:
             setup = json.loads(process.output.splitlines()[-1])
         except (ValueError, IndexError):

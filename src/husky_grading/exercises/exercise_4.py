@@ -48,7 +48,8 @@ LAST = 1.0  # [s] time before the bag's end; an estimate from this time is among
 SILENCE = 10.0  # [s] wall time without an estimate after the bag's end, after which no more is awaited
 # packages of the SMB's sheet; a submission for the Husky may also name /rslidar_points and smb_top_view
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
-CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # topics of our bags and of the 2018 sheet
+# topics of our bags and of the 2018 sheet
+CLOUD_TOPICS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}
 MIN_ESTIMATES = 10
 BEGIN, END = 5.0, 2.0  # [s] times after the bag's begin and before its end, between which estimates must come
 GAP = 5.0  # [s] longest time between two estimates, by their stamps
@@ -66,7 +67,7 @@ INPUTS = (
     "loaded"
 )
 TOP_VIEW = "publish it by static_transform_publisher: args=0 0 2 0 0 0 base_link smb_top_view"
-CLOUD = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
+CLOUD_HINT = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
 STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
 RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
 PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
@@ -245,7 +246,8 @@ def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> V
     """Grade whether RViz shows the bag's point cloud."""
     topics = [cloud.source for cloud in view.clouds]
     evidence = view.problem or f"{view.source}: point cloud of {', '.join(topics) or 'no topic'}"
-    return float(not view.problem and not CLOUDS.isdisjoint(topics)), evidence, CLOUD
+    is_shown = not view.problem and not CLOUD_TOPICS.isdisjoint(topics)
+    return float(is_shown), evidence, CLOUD_HINT
 
 
 def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:

@@ -29,7 +29,7 @@ from husky_grading.isolation.files import (
 )
 from husky_grading.isolation.forked import import_early
 from husky_grading.isolation.own_files import Own
-from husky_grading.isolation.process import Process, ends
+from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
@@ -281,7 +281,7 @@ def _make_again(
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # the missing header had hidden the errors on _1
+        repair = OLD_BOOST  # only this second build came as far as the errors on _1
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 
@@ -372,7 +372,7 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
         "--make-args", "-k", f"-j{os.cpu_count()}",  # no -l, because make would wait while others compute
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
-    in_time = ends(process, BUILD_DEADLINE, 0.2)
+    in_time = wait_and_kill(process, BUILD_DEADLINE, 0.2)
     output = process.output + (f"\n{process.problem}" if process.problem else "")
     return output, process.popen.returncode if in_time else None
 

@@ -10,7 +10,7 @@ from typing import Dict, List, Optional, Sequence
 from husky_grading.hand_in.packages import NotMarkableError, read_manifest
 from husky_grading.isolation.files import create
 from husky_grading.isolation.own_files import Own
-from husky_grading.isolation.process import Process, ends
+from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 from husky_grading.records import Launchable
@@ -113,7 +113,7 @@ def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: P
         folder,
         workspace,
     )
-    in_time = ends(process, LOAD_DEADLINE)
+    in_time = wait_and_kill(process, LOAD_DEADLINE)
     return process.output.strip()[-300:] if in_time else f"it did not end within {LOAD_DEADLINE:g} s"
 
 

@@ -35,7 +35,7 @@ from husky_grading.hand_in.plan import misspelt_dependencies, plan, with_stand_i
 from husky_grading.isolation import private_network
 from husky_grading.isolation.files import copy, file_suffix, remove_tree, walk, write_whole
 from husky_grading.isolation.own_files import NAME, Own
-from husky_grading.isolation.process import Process, ends
+from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_grading.notes import Kind, Note
@@ -113,7 +113,7 @@ def _check_starts(workspace: Workspace, folder: Path) -> None:
     command = starter(folder / "check.jsonl", "describe", [])
     env = {**clean_environment(), "ROS_LOG_DIR": str(folder), "HOME": str(folder)}
     process = Process(command, folder / "check.log", env, folder, workspace)
-    if not ends(process, START_DEADLINE) or process.popen.returncode:
+    if not wait_and_kill(process, START_DEADLINE) or process.popen.returncode:
         output = process.output.strip()[-300:] or "it printed nothing"
         setups = ""
         if workspace.setups:

@@ -58,6 +58,10 @@ def can_be_made() -> bool:
 
 @lru_cache(maxsize=None)
 def _namespace_command() -> Tuple[str, ...]:
+    """Return the command that starts a program in a network of its own; () if this machine allows none.
+
+    The first choice that works is taken. Choices with mounts of their own come before choices without.
+    """
     as_root = ["--user", "--map-root-user"]
     for flags in ([*as_root, MOUNTS], [MOUNTS], as_root, []):
         if works("unshare", *flags, "--net", "--", "true"):

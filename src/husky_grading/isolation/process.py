@@ -175,8 +175,11 @@ def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) ->
     return True
 
 
-def ends(process: Process, seconds: float, period: float = 0.05) -> bool:
-    """Wait for a process to end, kill its leftovers, and return whether it ended in time.
+def wait_and_kill(process: Process, seconds: float, period: float = 0.05) -> bool:
+    """Wait until a process ends, at most so many seconds; then kill it and all that it has left running.
+
+    Returns:
+        Whether it ended in time.
 
     Raises:
         StoppedError: marking was interrupted.

@@ -57,7 +57,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] wall time between two looks at the graph
-CONNECTING = 2.0  # [s] wall time for the submission's publishers to connect before simulated time begins
+CONNECTING = 2.0  # [s] longest wait of simulated time for connections to the submission, in wall time
 # topics of velocity commands, through the robot's mux and past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 MEMORY = 2_000_000_000  # [bytes] memory of the recorder; the stacks of its threads take some hundred million
@@ -165,7 +165,7 @@ class DriveRecorder:
 
     def _on_truth(self, state: TrueState) -> None:
         if self._is_over or self._now >= self._known.deadline:
-            self._markers.close()
+            self._markers.close()  # later markers could not be placed, because the truth ends here
             return
         with self._lock:
             self._truth.append(state)

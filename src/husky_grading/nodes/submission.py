@@ -370,7 +370,6 @@ def main(arguments: List[str]) -> int:
         run_in_valgrind(config.nodes, os.path.dirname(events))
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     tolerate_failed_nodes()
-    # nodes register with roslaunch at the address of its server
     with contextlib.suppress(KeyboardInterrupt):
         run_id = roslaunch.rlutil.get_or_generate_uuid(None, True)
         parent = Parent(run_id, config, reporter)

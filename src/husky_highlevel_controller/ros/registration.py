@@ -77,7 +77,7 @@ class RegistrationWatch:
         return self._registration.is_lost
 
     def start(self) -> None:
-        """Look now, and every PERIOD."""
+        """Begin in a thread: look every PERIOD until the node is lost, then stand and say so instead."""
         threading.Thread(target=self._run, name="registration", daemon=True).start()
 
     def _run(self) -> None:

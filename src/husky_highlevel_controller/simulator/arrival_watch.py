@@ -67,7 +67,7 @@ class ArrivalWatch:
         self._stands_since = min(self._stands_since, state.stamp)
         if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
             return None
-        self._has_driven = False  # look once each time that it stands
+        self._has_driven = False  # each stop is checked once; the next check needs another drive
         around = list(pillars())
         gaps = self._gaps(state, around)
         if not gaps or min(gaps) > REACHED:

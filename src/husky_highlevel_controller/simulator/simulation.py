@@ -53,8 +53,8 @@ class Simulation:
     ) -> None:
         """Build the world, with the robot on the floor at `start`.
 
-        The search for the floor begins at `start_height` [m]. If base_link would be lower on the floor, the
-        robot falls from there, as in Gazebo; but not from more than MAX_DROP.
+        The search for the floor begins at `start_height` [m]. If base_link on the floor is lower than
+        `start_height`, by MAX_DROP at most, the robot falls from `start_height`, as in Gazebo.
 
         Raises:
             HuskyError: a period is not a multiple of the physics step.

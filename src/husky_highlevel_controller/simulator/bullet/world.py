@@ -43,6 +43,7 @@ _BREAKING_THRESHOLD = 0.005  # [m] Bullet's default of 0.02 lets a tyre's flanks
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m] a body that is sunk deeper into the ground is put on top of it
+_DISTANCE = 8  # index of the distance in a point of getClosestPoints, negative inside
 _TOO_DEEP = 2e-3  # [m] a body this deep in another stands inside it; triangles are 1 mm thick
 
 
@@ -220,22 +221,29 @@ class BulletWorld:
         return copy
 
     def check_room(self, name: str, copy: Optional[int] = None, ignored: Sequence[int] = ()) -> None:
-        """Check that a body, or the robot, overlaps none but planes and ignored ones of Bullet's bodies.
+        """Check that a body, or the robot, does not stand inside another one.
+
+        Planes and the other links of its own model do not count.
+
+        Args:
+            name: the body, or the robot.
+            copy: Bullet's number of a copy that is checked in its place; None for the body itself.
+            ignored: Bullet's numbers of bodies that do not count either.
 
         Raises:
-            PlacementError: it, or the copy of it that is checked in its place, reaches into something else.
+            PlacementError: it reaches into another body.
         """
         body_ids = self._ids[name] if copy is None else [copy]
         own_ids = set(self._ids[name])
-        passed_through = [bodies for bodies in self._models.values() if not own_ids.isdisjoint(bodies)]
+        own_model = [bodies for bodies in self._models.values() if not own_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # updates the contacts to the present poses
         for body_id in body_ids:
             links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
             boxes = [self._engine.getAABB(body_id, link) for link in links]
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(body_ids, ignored, self._planes, *passed_through)):
+            for other in sorted(near.difference(body_ids, ignored, self._planes, *own_model)):
                 points = self._engine.getClosestPoints(body_id, other, 0.0)
-                if any(point[8] < -_TOO_DEEP for point in points):
+                if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'{remedy}")
 

@@ -74,7 +74,15 @@ class MeshFiles:
 
 
 def load_mesh(path: Path, part: str = "") -> TriangleMesh:
-    """Triangles of a mesh file [m]; MeshError if it holds none that can be read."""
+    """Return the triangles of a mesh file [m].
+
+    Args:
+        path: the file.
+        part: name of a part of it, by <submesh> of a world; empty for all.
+
+    Raises:
+        MeshError: the file holds no triangles that can be read.
+    """
     try:
         import trimesh
     except ImportError:
@@ -85,7 +93,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         if ending == ".dae":
             document = parse_xml(data, str(path))
             unit = _unit_of(document)
-            _check_size(scene_size(document))
+            _check_size(scene_size(document))  # only a .dae can name one mesh again and again
         options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
         scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
         vertices, faces = _parts_of(scene, part)

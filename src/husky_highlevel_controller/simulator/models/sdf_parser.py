@@ -105,7 +105,7 @@ class Node:
         """Note every child that is neither read nor harmless to leave out."""
         supported = KNOWN[self.tag].split()
         for child in self.children():
-            # Gazebo saves it into every world
+            # Gazebo saves an empty <wind> into every world
             is_default_wind = child.tag == "wind" and not len(child.element)
             if child.tag not in supported and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")
