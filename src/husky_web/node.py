@@ -242,9 +242,10 @@ class WebNode:
         self._recorder.tick(self._numbers.time, base, self._numbers.pillar)
 
     def _update_state(self, now: float) -> None:
+        """Read what came since the last call, then show who drives the robot, and what it does and why."""
         numbers = self._numbers
         if self._is_paused:
-            numbers.excuse(now)
+            numbers.expect_silence(now)
         numbers.take(self._topics, self._scene, now)
         self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)

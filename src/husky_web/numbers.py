@@ -62,7 +62,7 @@ class Numbers:
         if topics.scan_count:
             self.scans.add(scene.scan_stamp, topics.scan_count)
 
-    def excuse(self, now: float) -> None:
+    def expect_silence(self, now: float) -> None:
         """Expect no odometry until `now` [s], because the world is paused."""
         self._heard_at = now
 

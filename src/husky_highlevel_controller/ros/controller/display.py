@@ -60,7 +60,7 @@ class Display:
         # namespaces of the markers that RViz shows, by topic; a marker that ends must be deleted
         self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
         # stamp [s] and state of the last array: the next one is due after ARRAY_PERIOD, or with another state
-        self._array_at = -inf
+        self._array_stamp = -inf
         self._state: Optional[State] = None
         # arguments of the last `show`, repeated for a subscriber that comes later
         self._last: Optional[Tuple[Observation, ControlOutput, float, float]] = None
@@ -91,16 +91,16 @@ class Display:
         if self._new_subscribers.take():
             with self._turn:
                 if self._last is not None:
-                    self._array_at = -inf
+                    self._array_stamp = -inf
                     self._show(*self._last)
 
     def _show(
         self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
     ) -> None:
         stamp = observation.scan.stamp
-        if stamp < self._array_at:  # the simulator was started again
+        if stamp < self._array_stamp:  # the simulator was started again
             self._path.clear()
-            self._array_at = -inf
+            self._array_stamp = -inf
         if output.moved:
             self._path.clear()
         place = observation.base_in_odom
@@ -110,20 +110,22 @@ class Display:
                 self._path.append(Point(place.x, place.y, 0.0))
         if self._marker.get_num_connections():
             pillars = _pillar_markers(observation, output, self._ground, pillar_height)
-            for each in self._deleting(self._marker, pillars, stamp):
+            for each in self._with_deletions(self._marker, pillars, stamp):
                 publish(self._marker, each)
-        due = output.state is not self._state or stamp >= self._array_at + ARRAY_PERIOD
+        due = output.state is not self._state or stamp >= self._array_stamp + ARRAY_PERIOD
         if due and self._array.get_num_connections():
             top = self._ground + pillar_height
             markers = _state_markers(observation, output, stop_distance, top)
             if len(self._path) > 1:
                 points, width = list(self._path), (0.04, 0.0, 0.0)
                 markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
-            publish(self._array, MarkerArray(self._deleting(self._array, markers, stamp)))
-            self._array_at, self._state = stamp, output.state
+            publish(self._array, MarkerArray(self._with_deletions(self._array, markers, stamp)))
+            self._array_stamp, self._state = stamp, output.state
         self._publish_numbers(stamp, output)
 
-    def _deleting(self, publisher: rospy.Publisher, markers: List[Marker], stamp: float) -> List[Marker]:
+    def _with_deletions(
+        self, publisher: rospy.Publisher, markers: List[Marker], stamp: float
+    ) -> List[Marker]:
         """The markers, and deletions of the markers that were shown before and are no longer there."""
         namespaces = {each.ns for each in markers}
         header, gone = conversions.header(stamp, BASE), self._shown[publisher] - namespaces

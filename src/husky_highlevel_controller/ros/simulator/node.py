@@ -123,12 +123,12 @@ class SimulatorNode:
         publishers, simulation = self._publishers, self._simulation
         filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
         findings = self._findings
-        markers = None if publishers.truth_log.is_open else MarkerFrames(publishers.frames, findings.tell)
+        markers = None if publishers.is_graded else MarkerFrames(publishers.frames, findings.tell)
         GraphWatch(lambda: simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
         self._registration.start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
-        if self._start.wait_for_rviz and not self._paused and not publishers.truth_log.is_open:
+        if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
             # RViz comes first, because the partners have joined only when RViz is connected too
             self._wait_for_rviz()
         if self._start.lockstep:
@@ -218,7 +218,11 @@ class SimulatorNode:
         return False
 
     def _advance(self) -> bool:
-        """Advance the physics by one step and publish its messages. Return whether /clock was published."""
+        """Advance the physics by one step and publish its messages. Return whether /clock was published.
+
+        Commands come first, so that the step obeys them. In lockstep the step ends when its scan is answered,
+        and each tick of /clock waits for controllers that sleep by simulated time.
+        """
         for topic, twist in self._commands.take(self._simulation.stamp):
             try:
                 self._simulation.command(twist)
@@ -267,13 +271,13 @@ class SimulatorNode:
         """Log the first touch of each object since the start or a reset, except in a run that is graded."""
         for name in sorted(set(snapshot.contacts) - self._touched):
             self._touched.add(name)
-            if not self._publishers.truth_log.is_open:
+            if not self._publishers.is_graded:
                 rospy.loginfo(f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time")
 
     def _notice_arrival(self, snapshot: Snapshot) -> None:
         """Log an arrival in a thread of its own, because it asks the master first; not for a recorder."""
         arrival = self._arrival.update(snapshot.true_state, self._pillars)
-        if arrival and not (self._has_arrival_exit or self._publishers.truth_log.is_open):
+        if arrival and not (self._has_arrival_exit or self._publishers.is_graded):
             threading.Thread(target=self._tell_arrival, args=(arrival, self._commands.driver)).start()
 
     @staticmethod
@@ -314,10 +318,10 @@ class SimulatorNode:
     def _offer_services(self, robot: str) -> None:
         self._world_services = WorldServices(self._simulation, self._calls)
         # a submission that is graded must not read where everything truly is
-        steps = None if self._publishers.truth_log.is_open else self._publishers.state_steps
-        self._gazebo = GazeboServices(self._simulation, self._calls, robot, steps)
+        state_steps = None if self._publishers.is_graded else self._publishers.state_steps
+        self._gazebo = GazeboServices(self._simulation, self._calls, robot, state_steps)
         self._display: Optional[WorldDisplay] = None
-        if not self._publishers.truth_log.is_open:
+        if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
         # services that change the world wait for the end of a step in lockstep
         for name, gazebo_name, work, changes in (

@@ -89,12 +89,17 @@ class Publishers:
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
-        if not self.truth_log.is_open:
+        if not self.is_graded:
             # a tree of its own: on /tf odom has no parent, as on the Husky, because localization gives it one
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
         self._set_time(rospy.Time())
+
+    @property
+    def is_graded(self) -> bool:
+        """Return whether a recorder reads true poses. If so, no topic has them, and no node gets hints."""
+        return self.truth_log.is_open
 
     def publish(self, snapshot: Snapshot, on_clock: Callable[[], None] = lambda: None) -> bool:
         """Publish the samples of a snapshot. Return whether /clock was published.
