@@ -216,7 +216,9 @@ def numbers(echo):
 
 def has_error(echo, node):
     """Whether `rostopic echo /diagnostics` has printed that a node stands still."""
-    statuses = (status for text in echo.split("---\n")[:-1] for status in yaml.safe_load(text)["status"])
+    # rostopic's own warnings, which begin with "[WARN]", are in the same output
+    messages = "".join(line for line in echo.splitlines(keepends=True) if not line.startswith("["))
+    statuses = (status for text in messages.split("---\n")[:-1] for status in yaml.safe_load(text)["status"])
     return any((each["level"], each["name"], each["message"]) == (2, node, LOST) for each in statuses)
 
 
