@@ -44,7 +44,8 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
         ExpatError,
         ValueError,
         TypeError,
-    ):  # another program may listen on the port
+    ):
+        # no answer, or the answer of another program that listens on the port
         return None
     return code, value
 

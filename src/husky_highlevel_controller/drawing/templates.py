@@ -38,6 +38,7 @@ def unbroken_options(text: str) -> Markup:
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
+    """Return the environment of all templates, with the style and helper functions; it is made once."""
     folder = share_folder() / "web" / "templates"
     environment = Environment(
         loader=FileSystemLoader(str(folder)),

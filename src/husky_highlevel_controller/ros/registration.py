@@ -68,7 +68,7 @@ class RegistrationWatch:
     def __init__(self, stand: Callable[[], None]) -> None:
         """Set up; `stand` is called in the thread, every STAND_PERIOD after a loss."""
         self._registration, self._stand = Registration(), stand
-        # from the start: later no subscriber could find it
+        # advertised at the start, because after a loss no subscriber would find this publisher
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
 
     @property
@@ -81,6 +81,10 @@ class RegistrationWatch:
         threading.Thread(target=self._run, name="registration", daemon=True).start()
 
     def _run(self) -> None:
+        """Look every PERIOD until the master has lost this node. Then stand still until the node ends.
+
+        While the node stands, the loss is on /diagnostics every PERIOD and in the log every REPORT_PERIOD.
+        """
         while not (self.is_lost or rospy.is_shutdown()):
             with contained("the look for this node's registration"):
                 self._registration.look()

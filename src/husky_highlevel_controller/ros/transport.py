@@ -35,7 +35,7 @@ class PromptConnection(QueuedConnection):
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         self._turn = threading.Lock()  # held while writing to the socket
-        self._unsent = b""  # rest of a message of which the socket took only the beginning
+        self._unsent = b""  # end of a message whose beginning was sent
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
@@ -67,6 +67,10 @@ class PromptConnection(QueuedConnection):
         return True
 
     def _run(self) -> None:
+        """Write the unsent rest and the queue whenever there is something; rospy starts this thread.
+
+        An error is kept, and rospy raises it when a later message is published.
+        """
         while not self._connection.done:
             with self._lock:
                 while not self._queue and not self._unsent and not self._connection.done:
@@ -78,7 +82,7 @@ class PromptConnection(QueuedConnection):
                 for data in [unsent, *queue] if unsent else queue:
                     try:
                         self._connection.write_data(data)
-                    except Exception as error:  # raised again where the next message is published
+                    except Exception as error:  # rospy raises it when a later message is published
                         with self._lock:
                             self._error = error
 

@@ -44,9 +44,10 @@ class Odometer:
         """
         if wheels is not None:
             turned_for = (step - self._last_wheel_step) * self._dt
+            # mean speeds of the wheels since the last reading [rad/s]
             front_left, front_right, rear_left, rear_right = (
                 (now - before) / turned_for for now, before in zip(wheels.angles, self._wheels.angles)
-            )  # mean speeds since the last reading
+            )
             self._wheels, self._last_wheel_step = wheels, step
             left, right = (front_left + rear_left) / 2.0, (front_right + rear_right) / 2.0
             twist = twist_of_wheels(left, right, self._config)

@@ -161,6 +161,11 @@ class WorldObjects:
         return self._scene
 
     def _build_scene(self) -> None:
+        """Make the lidar's scene of all collision shapes, and list the movable ones for `scene`.
+
+        The scene numbers meshes and other solids separately. So the list has, for each shape, the function
+        that moves it, its number there, its body's name, and its geometry. Planes never move.
+        """
         geometries = [(body, geometry) for body in self._bodies.values() for geometry in body.collisions]
         self._scene = make_scene(
             [

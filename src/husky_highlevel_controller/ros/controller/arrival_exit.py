@@ -27,7 +27,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 
 CONTROLLER = "husky_highlevel_controller"  # name of the controller's node, in this node's namespace
-POLL_PERIOD = 0.02  # [s] wall time, which is half a simulated second of a fast simulation
+POLL_PERIOD = 0.02  # [s] wall time between two checks; half a simulated second in a fast simulation
 STANDING_TIME = 1.0  # [s] simulated time that an arrived robot stands
 
 
@@ -42,6 +42,11 @@ class ArrivalExit:
     """Waits for the arrival that the controller announces, or that odometry and scans show."""
 
     def __init__(self) -> None:
+        """Read the deadline, and subscribe to odometry and to the controller's arrival and diagnostics.
+
+        Raises:
+            ConfigError: a parameter is not valid.
+        """
         values, self._robot = parameters_and_robot()
         (self._config,) = read_config(values, rospy.get_name() + "/", ExitConfig)
         mount = self._robot.lidar_mount
@@ -89,6 +94,11 @@ class ArrivalExit:
                 self._status = status.message
 
     def _on_odometry(self, message: Odometry) -> None:
+        """Notice the arrival of a robot whose controller does not announce its arrival.
+
+        The robot has arrived if it has driven, has then stood for STANDING_TIME, and is at most REACHED from
+        the nearest return of a scan that was made since it stands.
+        """
         stamp = message.header.stamp.to_sec()
         if is_moving(conversions.twist_from_msg(message.twist.twist)):
             self._has_driven, self._standing_since, self._clearance = True, inf, inf
@@ -97,9 +107,8 @@ class ArrivalExit:
         stands = self._has_driven and stamp - self._standing_since >= STANDING_TIME
         if not stands or self._announcements.get_num_connections():
             return
-        if (
-            self._scans is None
-        ):  # subscribed late, because a controller that announces its arrival needs no scans
+        # subscribed late, because a controller that announces its arrival needs no scans
+        if self._scans is None:
             self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
         if self._clearance <= REACHED and not self._arrived:
             self._arrived = True

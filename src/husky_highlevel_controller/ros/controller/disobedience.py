@@ -33,6 +33,11 @@ class Disobedience:
         return f"commanded {command} for {seconds:.0f} s, but the robot stands; {self._cause()}"
 
     def _cause(self) -> str:
+        """Return the first cause that applies, as the end of a sentence.
+
+        The causes are: no subscriber, the emergency stop, a node on an input of higher priority. If none of
+        them applies, the text names what a person should check. It waits for the master's answer.
+        """
         topic = self._commands.resolved_name
         if not self._commands.get_num_connections():
             return f"no node reads {topic}"

@@ -24,7 +24,8 @@ ODOM, BASE = "odom", "base_link"
 IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
 ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
 COLORS = {
-    IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 1.0),  # solid, or RViz draws it over the others at some angles
+    # opaque, because RViz draws a transparent cylinder over the other markers at some angles
+    IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 1.0),
     IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 1.0),
     ESTIMATE: ColorRGBA(0.2, 0.9, 0.3, 0.5),
     PATH: ColorRGBA(0.3, 0.7, 1.0, 1.0),
@@ -37,8 +38,9 @@ PATH_POINTS = 1000  # largest number of points; the oldest go first
 ABOVE_ROBOT = 1.0  # [m] height of the text above base_link, if there is no pillar
 # size of the characters [rad], seen by a camera this far behind the robot [m], as in rviz/controller.rviz
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
-# factor on the size of the cylinder in the laser's frame, because two equal cylinders in one place flicker.
-# It is visible if the other one's namespace is switched off. It exceeds 0.95, the simulator's own pillar
+# Factor on the size of the cylinder in the laser's frame, because two equal cylinders in one place flicker.
+# So this cylinder is visible only if the namespace of the cylinder in odom is switched off. The factor is
+# above 0.95, the fraction with which the simulator draws the pillar.
 INSIDE = 0.98
 DISC_HEIGHT = 0.02  # [m]
 MIN_SPREAD = 0.05  # [m] least rim of the estimate around the pillar, so that it is visible
@@ -48,6 +50,10 @@ class Display:
     """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
 
     def __init__(self, robot: Robot) -> None:
+        """Advertise the topics.
+
+        The wheels of `robot` give the height of the ground, which is the same in base_link and in odom.
+        """
         self._ground = robot.wheels.height - robot.drive.wheel_radius  # [m] ground in base_link and odom
         self._new_subscribers = NewSubscribers()
         self._marker = rospy.Publisher("~visualization_marker", Marker, self._new_subscribers, queue_size=10)
@@ -97,6 +103,12 @@ class Display:
     def _show(
         self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
     ) -> None:
+        """Extend the path, and publish everything that has a subscriber.
+
+        The pillar's markers and the errors come with every scan. The array comes every ARRAY_PERIOD, and at
+        once if the state has changed. The path is cleared if the robot was put elsewhere or the simulator
+        started again.
+        """
         stamp = observation.scan.stamp
         if stamp < self._array_stamp:  # the simulator was started again
             self._path.clear()

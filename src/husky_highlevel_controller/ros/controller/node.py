@@ -42,8 +42,9 @@ from husky_highlevel_controller.ros.controller.scan_placement import Listener, S
 from husky_highlevel_controller.ros.node import contained, parameters_and_robot, publish, run_node
 from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 
-LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
-REPORT_PERIOD = 5.0  # [s] between two complaints about the same
+# rospy's logger; its level is checked before a DEBUG line is formatted, because formatting takes time
+LOG = logging.getLogger("rosout")
+REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
 RANGE_PERIOD = 1.0  # [s] time between two lines with the smallest range, by scan stamps
 RATE_SCANS = 50  # number of scans for the measured rate
 POLL_PERIOD = 0.1  # [s] wall time between two checks for an overdue transform or due /diagnostics
@@ -86,7 +87,8 @@ class ControllerNode:
             )
         self._enabled = switch.start_enabled
         self._controller_state = ControllerState()
-        self._deciding = threading.Lock()  # held to decide and to stop, so that only zero follows a stop
+        # held during a decision and during a stop, so that no command follows the zero of a stop
+        self._deciding = threading.Lock()
         self._arrived: Optional[bool] = None
         self._seen, self._reason = "unknown", ""
         self._range_logged_at = -inf  # [s] stamp of a scan
@@ -135,7 +137,7 @@ class ControllerNode:
             with contained("asking why no scans come"):
                 self._notice_absence()
             with contained("the status on /diagnostics"):
-                if not self._registration.is_lost:  # a lost one has its own status
+                if not self._registration.is_lost:  # RegistrationWatch publishes the status after a loss
                     self._diagnostics.update()
             with contained("showing the last scan"):
                 self._display.update()
@@ -177,6 +179,10 @@ class ControllerNode:
         publish(self._velocity, conversions.twist_to_msg(twist))
 
     def _on_start_stop(self, request: SetBoolRequest) -> SetBoolResponse:
+        """Start or stop driving, as the service requests. A stop sends a zero command before it returns.
+
+        A node that has lost its registration at the master refuses to start.
+        """
         if request.data and self._registration.is_lost:
             return SetBoolResponse(False, LOST)
         with self._deciding:
@@ -191,6 +197,10 @@ class ControllerNode:
         return SetBoolResponse(True, message)
 
     def _on_scan(self, msg: LaserScan) -> None:
+        """Keep a scan until its transforms have come; then `_answer` gets it.
+
+        A scan that is not valid stops the robot, and scans that still wait are dropped.
+        """
         self._scan_time, self._scan_stamp = rospy.get_time(), msg.header.stamp.to_sec()
         self._scan_age = self._scan_time - self._scan_stamp
         try:
@@ -214,11 +224,12 @@ class ControllerNode:
                 self._controller_state, output = decide(
                     before, observation, enabled, control, detector_config
                 )
-            except Exception:  # logged by the thread that it came to
+            except Exception:  # the caller logs it
                 self._stop()
                 raise
             self._command(output.twist)
-        is_pushing = control.stop_distance == 0.0  # against the pillar, on purpose
+        # at the pillar the wheels may turn without motion, so their command must not count as disobeyed
+        is_pushing = control.stop_distance == 0.0
         self._commanded = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(
             observation.scan.stamp, observation.base_in_odom, self._commanded
@@ -344,7 +355,7 @@ def _stage(controller_state: ControllerState) -> Tuple[State, bool]:
 
 def main() -> None:
     """Run the node."""
-    # only a built workspace has it, and tests read this module without one
+    # imported only here, because this module exists only in a built workspace, and tests run without one
     from husky_highlevel_controller.cfg import ControllerConfig
 
     run_node("husky_highlevel_controller", lambda: ControllerNode(ControllerConfig))

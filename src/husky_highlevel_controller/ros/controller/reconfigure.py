@@ -45,6 +45,11 @@ class _Server(Server):
     """Warns of values out of range and ignores NaN; dynamic_reconfigure clamps silently and accepts NaN."""
 
     def update_configuration(self, changes: Dict[str, Any]) -> Dict[str, Any]:
+        """Apply changed values by name, and return the whole configuration; dynamic_reconfigure calls this.
+
+        A value out of range becomes the nearest allowed one, and NaN or inf becomes the old value. Both cause
+        a warning.
+        """
         accepted = dict(changes)
         for name, value in changes.items():
             if self.type.type.get(name) not in ("double", "int"):

@@ -37,7 +37,7 @@ MAX_AHEAD = 60.0  # [s] lead of a stamp over the clock, which may lag behind a b
 # [s] wall time without a message at the start, and later, when a busy machine may delay a thread
 ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s]; a clock that goes back by more is another run
-REPORT_PERIOD = 5.0  # [s] between two complaints about a topic
+REPORT_PERIOD = 5.0  # [s] between two warnings about a topic
 OFF_PLANE = 1e-6  # variance of z, roll, pitch and their rates
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
 
@@ -76,12 +76,20 @@ class LocalizationNode:
         self._heard: Dict[str, float] = {}  # [s] wall time of the last message by input
 
     def _on_message(self, msg: Any, name: str) -> None:
+        """Give a message to the filter, after earlier messages of this input that waited for a transform.
+
+        Up to QUEUE messages without a transform are held. A message whose stamp is more than
+        MAX_AHEAD after the clock is dropped. A clock that goes back by CLOCK_BACK starts the filter again.
+
+        Args:
+            msg: Odometry or Imu.
+            name: name of the input in the parameters, such as odom0.
+        """
         stamp = msg.header.stamp.to_sec()
-        self._heard[name] = inf  # while its thread waits its turn
+        self._heard[name] = inf  # an input whose thread waits for the lock is not silent
         with self._lock:
-            now = (
-                rospy.get_time()
-            )  # read under the lock, because a fast bag advances by seconds while this thread waits
+            # read under the lock, because a fast bag advances by seconds while this thread waits
+            now = rospy.get_time()
             if now < self._now - CLOCK_BACK:
                 rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s; the filter starts again")
                 self._begin()
@@ -95,7 +103,7 @@ class LocalizationNode:
             held.append(msg)
             mounting = self._mounting(msg, name)
             if mounting is None:
-                self._heard[name] = 0.0  # the others continue without it
+                self._heard[name] = 0.0  # counts as silent, so the other inputs need not wait for this one
                 del held[:-QUEUE]
                 return
             self._held[name] = []
@@ -103,6 +111,11 @@ class LocalizationNode:
                 self._add(name, message, mounting)
 
     def _add(self, name: str, msg: Any, mounting: Mounting) -> None:
+        """Give one reading to the filter, and publish the estimates that are due now.
+
+        The filter waits for readings of the other inputs, except inputs that have been silent for SILENCE. At
+        the start, an input without any message is silent after ABSENCE.
+        """
         now, absent_at = time.monotonic(), self._first_heard + ABSENCE - SILENCE
         silent = {other for other in self._config.inputs if now > self._heard.get(other, absent_at) + SILENCE}
         try:
@@ -135,6 +148,7 @@ class LocalizationNode:
         return Mounting(*poses)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        """Put the filter's pose where a message says; warn if the pose is not finite, or is not in odom."""
         place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
         pose, covariance = [place.x, place.y, yaw_from_quat(quat)], _square(msg.pose.covariance)[PLANE]
         frame, odom = msg.header.frame_id, self._config.options.odom_frame

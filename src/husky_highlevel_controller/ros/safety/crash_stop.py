@@ -46,6 +46,11 @@ class CrashStopNode:
             self._detector.add_odometry(stamp, twist_in_base)
 
     def _on_imu(self, msg: Imu) -> None:
+        """Give one IMU sample to the crash detector, and let the guard stop the controller after a crash.
+
+        While the clocks of IMU and odometry differ, no sample is judged, because braking would look like a
+        crash.
+        """
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
         stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
         if self._guard.clocks.seconds != 0.0:

@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, Se
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
-CLOCK_TOLERANCE = 0.3  # [s]; a slow lidar's scans are stamped up to 0.2 s before odometry's last
+CLOCK_TOLERANCE = 0.3  # [s] a slow lidar stamps its scans up to 0.2 s before the newest odometry
 STARTING_TIME = 1.0  # [s] time at the start without a warning of missing odometry or transforms
 
 
@@ -38,6 +38,11 @@ class ProximityStopNode:
         self._guard.run()
 
     def _on_scan(self, msg: LaserScan) -> None:
+        """Judge one scan: the guard stops the controller if an obstacle in the robot's path is too close.
+
+        A scan cannot be judged without odometry or without the lidar's transform. The guard warns of this
+        only after STARTING_TIME, because both may come late at the start.
+        """
         try:
             scan = conversions.scan_from_msg(msg)
         except conversions.ScanError as error:

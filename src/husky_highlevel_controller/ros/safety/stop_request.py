@@ -60,13 +60,19 @@ class StopRequest:
             except queue.Empty:
                 continue
             while self.pending and not is_shutdown():
-                with contained("the stop of the controller"):  # serves the request until it is done
+                # an error leaves `pending` true, so the request is served again
+                with contained("the stop of the controller"):
                     self._serve(danger, is_shutdown)
                     self.pending = False
                 if self.pending:
                     time.sleep(ZERO_PERIOD)
 
     def _serve(self, danger: str, is_shutdown: Callable[[], bool]) -> None:
+        """Call the service until a call succeeds or the node is shut down.
+
+        A call fails if the service refuses, raises, or does not answer within CALL_TIMEOUT. From ZERO_DELAY
+        on, and between two calls, zero commands are sent, because the robot must not drive on meanwhile.
+        """
         begin = time.monotonic()
         while not is_shutdown():
             answers = self._start_call()
@@ -89,7 +95,11 @@ class StopRequest:
                 time.sleep(ZERO_PERIOD)
 
     def _start_call(self) -> queue.Queue[Optional[str]]:
-        """Queue that gets the outcome of a new call; nothing comes while too many calls hang."""
+        """Call the service in a new thread, and return the queue that gets the outcome.
+
+        The outcome is the reason of a failure, or None. If MAX_HUNG_CALLS calls still hang, no call is made
+        and the queue stays empty.
+        """
         answers: queue.Queue[Optional[str]] = queue.Queue()
 
         def call() -> None:

@@ -21,21 +21,31 @@ from husky_highlevel_controller.simulator.command_habits import CommandHabits, H
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
 MAIN = "cmd_vel"
+# nodes that stop the robot on purpose and log the reason themselves
 OUR_NODES = {
     "husky_highlevel_controller",
     "proximity_stop",
     "crash_stop",
-}  # nodes that log themselves why they stand
-QUEUE = 1000  # commands kept between two physics steps; older ones are overruled anyway
+}
+QUEUE = 1000  # commands kept between two physics steps; if there are more, the oldest are dropped
 
 
 class Commands:
     """Collects commands in callbacks; the simulation's thread takes them."""
 
     def __init__(self, robot: Robot, lockstep: Lockstep, lead_limit: LeadLimit, findings: Findings) -> None:
+        """Subscribe to every velocity topic of the robot and to e_stop.
+
+        Args:
+            robot: its topics, in the order of their priority, and the time after which a command expires.
+            lockstep: gets the topic of each command, as an answer to the last scan.
+            lead_limit: is notified of each command.
+            findings: gets sentences about mistakes of the senders.
+        """
         topics = robot.topics
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
-        self._direct_topic = topics.wheel_command  # the mux's output, and a way past it
+        # output of the mux; a node that publishes on this topic bypasses the mux
+        self._direct_topic = topics.wheel_command
         self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
@@ -58,7 +68,11 @@ class Commands:
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
-        """Topic and twist of each new command to obey, oldest first; they count from `stamp` [s]."""
+        """Return the topic and the twist of each new command to obey, oldest first.
+
+        Commands count from `stamp` [s], from which the mux measures when each input expires. The mux drops a
+        command while an input of higher priority is active, and all commands during an emergency stop.
+        """
         obeyed: List[Tuple[str, Twist2D]] = []
         if self._is_refusing:
             self._arrived.clear()
@@ -71,7 +85,7 @@ class Commands:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                if self._passed.get_num_connections() > 1:  # this node itself is one of them
+                if self._passed.get_num_connections() > 1:  # one subscriber is this node itself
                     publish(self._passed, msg)
             else:
                 stronger = self._mux.stronger(topic, stamp)
@@ -102,7 +116,7 @@ class Commands:
         return self._mux.locked
 
     def refuse(self) -> None:
-        """Obey no command any more, of any node. Any thread."""
+        """Obey no command of any node from now on. Any thread."""
         self._is_refusing = True
 
     def forget(self) -> None:
@@ -111,6 +125,11 @@ class Commands:
         self._mux.forget()
 
     def _on_twist(self, topic: str, msg: Twist) -> None:
+        """Queue a command for `take`, and report it to lockstep.
+
+        The node's own messages are ignored. In lockstep each scan gets one command, and further ones are
+        dropped.
+        """
         sender = msg._connection_header["callerid"]
         if topic == self._direct_topic and sender == rospy.get_name():
             return  # published by take()
@@ -130,6 +149,7 @@ class Commands:
         self._lead_limit.command_arrived()
 
     def _warn_of_two_senders(self, topic: str, sender: str) -> None:
+        """Warn if two nodes send on one topic within TIMEOUT, because the robot obeys both in turn."""
         now = rospy.get_time()
         last_sender, sent_at = self._senders.get(topic, (sender, now))
         self._senders[topic] = sender, now

@@ -137,6 +137,7 @@ class GraphWatch:
         threading.Thread(target=self._run, name="graph", daemon=True).start()
 
     def _run(self) -> None:
+        """Look at the graph every PERIOD until the process ends."""
         while True:
             with contained("the search for mistakes in the ROS graph"):
                 graph = read_graph(self._master_uri)
@@ -170,6 +171,10 @@ class GraphWatch:
             self._warn(f"{name} also publishes /clock, so time will jump; end it, or this simulator")
 
     def _mistakes(self, graph: Graph) -> Iterator[Mistake]:
+        """Yield the mistakes in a graph: wrong topics, parameters, services, types, and second publishers.
+
+        A node is asked for the types of its topics only after its list of topics has changed.
+        """
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:

@@ -23,13 +23,13 @@ RESEND_TIMEOUT = 1.0  # wait for the first command before the scan is published 
 SLEEP_TIMEOUT = 0.3  # wait for the answer of a controller that does nothing meanwhile
 WATCH_TIMEOUT = 1.0  # wait until processes that have answered sleep; some, such as RViz, never do
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
-PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from nodes that start
+PARTNERS_POLL_PERIOD = 0.02  # shorter periods would take CPU time from the nodes that start
 
 MAX_LEAD = 2  # scans sent since the last command
 CONTROLLER_TIMEOUT = 0.1  # [s] wall time after which the simulator no longer waits for a controller
-FOLLOWING_SCANS = 10  # scans in a row with a command in between: it answers every scan again
+FOLLOWING_SCANS = 10  # answered scans in a row after which the simulator waits for the controller again
 
-AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
+AWAKE = 10  # answered scans in a row after which the controller counts as awake
 
 
 class Mode(Enum):
@@ -73,10 +73,10 @@ class Lockstep:
     def __init__(
         self, is_on: bool, listeners: Listeners, tell: Callable[[str, str], None] = lambda *_: None
     ) -> None:
-        """Wait for answers of `listeners`.
+        """Wait for answers of `listeners`, if `is_on`.
 
-        `tell` is called when one stays out, with a kind and a sentence: "asleep" until it comes again,
-        "unanswered" once, when no other is waited for.
+        `tell` is called with a kind and a sentence when an answer does not come. The kind is "asleep" for
+        each scan that a sleeping controller does not answer, and "unanswered" once, when lockstep ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
         self._wakes_to = self._mode  # mode before SLEEPING
@@ -85,7 +85,7 @@ class Lockstep:
         # topics with a command since the last scan; None if there was no scan yet
         self._answered_on: Optional[Set[str]] = None
         self._begun = False  # a command has arrived
-        self._due = False  # a scan is about to be sent or answered
+        self._due = False  # true from `begin_scan` until the wait for its answer is over
         self._in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
@@ -137,7 +137,7 @@ class Lockstep:
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
         self._settle(meanwhile)
-        # not before its first command: it may wait until it is called
+        # a controller that has never sent a command may be waiting for its start service
         if self._mode is Mode.SLEEPING and self._begun and not self._answered.is_set():
             self._tell(
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
@@ -160,7 +160,8 @@ class Lockstep:
         if self._mode in (*_WATCHED, Mode.SLEEPING):
             again()
             self._settle(meanwhile)
-        if self._due and self._answered.is_set():  # a command before the scan was sent: it commands at ticks
+        # a command before the scan was sent shows that the controller commands at ticks of the clock
+        if self._due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
             if self._mode is Mode.SLEEPING and self._wakes_to is Mode.WATCHED:
@@ -177,6 +178,7 @@ class Lockstep:
         since, resent, nudged = time.monotonic(), self._begun, not self._begun
 
         def answered() -> bool:
+            """Serve calls, send the scan or a tick again if due, and return whether the wait is over."""
             nonlocal since, resent, nudged
             meanwhile()
             waited = time.monotonic() - since
@@ -249,7 +251,11 @@ class LeadLimit:
         self._arrived.set()
 
     def before_scan(self) -> None:
-        """Call before a scan is sent; it waits if the controller is too far behind."""
+        """Call before a scan is sent; it waits for a controller that is MAX_LEAD scans behind.
+
+        The wait takes CONTROLLER_TIMEOUT at most. After a wait without an answer there are no more waits
+        until the controller has answered FOLLOWING_SCANS scans in a row.
+        """
         if not self._is_on:
             return
         answered = self._arrived.is_set()

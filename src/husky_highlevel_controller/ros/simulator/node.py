@@ -62,16 +62,21 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 MAX_STEPS = 100_000  # largest number of steps in one request
 SLOW_SHARE = 0.9  # smallest fraction of the requested pace without a warning
 # [s] wall times
-PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
+PAUSE_POLL_PERIOD = 0.05  # longest wait for a service call during a pause
 LAUNCH_TIMEOUT = 10.0  # wait for the nodes launched with this one, if the pace is unlimited
 RVIZ_TIMEOUT = 30.0  # wait until an RViz that was launched with this node draws
-RVIZ_POLL_PERIOD = 0.2  # between two looks at it; more often would take CPU time from its start
+RVIZ_POLL_PERIOD = 0.2  # between two looks at RViz; more looks would slow down the start of RViz
 
 
 class SimulatorNode:
     """Owns the simulation in the thread that calls `run`; callbacks queue commands and calls for it."""
 
     def __init__(self) -> None:
+        """Read the parameters, build the simulation, and advertise its topics; time begins in `run`.
+
+        Raises:
+            HuskyError: a parameter, the world or the robot description cannot be used.
+        """
         start, config, camera = read_parameters()
         self._start, self._paused = start, start.paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
@@ -111,6 +116,7 @@ class SimulatorNode:
         )  # fmt: skip
 
     def _make_camera(self, setup: CameraSetup, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
+        """Make the depth camera; ConfigError if the robot has no frame for it, or the rate is not valid."""
         if CAMERA_FRAME not in robot.fixed_poses:
             raise ConfigError(
                 f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{CAMERA_FRAME}'"
@@ -119,7 +125,11 @@ class SimulatorNode:
         return DepthCamera(setup.camera, robot.fixed_poses[CAMERA_FRAME], steps, self._start.lockstep)
 
     def run(self) -> None:
-        """Simulate until the node is shut down."""
+        """Simulate until the node is shut down.
+
+        Before time begins, the node waits for RViz and, in lockstep or at unlimited pace, for the other nodes
+        of the launch. During a pause, it serves calls and repeats /clock for nodes that start then.
+        """
         publishers, simulation = self._publishers, self._simulation
         filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
         findings = self._findings
@@ -260,6 +270,7 @@ class SimulatorNode:
         return tells_time
 
     def _notice_fall(self, position: Vector3) -> None:
+        """Log an error when the robot begins to fall off the world, once for each fall."""
         fallen = position[2] < self._start.z - FALL_DEPTH
         if fallen and not self._fallen:
             rospy.logerr(
@@ -304,6 +315,7 @@ class SimulatorNode:
         self._publishers.send_last_transforms()
 
     def _keep_pace(self) -> None:
+        """Sleep until wall time has caught up with simulated time; warn once if this machine is too slow."""
         stamp, now = self._simulation.stamp, time.monotonic()
         reached = self._pacer.lag(stamp, now)
         if reached is not None and reached < SLOW_SHARE * self._start.real_time_factor:
@@ -316,6 +328,10 @@ class SimulatorNode:
             time.sleep(delay)
 
     def _offer_services(self, robot: str) -> None:
+        """Advertise the services that read and change the world, under this node's and under Gazebo's names.
+
+        In a run that is graded, RViz's markers and Gazebo's topics of true poses are left out.
+        """
         self._world_services = WorldServices(self._simulation, self._calls)
         # a submission that is graded must not read where everything truly is
         state_steps = None if self._publishers.is_graded else self._publishers.state_steps
@@ -364,6 +380,11 @@ class SimulatorNode:
         return "the robot and every object are back at their first poses"
 
     def _step(self, request: srv.StepWorldRequest) -> str:
+        """Advance the paused world by the requested number of steps, and return a sentence with the new time.
+
+        Raises:
+            HuskyError: the world is not paused, the number is out of range, or the node ends meanwhile.
+        """
         steps = request.steps
         if not self._paused:
             raise HuskyError("the world is running; pause it before a step")

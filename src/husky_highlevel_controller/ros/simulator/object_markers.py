@@ -31,8 +31,8 @@ from husky_highlevel_controller.ros import conversions
 
 DELETE = 1  # id of the menu's only entry
 QUIET = (0.2, 0.21, 0.22, 1.0)  # colour of every plane, from which grid, scan and robot stand out
-PAINT = 0.005  # [m]; a box that is lower is drawn as if painted on what it lies on
-SLIM = 0.95  # share of a cylinder's radius that is drawn, or it would hide the marker of a found pillar
+PAINT = 0.005  # [m] a box that is lower is drawn as paint on the surface below it
+SLIM = 0.95  # drawn fraction of a cylinder's radius, so that the marker of a found pillar is visible
 MOST_FACES = 20_000  # largest number of faces of a drawn mesh
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -67,6 +67,11 @@ def upwards(pose: Pose) -> Vector3:
 
 
 def _geometry_to_msg(geometry: Geometry) -> Marker:
+    """Marker of one visual part of a body.
+
+    A plane, and a box that is lower than PAINT, become sheets, which RViz draws without shadow. A cylinder is
+    drawn with SLIM of its radius.
+    """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
         turned = Pose(quat_xyzw=quat_between(Z, shape.normal))

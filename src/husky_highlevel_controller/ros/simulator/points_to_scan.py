@@ -19,7 +19,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 MAX_POINTS = 1_000_000
-REPORT_PERIOD = 5.0  # [s] between two warnings about the same
+REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
 
 
 class PointsToScanNode(rospy.SubscribeListener):
@@ -49,6 +49,7 @@ class PointsToScanNode(rospy.SubscribeListener):
             self._clouds = None
 
     def _on_cloud(self, msg: PointCloud2) -> None:
+        """Publish a cloud as a scan in the target frame, or warn if TF has no transform to it."""
         config, frame = self._config, msg.header.frame_id
         points = points_from_msg(msg, MAX_POINTS).astype(float)
         target = config.target_frame or frame

@@ -90,7 +90,8 @@ class Publishers:
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
         if not self.is_graded:
-            # a tree of its own: on /tf odom has no parent, as on the Husky, because localization gives it one
+            # Separate from /tf: there odom must not have a parent, because a localization node may add one,
+            # as on the real Husky.
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
@@ -189,6 +190,11 @@ class Publishers:
             )
 
     def _publish_state(self, snapshot: Snapshot, odometry: OdometrySample) -> None:
+        """Publish the state of the robot: joints, odometry, limited command, true poses and bumps.
+
+        Joints and wheel odometry come only when the base reports its wheels, and the filtered odometry only
+        if no other node estimates the pose.
+        """
         stamp = snapshot.stamp
         if snapshot.step % self._wheel_steps == 0:
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
@@ -256,8 +262,8 @@ class Publishers:
 
     def _set_time(self, now: rospy.Time) -> None:
         if self.tells_time:
-            # As rospy's own subscriber of /clock does. A subscription of its own would cost the simulator
-            # 3 % more CPU time in lockstep, and its time would lag behind what it publishes.
+            # rospy's own subscriber of /clock calls this function too. Subscribing to /clock would cost the
+            # simulator 3 % more CPU time in lockstep, and its time would lag behind its own messages.
             rospy.rostime._set_rostime(now)
 
 

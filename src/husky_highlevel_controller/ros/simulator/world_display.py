@@ -118,6 +118,11 @@ class WorldDisplay:
                 self._server.send()
 
     def _draw(self) -> None:
+        """Bring the markers up to date with the world: erase, insert and move them.
+
+        A marker is moved if its body has moved noticeably, or if odom has drifted. A tipped body gets a new
+        marker, because a marker can be dragged only in the plane that was horizontal when it was made.
+        """
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
         drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if drifted:
@@ -127,7 +132,7 @@ class WorldDisplay:
             del self._shown[name]
         for name, body in bodies.items():
             shown, pose = self._shown.get(name), self._simulation.pose_of(name)
-            if shown and shown.body is not body:  # another one of that name
+            if shown and shown.body is not body:  # a new body with the name of a deleted one
                 shown = None
             before = shown.pose_in_world if shown and not drifted else None
             if before and (before == pose or not _noticeable(before, pose, 1.0)):
@@ -141,6 +146,7 @@ class WorldDisplay:
             self._shown[name] = _Shown(body, up, pose)
 
     def _drop_box(self, msg: PointStamped) -> str:
+        """Put a box on a point that was clicked in RViz, and return a sentence about it."""
         clicked = self._in_world(PoseMsg(msg.point, Quaternion(w=1.0)), msg.header.frame_id)
         x, y, z = clicked.position
         upright = Pose((x, y, z + BOX_SIZE[2] / 2.0))
@@ -158,7 +164,7 @@ class WorldDisplay:
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         name = feedback.marker_name
-        if name in self._shown:  # whether it is moved or not: it is not where the marker was left
+        if name in self._shown:  # draw the body again, because the marker was left elsewhere
             self._shown[name] = self._shown[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
@@ -177,7 +183,7 @@ class WorldDisplay:
     def _frame_in_odom(self, frame: str) -> Pose:
         if frame == ODOM:
             return Pose()
-        # the latest: a click is slower than TF
+        # the latest transform will do, because a click takes longer than TF needs
         pose = None if self._transforms is None else lookup_pose(self._transforms, ODOM, frame)
         if pose is None:
             raise ObjectError(f"no transform from '{frame}' to '{ODOM}'")
@@ -189,9 +195,8 @@ class WorldDisplay:
             self._ask(self._delete, feedback)
         elif event == InteractiveMarkerFeedback.POSE_UPDATE:
             self._dragged.add(name)
-        elif (
-            event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged
-        ):  # otherwise it is only a click
+        elif event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged:
+            # a click without a drag also ends with MOUSE_UP, but its marker is not in `_dragged`
             self._dragged.remove(name)
             self._ask(self._drag, feedback)
 

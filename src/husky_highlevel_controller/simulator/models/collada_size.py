@@ -43,7 +43,10 @@ class _Scene:
         return _sum([self._of(each) for each in self._document.iter() if _tag(each) == "visual_scene"])
 
     def _of(self, element: ElementTree.Element) -> SceneSize:
-        """Size of a scene, node, instance or geometry."""
+        """Return the size of a scene, node, instance or geometry with its content; 0 for other elements.
+
+        Sizes are kept, because an element may have many instances. ValueError if a node contains itself.
+        """
         if element in self._sizes:
             return self._sizes[element]
         if element in self._open:
@@ -54,7 +57,8 @@ class _Scene:
             size = SceneSize(0, sum(map(_corners, element.iter())))
         elif tag in ("instance_node", "instance_geometry"):
             targets = self._named.get(element.get("url", "").lstrip("#"), [])
-            sizes = [self._of(target) for target in targets]  # the reader chooses one of those of one name
+            # if several elements have this id, the COLLADA reader uses one of them; the largest size counts
+            sizes = [self._of(target) for target in targets]
             size = SceneSize(*(max(numbers) for numbers in zip(NOTHING, *sizes)))
         elif tag in ("node", "visual_scene"):
             size = _sum([SceneSize(1, 0), *map(self._of, element)])
@@ -70,7 +74,10 @@ def _sum(sizes: List[SceneSize]) -> SceneSize:
 
 
 def _corners(primitive: ElementTree.Element) -> int:
-    """Upper bound of the corners of triangles or polygons: their indices, by indices for each corner."""
+    """Return an upper bound for the corners of a primitive, such as <triangles>; 0 for other elements.
+
+    The bound is the number of indices in all <p>, by the number of indices that each corner takes.
+    """
     texts = [child.text or "" for child in primitive if _tag(child) == "p"]
     offsets = [child.get("offset", "0") for child in primitive if _tag(child) == "input"]
     stride = 1 + max((int(offset) for offset in offsets if offset.isdigit()), default=0)

@@ -26,8 +26,8 @@ from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, pars
 ENDINGS = (".dae", ".stl", ".obj")
 MAX_BYTES = 50_000_000  # size of a file
 MAX_BYTES_IN_ALL = 200_000_000  # size of all files of a world
-MAX_NODES = 20_000  # nodes of a .dae file, instances among them
-MAX_TRIANGLES = 3_000_000  # triangles of a .dae file, with those of instances
+MAX_NODES = 20_000  # nodes of a .dae file; each instance of a node counts
+MAX_TRIANGLES = 3_000_000  # triangles of a .dae file; the triangles of each instance count
 MAX_FACES = 100_000  # faces of a file; a mesh with more is made coarser
 
 
@@ -101,7 +101,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         raise
     except WorldError as error:
         raise MeshError(f"cannot be read: {error}") from None
-    except Exception as error:  # a mesh file may be broken in as many ways as its reader has errors
+    except Exception as error:  # trimesh raises errors of many types for a broken file
         raise MeshError(f"cannot be read: {type(error).__name__}: {error}") from None
     if not len(faces):
         raise MeshError(f"holds no part '{part}'" if part else "holds no triangles")
@@ -146,10 +146,11 @@ def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def find_mesh(uri: str, source: str) -> Path:
-    """The file of a URI; MeshError if it is not on this machine.
+    """Return the file of a URI, as `MeshFiles.read` takes it; MeshError if it is not on this machine.
 
-    `model://NAME/...` and `package://NAME/...` are looked up in GAZEBO_MODEL_PATH, ROS_PACKAGE_PATH, and the
-    folders above the file that names it; a relative path next to that file, and in GAZEBO_RESOURCE_PATH.
+    `model://NAME/...` and `package://NAME/...` are looked up in GAZEBO_MODEL_PATH, in ROS_PACKAGE_PATH, and
+    in the folders above the file `source`, which names the mesh. A relative path is looked up next to that
+    file, then in GAZEBO_RESOURCE_PATH.
     """
     try:
         for path in _places(uri, source):
@@ -172,10 +173,16 @@ def _places(uri: str, source: str) -> Iterator[Path]:
 
 
 def model_folders(name: str, source: str) -> Iterator[Path]:
-    """Folders, in their order, in which a model or package of that name may be that a file names.
+    """Yield the folders in which a model or package may be, in the order of the search.
 
-    They are in GAZEBO_MODEL_PATH, in ROS_PACKAGE_PATH, or one of the folders above the file, beside one of
-    them, or in a folder `models` beside one of the nearest three.
+    1. folders of this name in GAZEBO_MODEL_PATH and ROS_PACKAGE_PATH
+    2. folders above the source, or entries of these two paths, that have the name themselves
+    3. folders of this name in the folders above the source
+    4. folders of this name in `models` in the nearest three folders above the source
+
+    Args:
+        name: name of the model or package.
+        source: path of the file that names it.
     """
     above = list(Path(os.path.abspath(source)).parents)
     folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]

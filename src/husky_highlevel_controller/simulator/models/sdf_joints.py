@@ -16,7 +16,7 @@ from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
-_WORLD = "world"  # end of a joint that ties a link to the ground
+_WORLD = "world"  # name of the ground at the end of a joint
 
 
 @dataclass
@@ -43,6 +43,12 @@ class Assembly:
             yield replace(body, pose_model_in_body=pose_model_in_body)
 
     def _rigid_bodies(self) -> Iterator[Body]:
+        """Yield one body for each group of links that joints connect, directly or through other links.
+
+        A group that a joint ties to the world becomes static. Several bodies of one model get the model's
+        name, so that they pass through one another, unless one of their links has <self_collide>. A joint of
+        a link that does not exist is left out with a note.
+        """
         if all(body.mass == 0.0 for body in self.links.values()):
             yield from self.links.values()
             return

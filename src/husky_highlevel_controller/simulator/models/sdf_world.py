@@ -180,6 +180,7 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
 
 
 def _read_included(model: Model, place: _Place) -> None:
+    """Read the model of an <include>; WorldError if it includes itself, or after MAX_INCLUDES models."""
     include = model.include
     assert include is not None
     load, file = include.load, model.node.source
@@ -236,7 +237,7 @@ def _read_model(model: Model, parent: _Place) -> None:
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
     for _ in _bodies_in(node, me):
-        pass  # inner models yield nothing: they add to the assembly
+        pass  # models inside a model yield no bodies, because they add their links to the assembly
 
 
 def _is_set(node: Optional[Node]) -> bool:

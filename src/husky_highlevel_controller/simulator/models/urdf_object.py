@@ -67,6 +67,13 @@ def _mass(link: ET.Element, where: str) -> float:
 
 
 def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shape]:
+    """Return the shape of a <collision>, or None, with a warning, if it cannot be used.
+
+    Args:
+        collision: the element.
+        where: place of the element, for messages.
+        files: reads mesh files, each once.
+    """
     shape_and_sizes = urdf.shape_of(collision, where)
     tag, sizes = (shape_and_sizes[0].tag, shape_and_sizes[1]) if shape_and_sizes else ("", ())
     if tag == "box":

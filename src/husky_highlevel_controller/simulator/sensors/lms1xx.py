@@ -166,9 +166,8 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
 
 def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
     """Shares of the light of round spots that samples at these distances (N, S) [m] stand for; misses too."""
-    half = 0.5 * (
-        config.divergence + config.spot / np.maximum(spots, 1e-3)
-    )  # half the spot's angle at each distance
+    # half the angle [rad] of the spot at each distance
+    half = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))
     off = offsets / half
     step = offsets[1] - offsets[0]
     shares: np.ndarray = np.sqrt(np.maximum(1.0 - off * off, 0.0)) * (2.0 / pi * step) / half

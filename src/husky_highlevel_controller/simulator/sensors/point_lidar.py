@@ -43,6 +43,13 @@ class PointLidar:
     """A 3D lidar on base_link."""
 
     def __init__(self, config: PointsConfig, cast_rays: CastRays, pose_in_base: Pose) -> None:
+        """Prepare the directions of all beams, and the planes in which they are cast.
+
+        Args:
+            config: rings, columns, range and noise.
+            cast_rays: measures the beams of one plane.
+            pose_in_base: pose of the lidar in base_link.
+        """
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
         half = config.columns // 2
         azimuths = 2.0 * pi / config.columns * np.arange(half)  # azimuths of the columns before the seam

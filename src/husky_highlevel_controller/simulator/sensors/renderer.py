@@ -64,6 +64,11 @@ class Renderer:
 
 
 def _serve_requests(pipe: Connection) -> None:
+    """Render in the new process: read the camera's configuration, then serve requests.
+
+    It ends when the pipe closes. The Bullet world here only holds shapes, and its physics never steps. Bodies
+    that have changed are replaced, and the others are only moved.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pipe ends this process
     config: CameraConfig = pipe.recv()
     bullet = BulletWorld(1.0)
