@@ -77,14 +77,17 @@ class Batch:
     folder: Path  # folder of submissions
     out: Path  # folder of hand_ins/ with a folder for each, results.csv, junit.xml and index.html
     jobs: int = 1  # submissions that are marked in parallel
-    only: Tuple[str, ...] = ()  # submissions to mark again; defaults to all that are not marked yet
+    only: Tuple[str, ...] = ()  # submissions to mark again; defaults to all that have no result yet
     setups: Tuple[str, ...] = ()  # setup.bash files on which submissions are built
     cluster: str = ""  # address of a Dask scheduler whose workers mark; defaults to this machine
     time_limit: float = 0.0  # [s] wall time for one submission; 0 for DEADLINE and its runs
 
 
 def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
-    """Mark every submission, and return the results; one that could not be marked has only a `problem`.
+    """Mark every submission, and return the results; if marking fails, a result has only a `problem`.
+
+    A submission is not marked again if its files and the settings are as at the last time. The results are
+    written into the batch's folder, and a table is printed.
 
     Raises:
         HuskyError: there is no submission, marking.yaml is wrong, or marking was interrupted.
@@ -210,7 +213,9 @@ def installed_packages(setups: Sequence[str]) -> str:
 
 
 def _earlier(job: Job) -> Optional[MarkingResult]:
-    """Return the result of an earlier marking of the same files with the same settings, judged again.
+    """Return the earlier result of a job, judged again by the present rules; None if it must be marked again.
+
+    Other files, settings or versions, or an unreadable result, make marking necessary.
 
     Raises:
         PointsError: points in marking.yaml do not fit the rubric.
@@ -240,7 +245,10 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
 
 
 def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[MarkingResult]:
-    """Yield the result of each job as soon as it comes."""
+    """Yield the result of each job as soon as it comes, with a progress bar.
+
+    If the workers are `elsewhere`, on other machines, the submission's files travel to them and back.
+    """
     title = f"submissions ({len(jobs)} to grade)"
     if not elsewhere:
         for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
@@ -272,6 +280,7 @@ def _failed(job: Job, error: Exception) -> MarkingResult:
 def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     """Run the marking program for a job, and return the result, also if the program dies.
 
+    The program is killed after the job's `time_limit`, or by default after DEADLINE and the time of its runs.
     With `shows_errors` its standard error goes to the terminal, for its progress bar, instead of mark.log.
 
     Raises:
@@ -328,7 +337,7 @@ def write_outputs(files: Files, job: Job) -> MarkingResult:
     """Write the files that a worker sent back into the job's folder of results, the fingerprint last.
 
     Raises:
-        HuskyError: they have no result.
+        HuskyError: there is no result among the files.
     """
     out = Path(job.out)
     remove_tree(out)

@@ -22,10 +22,11 @@ ROBOT_VERSIONS = {
 ROBOT_TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic", "smb": "SMB"}
 DEFAULT_ROBOT, SMB = "husky", "smb"
 AUTO = "auto"  # the robot to whose scans the submission subscribes, or that its files name
+# [s] wall time that every run has; factor by which a run may be slower than its pace
 WALL_BASE, WALL_SLOWNESS = (
     300.0,
     20.0,
-)  # [s] wall time of a run; factor by which it may be slower than its pace
+)
 RAMMING_MARGIN = 0.05  # [m/s] tolerance, because the speed of a robot commanded to `gentle` is not exact
 MAX_TEXT = 1000  # characters of an evidence or note
 

@@ -17,7 +17,7 @@ from husky_highlevel_controller.paths import share_folder
 SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 START_PERIOD = 0.05  # [s] wall time between two looks at a program of ours that starts
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that the simulator offers
-# parameters and arguments of the simulator by its launch arguments
+# parameters and arguments of the simulator for each tuple of launch arguments that was used before
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
 
 
@@ -27,13 +27,13 @@ class BringUp(Protocol):
     def __call__(
         self, network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = ""
     ) -> Process:
-        """Start the program. If there is a socket, it writes true poses to it."""
+        """Start the program. If `truth_socket` is not empty, it writes true poses to this socket."""
 
 
 def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
     """Start our simulator with the world of a trial, and wait until it is up.
 
-    If there is a socket, it writes true poses to it and runs in lockstep.
+    With a `truth_socket` the simulator writes true poses to this socket, and runs in lockstep.
 
     Raises:
         MarkingError: the simulator does not start.

@@ -34,10 +34,11 @@ class DriveEnd:
         self._now = self._drove_at = self._moved_at = 0.0  # [s] last times: any state, driving, moving
         self._first_moved = self._reached_at = self._touched_at = inf  # [s] first times; inf if never
         self._gap, self._nearest = 0.0, inf  # [m] gap between footprint and pillar: now, smallest so far
+        # heading [rad] in the world in which the robot drives away, and the time [s] since when it does
         self._heading, self._left_at = (
             0.0,
             0.0,
-        )  # [rad] heading in the world; [s] time since it leaves with it
+        )
 
     def update(self, state: TrueState) -> None:
         """Follow the next true state."""

@@ -35,7 +35,8 @@ from husky_grading.submission import SIMULATOR_NODES, Submission
 
 VALGRIND = "valgrind"
 LOG = "memcheck."  # name of valgrind's log, before the process id; `nodes/submission.py` uses the same name
-CPU, WALL = 2.0, 8.0  # [s] CPU time under valgrind after the node has subscribed; longest wait for it
+# [s] CPU time under valgrind after the node has subscribed; longest wall time for this
+CPU, WALL = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # nested parentheses
@@ -66,7 +67,10 @@ class Place(NamedTuple):
 
 
 def is_worth_checking(submission: Submission) -> bool:
-    """Return whether a C++ program of it may have such a variable, because valgrind takes some seconds."""
+    """Return whether a C++ program of a submission may read a variable before it writes it.
+
+    Only then is the check made, because valgrind takes some seconds.
+    """
     root = submission.root
     return (
         root is not None
@@ -168,6 +172,10 @@ def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Pl
 
 
 def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
+    """Return the first line of a stack that is in one of the submission's files.
+
+    None if there is no such line in the first DEPTH + 1 frames, or if a function that prints comes before it.
+    """
     for line in stack.splitlines()[: DEPTH + 1]:
         frame = _FRAME.match(line.strip())
         if frame and frame[2] in own_files:

@@ -12,15 +12,16 @@ from husky_grading.isolation.process import Process, wait
 
 POLL_PERIOD = 0.1  # [s] wall time
 LOOK_PERIOD = 0.5  # [s] wall time between two looks at the ROS graph
-IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] wall time without a running thread, after it subscribes and before
-# A program that is never idle for long, such as one that publishes in a loop, has settled if it has computed
-# or slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of them. The time
-# in which it waits for a CPU does not count. All times are NODE_MISSING times as long if a node has not
-# registered.
+# [s] wall time without a running thread after which a program is idle, if it has subscribed and if it has not
+IDLE, IDLE_BEFORE = 2.0, 12.0
+# A program that publishes in a loop is never idle for long. Such a program has settled if it has computed or
+# slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of these seconds.
+# Time in which the program waits for a CPU does not count. If a node has not registered yet, both times are
+# NODE_MISSING times as long.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] CPU and wall time for a program that is never idle
 _TICKS = os.sysconf("SC_CLK_TCK")
-_RUNNING = {"R", "D"}  # running or runnable, waiting for a disk
+_RUNNING = {"R", "D"}  # states of a thread: running or runnable, and waiting for a disk
 
 
 def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Callable[[], Registered]) -> bool:
@@ -40,6 +41,7 @@ def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Calla
     seen, cpu_at_change = Registered(), 0.0
 
     def decided() -> bool:
+        """Measure the program, and return whether the wait is over."""
         nonlocal idle_since, looked_at, polled_at, asleep, seen, cpu_at_change
         runs, cpu_seconds = state_of_tree(process.popen.pid)
         now = time.monotonic()

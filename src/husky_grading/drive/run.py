@@ -128,8 +128,9 @@ def _await_joining(
 ) -> MarkingConfig:
     """Wait until the submission takes part, and return the settings of the robot to whose scans it listens.
 
-    They are the settings of `robot`, unless that is a guess. If the submission does not take part, the
-    recorder does in its place.
+    These are the settings of `robot`, unless the robot is a guess and the submission listens to another
+    robot's scans. If the submission does not take part, the recorder takes part in its place, so that time
+    begins.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
     joined = settles(
@@ -155,10 +156,16 @@ def _follow(
     config: MarkingConfig,
     on_time: Callable[[float], None],
 ) -> Optional[Note]:
-    """Wait until a run is over, and return why it has to be cut off, or None."""
+    """Wait until a run is over, and return why it has to be cut off, or None if the recorder has ended it.
+
+    A run is cut off after its limit of wall time, if simulated time stands still for STALL_DEADLINE, or if
+    the simulator ends. `on_time` gets the simulated times [s]. If the submission ends, the recorder gets a
+    message.
+    """
     reached, since, is_reported = 0.0, time.monotonic(), False
 
     def is_over() -> bool:
+        """Update the times, and return whether nothing more is to be waited for."""
         nonlocal reached, since, is_reported
         now = recorder.update().now
         on_time(now)

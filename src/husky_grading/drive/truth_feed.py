@@ -36,6 +36,11 @@ class TruthFeed:
         self._begins.set()
 
     def _read(self) -> None:
+        """Take the simulator's lines until it disconnects, in a thread of its own.
+
+        The simulator waits for an answer to each state, and to "ready", which is answered only after `begin`.
+        Each callback runs before the answer, so that the simulated time does not advance meanwhile.
+        """
         connection, _ = self._listener.accept()
         self._listener.close()
         self._path.unlink()

@@ -41,10 +41,11 @@ from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # fraction of the way to the pillar that gives all points for the approach
-PAST, MIN_PAST = 0.1, 1.0  # fraction of the way, and [m]: a robot that passes farther away loses half of them
-FIRST_STEPS = 0.1  # fraction of the way that gives half of these points
+# fraction of the way, and [m]; a robot that passes farther from the pillar than both gets half of the points
+PAST, MIN_PAST = 0.1, 1.0
+FIRST_STEPS = 0.1  # fraction of the way that gives half of the points for the approach
 ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing at which the robot must turn; fraction of turns with its sign
-TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s] rate of a turn; fraction of turns to the same side
+TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s] least rate of a turn; fraction of turns to one side
 STOPPED = 1.0  # [s] time at rest at the end after which the robot has stopped
 PERIOD, LATELY = 0.1, 1.0  # [s] longest time between two scans; time over which the last approach is measured
 SILENT = 2.0  # [s] simulated time after which a submission that listens must have advertised its commands
@@ -98,7 +99,11 @@ class PillarWatch(Watch):
 
 
 def judge_approach(recording: Recording) -> Item:
-    """Grade whether the robot drives towards the pillar: 20 points."""
+    """Grade whether the robot drives towards the pillar: 20 points.
+
+    A robot that covers HALF_WAY of the way gets all points. It gets half of them if it covers FIRST_STEPS, or
+    if it drives past the pillar. The hint names the most probable mistake.
+    """
     item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
@@ -133,7 +138,10 @@ def judge_approach(recording: Recording) -> Item:
 
 
 def _steering(recording: Recording) -> Tuple[str, str]:
-    """Return the way in which a robot misses the pillar, as the end of a sentence, and the hint."""
+    """Return how a robot misses the pillar, as the end of a sentence, and the hint against it.
+
+    The tests compare the signs of the turns with the side on which the pillar is.
+    """
     if is_nothing(recording.fastest):
         return "; linear.x is 0 in all commands", NO_SPEED
     speeds, turns = recording.speeds[recording.moving].T
@@ -165,9 +173,15 @@ def _steering(recording: Recording) -> Tuple[str, str]:
 def judge_arrival(
     recording: Recording, rules: Rules = DEFAULT_RULES, approach: Optional[Item] = None
 ) -> Item:
-    """Grade whether the robot reaches the pillar: 30 points if it stands at it, or touches it at any speed.
+    """Grade whether the robot reaches the pillar: 30 points if it stands at the pillar or touches it.
 
-    If the `approach` of the same run lost points, its hint is the hint here, too.
+    A robot that rams the pillar loses what the rules say. A robot that comes near enough, but does not stay
+    there, gets 20 points. If the deadline ends a run that is still on its way, a person grades it.
+
+    Args:
+        recording: recording of the run.
+        rules: rules of the rubric.
+        approach: item of `judge_approach` for this run. If it lost points, its hint is used here, too.
     """
     item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times

@@ -55,11 +55,12 @@ BEGIN, END = 5.0, 2.0  # [s] times after the bag's begin and before its end, bet
 GAP = 5.0  # [s] longest time between two estimates, by their stamps
 TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] error; error as a fraction of the path; the larger counts
 ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m] position of the top view in base_link, and its tolerance
+# colouring of the cloud; size of its points [m], and its tolerance [m]
 COLOURING, SIZE, SAME_SIZE = (
     "AxisColor Z",
     0.05,
     0.005,
-)  # colouring; [m] size of the cloud's points; tolerance
+)
 
 PLOT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
 INPUTS = (
@@ -214,7 +215,10 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
 
 
 def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
-    """Grade whether the filter's path of the bag is complete and accurate: all points, half if it differs."""
+    """Grade the filter's path of the bag: all points if it is complete and accurate, otherwise half of them.
+
+    With fewer than MIN_ESTIMATES estimates there are no points.
+    """
     estimate = recording.estimate or EstimatedPath()
     path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
     estimates = len(path)
@@ -235,6 +239,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
 
 
 def _cause_of_no_estimate(recording: Recording) -> Note:
+    """Return the most probable reason why the filter estimated too little."""
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent and not causes(recording):
         return Note(Kind.SILENT_TOPIC, silent_text(silent))

@@ -27,10 +27,11 @@ PROGRAM = "husky_grading.hand_in.archives"
 
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
 UNREAD = (".7z", ".rar", ".tar.zst")  # archives that cannot be opened
+# files and bytes of all archives of a submission, or of its folder
 MAX_FILES, MAX_BYTES = (
     20_000,
     500_000_000,
-)  # files and bytes of all archives of a submission, or of its folder
+)
 MAX_FILE = 100_000_000  # [bytes] size of one file; a larger one, such as a rosbag, is left out
 MAX_NAMED = 5  # files that a note names
 UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437

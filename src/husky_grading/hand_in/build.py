@@ -69,9 +69,8 @@ _RETURN = re.compile(
     r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
     re.MULTILINE,
 )
-_NO_HEADER = re.compile(
-    r"fatal error: \S+: No such file or directory"
-)  # the header may be generated too late
+# a header is missing, perhaps because the build generates it only later
+_NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 _Outcome = Tuple[str, Optional[int]]  # output and exit code of a build; None if it did not end in time
@@ -121,7 +120,11 @@ class Folders:
 
 
 def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
-    """Copy packages into a new workspace, without links, special files or build folders, and return notes."""
+    """Copy packages into a new workspace at `root`, and return its folders and notes for the student.
+
+    Links, special files, build folders and too large files are left out. Copies are repaired if an archive or
+    another computer has spoilt them: modes and interpreters of scripts, package.xml, paths in launch files.
+    """
     remove_tree(root)
     (root / "src").mkdir(parents=True)
     notes: List[str] = []
@@ -271,7 +274,10 @@ def _make_with_stand_ins(
 def _make_again(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace, outcome: _Outcome
 ) -> Tuple[_Outcome, bool]:
-    """Build again if a header was generated too late, or if _1 and the like of an old Boost need a repair.
+    """Build again if the first build failed for a reason that can be repaired.
+
+    A header that was generated too late is there at the second build. Code for an old Boost gets a repair for
+    _1 and the like.
 
     Returns:
         The outcome of the last build, and whether _1 and the like were repaired.
@@ -327,7 +333,7 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
 
 
 def _check_builds(folder: Path, underlay: Workspace) -> None:
-    """Build an empty workspace after CMake has failed, because if that fails, too, it is not the submission.
+    """Build an empty workspace. If this fails, too, the fault is this machine's and not the submission's.
 
     Raises:
         MarkingError: nothing can be built here.
@@ -357,7 +363,10 @@ def _publishes_plain_values(libraries: Path) -> bool:
 
 
 def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> _Outcome:
-    """Build once, with the text of a repair before each C++ source, and return the outcome."""
+    """Build once, and return the output and the exit code, which is None after BUILD_DEADLINE.
+
+    `repair` is text that is compiled before each C++ source.
+    """
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
@@ -378,7 +387,10 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
 
 
 def is_built(node: str, folders: Folders) -> bool:
-    """Return whether a node, package/type, can be started, as a built program, script, or other's node."""
+    """Return whether a node, package/type, can be started, as a built program or an executable script.
+
+    A node of a package that was not submitted counts as built.
+    """
     package, _, name = node.partition("/")
     if package not in folders.packages:
         return True  # the node is not the submission's

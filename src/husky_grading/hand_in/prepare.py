@@ -149,7 +149,10 @@ def _ready_for(workspace: Workspace, facts: Facts) -> Workspace:
 
 
 def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submission, Plan]:
-    """Unpack, choose and build the job's delivered files on a workspace; writes `unpacked/`, `ws/` and logs.
+    """Unpack the job's delivered files, choose packages and a launch file, and build them.
+
+    If several copies of a package were delivered, up to MAX_TRIED choices are tried. If none can be built,
+    the first one that was prepared is returned with its problem. Files go into `unpacked/`, `ws/` and logs.
 
     Raises:
         NotMarkableError: nothing in the submission can be started.
@@ -183,7 +186,14 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
 def _prepare_choice(
     contents: Contents, choice: Choice, job: Job, underlay: Workspace, facts: Facts
 ) -> Tuple[Submission, Plan]:
-    """Choose a launch file from chosen packages, and build them."""
+    """Copy chosen packages into a workspace, choose the launch file, build, and return submission and plan.
+
+    Only packages that the launch file needs are built. If none of its nodes is built, the next best launch
+    files are tried, MAX_TRIED in all. A submission that cannot be built has a `problem`.
+
+    Raises:
+        NotMarkableError: there is no package or no fitting launch file.
+    """
     packages, aside = choice
     out, override, exercise = Path(job.out), job.override, job.override.exercise or 0
     if not packages:

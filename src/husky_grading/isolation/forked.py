@@ -30,9 +30,8 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 def import_early() -> None:
     """Begin to import the programs' common modules in the background."""
-    _CONTEXT.set_forkserver_preload(
-        [name for name in MODULES if name != BAG_PLAYER]
-    )  # the player imports more
+    # without the player, because it imports modules that the other programs do not need
+    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])
     forkserver.ensure_running()
 
 
@@ -56,6 +55,14 @@ class _Child:
     def __init__(
         self, command: Sequence[str], env: Dict[str, str], folder: Path, handed: Sequence[Any] = ()
     ) -> None:
+        """Fork the program. Its output comes through a pipe.
+
+        Args:
+            command: module of MODULES, and its arguments.
+            env: environment.
+            folder: working directory.
+            handed: arguments of the module's main().
+        """
         import_early()
         end, begin = os.pipe()
         self.stdout = open(end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
@@ -98,7 +105,7 @@ class _Child:
 def _run(
     command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection, handed: Sequence[Any]
 ) -> None:
-    """Become the program."""
+    """Become the program of a command, in the forked process; `output` gets both of its output streams."""
     os.setsid()
     threading.Thread(target=_end_with_marking, daemon=True).start()
     os.environ.clear()

@@ -59,9 +59,8 @@ def own_files(own: Own) -> OwnFiles:
         shown |= code
     else:
         hidden |= code
-        shown |= {
-            MODULES / name for name in ("__init__.py", "msg", "srv")
-        }  # messages of an installed package
+        # an installed package has its messages beside its modules
+        shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}
     if own is Own.FILTER:
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}
         shown |= {*(MODULES / "ros").glob("*.py"), MODULES / "ros" / "estimation"}

@@ -71,6 +71,7 @@ class Process:
         self._pump.start()
 
     def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
+        """Start the command under `reaper.py`, which kills all its processes when it or this program ends."""
         return subprocess.Popen(
             [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
             stdin=subprocess.DEVNULL,
@@ -82,6 +83,11 @@ class Process:
         )
 
     def _read(self) -> None:
+        """Copy the output into the log until the program closes it, in a thread of its own.
+
+        The first LOG_HEAD bytes are written as they come. Of the rest, only the last LOG_TAIL bytes are
+        written, at the end.
+        """
         assert self.popen.stdout is not None
         size = 0
         with self.popen.stdout as pipe, contextlib.suppress(OSError, ValueError):
@@ -124,7 +130,10 @@ class Process:
             self.popen.send_signal(signal.SIGINT)
 
     def kill(self) -> None:
-        """End it and every process that it ever started."""
+        """End it and every process that it ever started, and wait until its output is in the log.
+
+        Each of the waits takes END_DEADLINE at most.
+        """
         if self._watch:
             self._watch.end()
         self.popen.terminate()  # the reaper kills its other processes

@@ -28,7 +28,7 @@ BASE = "base_link"
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
 PERIOD = 0.019  # [s] simulated time between two recorded moments of a namespace
-CROWD = 10  # markers at one moment; for more of them the period grows in proportion
+CROWD = 10  # markers at one moment; if there are more, the period grows in proportion to their number
 MAX_SAMPLES = 50_000  # markers of a run
 MAX_ALL_POINTS = 500_000  # points of all markers of a run
 MAX_MESSAGE = 2_000_000  # [bytes]
@@ -106,6 +106,7 @@ class MarkerWatch:
             )
 
     def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:
+        """Deserialise a message and keep its markers; one that is too large or broken leaves only a note."""
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
             # a marker that is not visible, so the note has its namespace
@@ -114,7 +115,7 @@ class MarkerWatch:
             return
         try:
             message = kind().deserialize(raw._buff)
-        except Exception:  # any error, because a submission sends any bytes; logged, they would fill the log
+        except Exception:  # any error, because a submission may send any bytes; a log line each is too much
             self._unreadable[topic] = self._unreadable.get(topic, 0) + 1
             return
         self.add(message.markers if kind is MarkerArray else [message], topic)
@@ -145,6 +146,11 @@ class MarkerWatch:
                 self._samples.append((sample, marker))
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
+        """Return whether a marker that comes now is kept, and count it.
+
+        All markers of one moment are kept. The next moment of the same topic and namespace is PERIOD later,
+        or more after a crowd of markers, because MAX_SAMPLES bounds the memory.
+        """
         if self._closed or len(self._samples) >= MAX_SAMPLES:
             return False
         at, count = self._moments.get(key, (-inf, 0))
@@ -191,6 +197,15 @@ class MarkerWatch:
         poses: Sequence[Pose],
         pillar: Tuple[float, float],
     ) -> MarkerSample:
+        """Return a sample with its shape in the world, or with a problem if TF does not know its frame.
+
+        Args:
+            sample: sample without a place.
+            marker: message of the sample.
+            times: times of the poses, (N,) [s].
+            poses: N poses of base_link in the world.
+            pillar: position of the pillar's axis in the world, x and y [m].
+        """
         try:
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:  # ValueError for a frame's name with a NUL
@@ -240,6 +255,7 @@ def _is_file_of(folder: Path, place: str) -> bool:
 
 
 def _pose(marker: Marker) -> Pose:
+    """Return a marker's pose with a quaternion of length 1."""
     p, q = marker.pose.position, marker.pose.orientation
     length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
     quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # RViz also treats zeros as no rotation

@@ -57,10 +57,11 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] wall time between two looks at the graph
-CONNECTING = 2.0  # [s] longest wait of simulated time for connections to the submission, in wall time
+CONNECTING = 2.0  # [s] wall time for which simulated time waits for connections to the submission
 # topics of velocity commands, through the robot's mux and past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
-MEMORY = 2_000_000_000  # [bytes] memory of the recorder; the stacks of its threads take some hundred million
+# [bytes] memory of the recorder, of which the stacks of its threads take some hundred million
+MEMORY = 2_000_000_000
 MAX_VIOLATIONS = 5  # violations that are reported
 MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000  # topics that the exercise's watch follows; messages of each
 HITS_PERIOD = 1.0  # [s] simulated time between two scans whose points are kept for a picture
@@ -164,6 +165,7 @@ class DriveRecorder:
         )
 
     def _on_truth(self, state: TrueState) -> None:
+        """Keep a true state and pass it to the exercise's watch, unless the run is over."""
         if self._is_over or self._now >= self._known.deadline:
             self._markers.close()  # later markers could not be placed, because the truth ends here
             return
@@ -172,6 +174,10 @@ class DriveRecorder:
         self._watch.on_truth(state)
 
     def _on_event(self, kind: str, text: str) -> None:
+        """Take an event of the simulator: a call that changed the world, or a scan without an answer.
+
+        An unanswered scan does not count while the exercise's watch has stopped the submission on purpose.
+        """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
         elif kind == "unanswered":
@@ -182,10 +188,12 @@ class DriveRecorder:
                 self._unanswered = text
 
     def _violate(self, text: str) -> None:
+        """Keep a sentence on a broken rule, MAX_VIOLATIONS at most."""
         if len(self._violations) < MAX_VIOLATIONS:
             self._violations[text] = None
 
     def _on_command(self, msg: Any) -> None:
+        """Count a command of the submission, with its time and speeds; our own nodes do not count."""
         if self._is_over or msg._connection_header.get("callerid") in self._our_nodes:
             return
         self._command_count += 1
@@ -197,6 +205,7 @@ class DriveRecorder:
             self._commands.append(now)
 
     def _on_scan(self, msg: LaserScan) -> None:
+        """Keep the smallest range of each scan, and a whole scan every HITS_PERIOD."""
         if self._is_over:
             return
         scan = conversions.scan_from_msg(msg)
@@ -210,6 +219,12 @@ class DriveRecorder:
             self._watch.on_message(topic, msg)
 
     def _look_at_graph(self) -> None:
+        """Ask the master for the ROS graph, and keep what the rubric needs to know about it.
+
+        New topics of the submission are subscribed to, if they have markers or types that the exercise
+        follows. Forged topics and readers of true poses become violations. In the end the recorder joins, if
+        it is time. Without an answer of the master nothing changes, because the next look comes soon.
+        """
         try:
             published, subscribed, services = self._master.getSystemState()
             publishers, subscribers = dict(published), dict(subscribed)
@@ -285,6 +300,10 @@ class DriveRecorder:
             self._channel.send(message)
 
     def _hand_over(self, cause: Optional[Note]) -> None:
+        """Send the recording to marking, once; further calls do nothing.
+
+        `cause` is the reason why the run is over.
+        """
         with self._lock:
             if self._handed_over:
                 return

@@ -109,6 +109,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
             return None
 
     def _miss(self, tag_name: str, error: ResourceNotFound) -> str:
+        """Write an event on a tag that needs a missing package, and return the package's name."""
         match = re.search(r"\$\(find +([^)]+)\)", str(error))
         package = match.group(1).strip() if match else str(error).split()[0].strip("':,")
         event = "left_out" if package in SIMULATION or "gazebo" in package else "missing"
@@ -116,6 +117,15 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         return package
 
     def _include_tag(self, tag: Any, context: Any, *arguments: Any) -> Any:
+        """Load an <include>, unless it is a launch file of the simulator; roslaunch calls this.
+
+        Marking starts the simulator itself, so a fault in one of its files does not matter.
+
+        Raises:
+            MissingIncludeError: the included file does not exist.
+            ValueError: more than MAX_FILES files are included.
+            TimeoutError: the launch files take longer than LOAD_DEADLINE.
+        """
         self._files += 1
         if self._files > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
@@ -142,6 +152,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
             raise
 
     def _is_missing(self, tag: Any, context: Any) -> bool:
+        """Return whether the file of an <include> does not exist; False if its name cannot be resolved."""
         with contextlib.suppress(Exception):
             return not os.path.isfile(super().resolve_args(tag.getAttribute("file"), context))
         return False
@@ -154,7 +165,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # marking sets the robot and the simulator; those of a launch file may need missing programs
+            # marking sets these two parameters; the command in a launch file may need missing programs
             return None
         return self._try("param", tag, *arguments, **options)
 
@@ -167,9 +178,9 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
 
 def tolerant_manifest(element: Any, file: str) -> Any:
-    """Return the ElementTree of a package.xml, or of one without a name if it cannot be read.
+    """Return the ElementTree of a package.xml, or of an empty manifest if the file cannot be read.
 
-    So a broken package.xml of one package does not hide the other packages of a folder.
+    rospkg would otherwise stop at a broken package.xml, and find no package in the whole folder.
     """
     try:
         return ElementTree.ElementTree(element, file)
@@ -193,10 +204,16 @@ def refuse_aliases() -> None:
 def load_launchable(
     launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]
 ) -> roslaunch.config.ROSLaunchConfig:
-    """Return the configuration of `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
+    """Read a launch file or node, write the event "plan", and return the configuration of what is to start.
 
-    FILE is a name in the package, or an absolute path. `ours` has the nodes, launch files and places of the
-    grading package, and the packages of the robot whose nodes the submission starts, or marking does.
+    Nodes that marking starts itself, such as the simulator and RViz, are left out.
+
+    Args:
+        launchable: `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
+            FILE is a name in the package, or an absolute path.
+        reporter: writes events.
+        ours: nodes, launch files and places of the grading package, and the packages of the robot whose nodes
+            the submission (`by_submission`) or marking (`by_marking`) starts.
     """
     config = roslaunch.config.ROSLaunchConfig()
     leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
@@ -308,7 +325,8 @@ def tolerate_failed_nodes() -> None:
         except (
             roslaunch.pmon.FatalProcessLaunch,
             ValueError,
-        ) as error:  # ValueError for an open quote in args
+        ) as error:
+            # a ValueError means that `args` has an open quote
             print(f"ERROR: cannot launch node of type [{node.package}/{node.type}]: {error}", flush=True)
             return None, False
 
@@ -355,7 +373,13 @@ def _out_of_time(*_: Any) -> None:
 
 
 def main(arguments: List[str]) -> int:
-    """Describe launchables, or start one and wait for it: `EVENTS describe|run|memcheck OURS JSON ...`."""
+    """Describe launchables, or start one and wait for its end, and return the exit code.
+
+    Args:
+        arguments: EVENTS ACTION OURS LAUNCHABLE... EVENTS is the file for events. ACTION is describe, run, or
+            memcheck, which runs compiled programs in valgrind. OURS and each LAUNCHABLE are the arguments of
+            `describe` as JSON.
+    """
     events, action, ours, *launchables = arguments
     os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # otherwise our own launch file, if graded, would reject it
     reporter = Reporter(events)

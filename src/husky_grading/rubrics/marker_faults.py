@@ -13,7 +13,7 @@ from husky_grading.records import Rules
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-FEW = 3  # number of markers or moments from which on points depend on them
+FEW = 3  # smallest number of markers or moments on which points may depend
 MOSTLY = 0.8  # fraction of the wrong markers off the axis that must have a fault
 IMAGE_SLOPE = 0.1  # [m/m] error by distance up to which a marker is at a mirrored or swapped position
 EXACT = 0.05  # [m] tolerance of a coordinate that is 0, or a whole number of metres
@@ -66,6 +66,9 @@ def find_fault(
     recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
 ) -> Optional[Kind]:
     """Return the kind of fault that most wrong markers have; None if unknown.
+
+    The tests run in a fixed order, and the first fault that fits counts. The direction of a marker is
+    tested only while the pillar is off the robot's axis, because a mirrored marker on the axis is right.
 
     Args:
         recording: recording of the run.
@@ -140,6 +143,7 @@ def _is_on_another_beam(seen: Seen, radius: float) -> bool:
 
 
 def _mostly(tests: Sequence[bool]) -> bool:
+    """Return whether at least the fraction MOSTLY of some tests is true."""
     return float(np.mean(tests)) >= MOSTLY
 
 

@@ -32,10 +32,10 @@ from husky_grading.rubrics.marker_faults import (
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-LARGEST = 1.0  # [m] largest distance of the middle of a shape that touches the pillar
-TOUCHING = 0.5  # score of such a shape
+LARGEST = 1.0  # [m] largest distance at which the middle of a shape that touches the pillar scores
+TOUCHING = 0.5  # least score of a shape that touches the pillar
 MOST = 0.5  # fraction of the markers drawn in a namespace that must be right at a moment
-MAX_SERIES = 6  # topics and namespaces that are judged separately; more of them are judged as one
+MAX_SERIES = 6  # topics and namespaces that are judged separately; if there are more, all are judged as one
 ALWAYS, NEVER = 0.8, 0.2  # fractions of the time that give all points and none; linear in between
 LONGEST = 0.2  # [s] longest time that one moment counts: two scans of the slowest lidar
 
@@ -80,6 +80,16 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
 
 
 def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
+    """Return the score of markers that are judged together, with a sentence for the student.
+
+    The sentence says how long the markers were right and how far they were from the pillar. If some were
+    wrong, it adds the fault that most of them have, and the first wrong one.
+
+    Args:
+        recording: recording of the run.
+        markers: additions and deletions in the order of time, with at least one addition.
+        rules: rules of the rubric.
+    """
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
     name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
@@ -160,9 +170,9 @@ def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndar
 
 
 def _by_axis(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
-    """Return the moments with the pillar ahead, on the robot's axis, and all others.
+    """Return the moments in two groups: with the pillar ahead, on the robot's axis, and with it to the side.
 
-    A group of fewer than FEW moments does not count; if both are so small, all moments are one group.
+    A group of fewer than FEW moments is left out. If both groups are so small, all moments are one group.
     """
     aside: List[Moment] = []
     ahead: List[Moment] = []
@@ -185,9 +195,12 @@ def _seconds(moments: Sequence[Moment]) -> float:
 
 
 def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
-    """Return the mean score of the markers, times the fraction of the time.
+    """Return the mean score of the right markers, times a factor for the time in which they are right.
 
-    The time with the pillar ahead counts half at most, because there no sign of y is wrong.
+    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on.
+
+    The time with the pillar ahead counts as half of the time at most, because there a wrong sign of y makes
+    no difference.
     """
     right = [moment for group in groups.values() for moment in group if moment.score > 0.0]
     if not right:
