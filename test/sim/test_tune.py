@@ -98,7 +98,7 @@ def test_a_range_without_limits_is_all_that_is_allowed():
 def test_without_optuna_the_message_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(HuskyError, match=r"pip install -r requirements/cluster\.txt"):
-        tune._optuna()
+        tune._require_optuna()
 
 
 def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypatch):
