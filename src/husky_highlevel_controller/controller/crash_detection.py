@@ -76,7 +76,7 @@ class Change(NamedTuple):
 
     def excess(self, config: CrashConfig) -> float:
         """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
-        # a push from the side must not pass for rough ground, so sideways the vibration before it counts
+        # a push from the side also causes vibration, so sideways only the vibration before the push counts
         return max(
             self.loss - self._allowance(self.vibration, config),
             self.sideways - SIDEWAYS * self._allowance(self.vibration_before, config),
@@ -178,7 +178,7 @@ class CrashDetector:
             self.reset()
             self._stamp, self._up = sample.stamp, unit(sample.specific_force)
             return None
-        if duration <= 0.0:  # stamped by a clock slower than the IMU, or late
+        if duration <= 0.0:  # the sample is late, or the clock of the stamps ticks more slowly than the IMU
             if duration == 0.0 and self._increments:
                 self._average_into_last(sample, imu_in_base)
             return None
@@ -198,7 +198,11 @@ class CrashDetector:
         )
 
     def _level(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
-        """Turn the vertical by the gyro, and pull it towards the force without the wheels' acceleration."""
+        """Turn the vertical by the gyro, and pull it slowly towards the measured force.
+
+        The accelerations of the wheels and of the curve are subtracted from the force before. A force that
+        still differs much from gravity is believed less.
+        """
         assert self._up is not None
         self._up = unit(minus(self._up, cross(sample.angular_velocity, self._up), duration)) or self._up
         ahead, left = self._axes(imu_in_base)
@@ -228,6 +232,7 @@ class CrashDetector:
         return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._up)
 
     def _increment(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Increment:
+        """Return the velocity increment of a sample over its duration [s], without gravity and the curve."""
         assert self._up is not None
         ahead, left = self._axes(imu_in_base)
         force = sample.specific_force
@@ -240,7 +245,12 @@ class CrashDetector:
         )
 
     def _judge_change(self) -> Optional[float]:
-        """Judge the change of velocity that ended LATENESS ago."""
+        """Return the change of velocity [m/s] that ended LATENESS ago if it is a crash, otherwise None.
+
+        The increments of the window before that time are summed, and compared with the vibration of the
+        ground. `change` gets the result. It stays None at the start, until the vertical has been learnt for
+        LEARNING_TIME, or up to LEARNING_ROUGH on rough ground.
+        """
         window, end = self._config.window, self._stamp - LATENESS
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
@@ -278,7 +288,15 @@ class CrashDetector:
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
 
     def _loss(self, ahead: float, end: float) -> float:
-        """Speed lost beyond the wheels' loss [m/s]; the larger one if the direction of travel is unknown."""
+        """Return the loss of speed beyond the wheels' own loss [m/s].
+
+        Odometry may be shifted by up to `odometry_delay`, so the shift that explains most of the loss counts.
+        If the direction of travel is unknown, the larger of the losses in both directions counts.
+
+        Args:
+            ahead: change of the velocity ahead, by the IMU [m/s].
+            end: time at which the change ended [s].
+        """
         speed = self._speed_at(end - AFTER - self._config.window)
         changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):

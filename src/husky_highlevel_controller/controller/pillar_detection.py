@@ -154,7 +154,11 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
 
 
 def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> bool:
-    """Return whether a circle fits better than a line and a corner, and beams pass on both sides."""
+    """Return whether a circle explains a segment, and neither a line nor a corner explains it clearly better.
+
+    Beams that pass through the circle speak against it. If beams on its sides are hidden, the circle must be
+    clearly better than the line.
+    """
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
     noise = beams * config.range_noise**2
@@ -165,7 +169,8 @@ def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        return lead(0.0) < odds or lead(rival(segment)) < odds  # usually not even a perfect rival would win
+        # most circles win even against a perfect rival, so that the rival need not be fitted
+        return lead(0.0) < odds or lead(rival(segment)) < odds
 
     return (
         missing <= beams // 10
@@ -175,7 +180,10 @@ def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
-    """Count the beams that pass through a circle they should have met, and the hidden ones."""
+    """Return how many beams pass through a circle that they should have met, and how many are hidden.
+
+    A beam is hidden if a nearer object, or an end of the scan, keeps it from the circle or its sides.
+    """
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
     inner = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
@@ -200,7 +208,7 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
-    """Pillars without copies inside another of more beams (one pillar seen in two pieces)."""
+    """Return the pillars, but only the one of more beams if one pillar was seen in two pieces."""
     survivors: List[Pillar] = []
     for pillar in sorted(pillars, key=lambda pillar: -pillar.beams):
         if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in survivors):

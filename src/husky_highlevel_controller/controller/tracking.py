@@ -27,8 +27,8 @@ from husky_highlevel_controller.geometry import inverse, transform_point
 EMPTY_TIMEOUT = 0.5  # [s] time that a position may look empty before it is given up
 _HIDDEN_WEIGHT = 0.1  # weight of time during which a near position is hidden
 _AT_PLACE = 2.0  # [m] distance from the lidar within which a position should be seen
-_MANY_BEAMS = 8  # number of beams with which a pillar is accepted even at a rejected position
-_LONGEST_PERIOD = 0.1  # [s] a longer gap between scans counts as this
+_MANY_BEAMS = 8  # number of beams from which on a pillar is accepted even at a rejected position
+_LONGEST_PERIOD = 0.1  # [s] a longer gap between two scans counts as this time
 _DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
 _GATE, _GATE_SHARE = 0.5, 0.03  # association gate: [m], and fraction of the distance
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
@@ -91,9 +91,16 @@ class Sighting(NamedTuple):
 def follow(
     track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, keep_hidden: bool = False
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
-    """Find the tracked pillar among pillars sorted by distance, or begin to track one.
+    """Find the tracked pillar in a scan, or begin to track another one.
 
-    With `keep_hidden` a near position is kept although something hides it.
+    A pillar that walks, or that is missed for EMPTY_TIMEOUT, is given up.
+
+    Args:
+        track: track after the last scan.
+        pillars: pillars of this scan, nearest first.
+        scan: the scan.
+        laser_in_odom: pose of the lidar at the scan.
+        keep_hidden: keep a near pillar although something hides it.
 
     Returns:
         The new track, the tracked pillar if the scan shows it, and the evidence about its position.
@@ -139,7 +146,10 @@ def _walks(track: Track, pillar: Pillar) -> bool:
 
 
 def _watched(track: Track, laser_in_odom: Pose) -> Track:
-    """Confirm the track if it was seen for long enough, which renews its anchor, or from positions apart."""
+    """Confirm the track if the pillar stood still for WATCH_TIME, or was seen from positions BASELINE apart.
+
+    After WATCH_TIME the anchor is renewed.
+    """
     assert track.estimate is not None
     assert track.anchor is not None
     before, (x, y, _) = track.anchor, laser_in_odom.position
@@ -157,7 +167,11 @@ def _at(place: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
 
 
 def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
-    """Weight of time in which the pillar is not seen."""
+    """Return how much of the time without a sighting counts against the pillar, 0 to 1.
+
+    The time counts fully if the position looks empty or the track is not confirmed. It counts less if
+    something hides a near pillar, unless `keep_hidden`. Otherwise it does not count.
+    """
     estimate = track.estimate
     assert estimate is not None
     if visibility is Visibility.EMPTY or not track.confirmed:
@@ -195,7 +209,7 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
 
 
 def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
-    """Return the pillar nearest to the estimate, if it is near enough."""
+    """Return the sighting that is nearest to the estimate, relative to its gate; None if all are outside."""
     deviation = _deviation_at(estimate, stamp)
     best, best_off = None, 1.0
     for sighting in sightings:

@@ -27,7 +27,8 @@ from husky_highlevel_controller.geometry import (
 )  # fmt: skip
 
 ON_PLANE = (0, 1, 5)  # x, y and yaw of six numbers
-SAME = 1e-6  # smallest component of a used axis along another axis that makes the other one used too
+# smallest component of a used axis along another axis with which the other axis is used, too
+SAME = 1e-6
 
 
 class ReadingError(HuskyError):

@@ -124,7 +124,7 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
     elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         problem = f"angle_increment = {msg.angle_increment} rad; {limits}"
-    elif increment * (beams - 2) > turn:  # some send the first beam twice
+    elif increment * (beams - 2) > turn:  # some drivers send the first beam again as the last one
         together = f"together {increment * (beams - 1):.4g} rad, more than a turn"
         problem = (
             f"angle_increment = {msg.angle_increment:g} rad, {together}; check that its angles are in radians"
@@ -140,8 +140,8 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
 def _check_unit(scan: Scan) -> None:
     """Refuse ranges that can only be millimetres."""
     measured = scan.ranges[scan.valid]
-    # a driver that gives the same range for each beam gives a miss
-    if not len(measured):  # ranges in mm may all be beyond range_max
+    # ranges in mm may all be beyond range_max; but a range that is the same for all beams stands for a miss
+    if not len(measured):
         measured = scan.ranges[np.isfinite(scan.ranges) & (scan.ranges > 0.0)]
         if not len(measured) or measured.min() == measured.max():
             return

@@ -15,11 +15,11 @@ from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
-LOAD_SMOOTHING = 0.02  # [s] low-pass on the wheels' normal forces, because the solver's are rough
+LOAD_SMOOTHING = 0.02  # [s] low-pass on the wheels' normal forces, because the forces of the solver are noisy
 SUPPORT_SLOPE = 0.5  # smallest cosine of a contact that carries a wheel; otherwise the wheel bumps into it
 CONTACT_DEPTH = 0.003  # [m] largest distance of a contact point from its tyre's surface
-HULL_FRICTION = 0.25  # friction of other contacts, as of two bodies with Bullet's defaults
-HULL_SLIP_SPEED = 0.1  # [m/s] friction is viscous below, fast enough for 5 ms steps to be stable
+HULL_FRICTION = 0.25  # friction of contacts without a tyre, as between two bodies with Bullet's defaults
+HULL_SLIP_SPEED = 0.1  # [m/s] speed below which friction is viscous, so that 5 ms steps are stable
 
 Drag = Tuple[Vector3, Vector3, float]  # point [m] and normal of a contact, in base_link, and its force [N]
 
@@ -62,6 +62,7 @@ class Chassis:
         return compose(pose_on_ground, Pose((0.0, 0.0, wheel.radius - wheel.position[2])))
 
     def _reset_contacts(self) -> None:
+        """Forget loads, bumps, speeds and torques, because the robot was put elsewhere at rest."""
         wheels = self._robot.wheels
         self._loads = [0.0] * len(wheels)
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
@@ -84,7 +85,10 @@ class Chassis:
         return self.state
 
     def drive(self, speeds: Sequence[float]) -> None:
-        """Turn the wheels at these speeds [rad/s] and apply the ground's forces, for one step."""
+        """Turn the wheels at these speeds [rad/s], and push the robot with the ground's forces, for one step.
+
+        It also computes the motors' torques. Loads and footprints come from the last `update_contacts`.
+        """
         robot, state, dt = self._robot, self.state, self._dt
         com_x, com_y, _ = robot.com
         contacts = [
@@ -93,7 +97,7 @@ class Chassis:
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         pull_x, pull_y = self._downhill()
-        # forces (forwards, to the left) [N] on each tyre, where the ground and these wheel speeds let it grip
+        # forces (forwards, to the left) [N] on each tyre, by its grip on the ground and the wheel speeds
         forces = ground_forces(
             contacts,
             velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
@@ -112,7 +116,7 @@ class Chassis:
         ]
         self._angles = [angle + speed * dt for angle, speed in zip(self._angles, speeds)]
         self._speeds = speeds
-        # the engine looks for contacts before it moves the robot
+        # the engine finds the contacts of this step before it moves the robot, so they belong to this pose
         self._contact_axes, self._contact_position = self._axes, state.pose_in_world.position
         pushes = [
             ((along, across, 0.0), footprint)
@@ -120,7 +124,7 @@ class Chassis:
             if load > 0.0
         ]
         pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
-        # from base_link into the world, along these axes; unrolled, because it runs in each step
+        # turn the forces from base_link into the world; written out, because this runs in each step
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:
@@ -134,13 +138,23 @@ class Chassis:
             )
 
     def _downhill(self) -> Tuple[float, float]:
-        """Gravity along the ground, on base_link's x and y [m/s^2], if the robot leans on its springs."""
+        """Acceleration of gravity along the ground, on base_link's x and y [m/s^2].
+
+        The direction of the ground follows from the normal forces; without such a force the result is gravity
+        itself.
+        """
         gravity, square = along_axes(self._axes, self._gravity), dot(self._ground, self._ground)
         into = dot(gravity, self._ground) / square if square > 0.0 else 0.0
         return minus(gravity, self._ground, into)[:2]
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
-        """Friction at points where it bumps or lies, in base_link [N]; the other body gets no force."""
+        """Friction on the robot at a contact without a tyre, in base_link [N]; the other body gets no force.
+
+        Args:
+            point: contact in base_link [m].
+            normal: unit normal of the contact in base_link.
+            load: normal force [N].
+        """
         x, y, z = point
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
         velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
@@ -149,9 +163,14 @@ class Chassis:
         return (k * vx, k * vy, k * vz)
 
     def update_contacts(self) -> Tuple[str, ...]:
-        """Update each wheel's load and footprint; return the names of bodies that the robot bumps into."""
+        """Read the contacts of the last step, and return the names of the bodies that the robot bumps into.
+
+        A contact on a tyre whose normal points upwards carries the wheel: it updates the wheel's load and
+        footprint. All other contacts are bumps, which `drive` turns into friction.
+        """
         axes, (px, py, pz) = self._contact_axes, self._contact_position
-        wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]  # load [N], and load times point [N m]
+        # sums over the contacts of each wheel: load [N], and load times point [N m]
+        wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
         ground_x = ground_y = ground_z = 0.0
         contacts = set()
         self._drags = []

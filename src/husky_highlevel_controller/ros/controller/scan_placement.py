@@ -80,7 +80,7 @@ class ScanPlacement:
         self._lock = threading.Lock()
         self._pending: Optional[_PendingScan] = None
         self._next: Optional[_PendingScan] = None
-        self._started = False  # has the first scan been handed on?
+        self._started = False  # true after the first observation
         self._overdue_after: Optional[rospy.Time] = None  # the latest transform when a wait ended without one
         self._clocks = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
@@ -94,15 +94,16 @@ class ScanPlacement:
                 self._clocks.add_reference(odometry_stamp)
             self._clocks.add(scan.stamp, self._clock())
             pending = self._pending
-            if pending is None or stamp < pending.stamp:  # earlier: the simulator was started again
+            if pending is None or stamp < pending.stamp:  # time went back if the simulator was restarted
                 self._pending, self._next = _PendingScan(scan, stamp, self._clock()), None
-            elif stamp != pending.stamp:  # equal: lockstep has sent the pending scan again
+            elif stamp != pending.stamp:  # an equal stamp is the pending scan, which lockstep has sent again
                 self._next = _PendingScan(scan, stamp, self._clock())
         self.update()
 
     def update(self) -> None:
         """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
-        if self._pending is None:  # mostly; a scan that is added at this moment looks TF up itself
+        # checked without the lock, because `add` calls `update` after it has added a scan
+        if self._pending is None:
             return
         with self._lock:
             while self._pending is not None:
@@ -134,7 +135,11 @@ class ScanPlacement:
         return max(self._clocks.seconds, 0.0)
 
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
-        """The observation that a scan makes; None while its transform may still come."""
+        """Return the observation of a scan, or None while its transform may still come.
+
+        The first scan also waits for the lidar's pose and for odometry. In the observation of an overdue
+        scan, an unknown pose is None.
+        """
         frame = pending.scan.frame
         timeout = TRANSFORM_TIMEOUT if self._started else START_TIMEOUT
         overdue = self._clock() - pending.arrived_at > timeout
@@ -147,22 +152,29 @@ class ScanPlacement:
         return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline, self.ahead)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Return whether to wait for a stamp's transform; if not, also that one or the latest if fresh.
+        """Return whether to wait for a better transform, and the best transform so far.
 
-        If the scans' clock is ahead, the latest is the pose of the scan, and no other comes in time.
+        The best one is the transform at the stamp. The latest one takes its place if TF has passed the stamp
+        without it, if the wait is overdue, or if the scans' clock is ahead of odometry, so that no better one
+        comes in time. It is None if TF has none, or if the latest one is older than MAX_AGE.
+
+        Args:
+            stamp: stamp of the scan.
+            overdue: whether the scan has waited for too long.
         """
         # the latest transform mostly has the scan's stamp; the lookup of a missing stamp costs more
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
             return False, latest
         passed = latest.header.stamp > stamp
-        if passed or latest.header.stamp.is_zero():  # zero: fixed, or of the clock's beginning
+        if passed or latest.header.stamp.is_zero():  # stamp 0 is a fixed transform, or the clock's beginning
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None or passed:
                 return False, exact or latest
         if overdue:
             self._overdue_after = latest.header.stamp
-        # odometry that stands still is waited for only once, and driving on by its last pose is driving blind
+        # odometry that has stopped is waited for only once; its last pose is not used after MAX_AGE, because
+        # the robot would drive blindly
         age = (stamp - latest.header.stamp).to_sec() - self.ahead
         is_old = not latest.header.stamp.is_zero() and age > MAX_AGE
         waits = not self.ahead and latest.header.stamp != self._overdue_after

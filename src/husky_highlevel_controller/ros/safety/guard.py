@@ -27,7 +27,7 @@ from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
 REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
-FRESH = 0.5  # [s] an older velocity says nothing about now
+FRESH = 0.5  # [s] age up to which a velocity counts as the present one
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,10 @@ class Guard:
         return conversions.twist_from_msg(msg.twist.twist)
 
     def judge(self, stamp: float, danger: Optional[str]) -> None:
-        """Stop the controller if there is a danger, as text, and it was not stopped for it already."""
+        """Stop the controller if there is a `danger`, as a text, unless this danger has stopped it already.
+
+        The guard is active again when the robot moves. `stamp` [s] is by odometry's clock, see `time_of`.
+        """
         twist = self.twist(stamp)
         moving = twist is None or is_moving(twist)
         latch, stop = advance_latch(self._latch, danger is not None, moving, stamp)

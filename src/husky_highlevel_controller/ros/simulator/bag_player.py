@@ -19,8 +19,8 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, messages_of_drive
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
-ADVANCE = 400  # messages that are simulated before it begins: each topic is among them
-QUEUE = 100_000  # messages: none is lost on a busy machine
+ADVANCE = 400  # messages that are simulated before the player begins, so that each topic is known
+QUEUE = 100_000  # messages, so that none is lost on a busy machine
 
 
 class BagPlayer:
@@ -40,7 +40,8 @@ class BagPlayer:
                 latch = topic == "/tf_static"
                 self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
         now = first[0][0].stamp
-        clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)  # the last one: it is ready
+        # /clock is advertised last, as the sign that the player is ready
+        clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         publish(clock, Clock(time_to_msg(now)))
         self._truth.wait_to_begin(lambda: None)
         begun = time.monotonic()
@@ -49,7 +50,7 @@ class BagPlayer:
                 now = snapshot.stamp
                 early = begun + now / self._pace - time.monotonic()
                 time.sleep(max(0.0, early))
-                begun -= min(0.0, early)  # a delay stays, because a filter cannot follow a burst
+                begun -= min(0.0, early)  # lost time is not made up, because a filter cannot follow a burst
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return

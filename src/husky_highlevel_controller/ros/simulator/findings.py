@@ -20,9 +20,8 @@ class Findings:
 
     def __init__(self) -> None:
         self._kept: Deque[List[str]] = deque(maxlen=MOST)  # node and sentence
-        self._is_new = (
-            True  # true if the master does not know them; it may know those of an earlier simulator
-        )
+        # true if the master lacks the latest findings; at first it may have findings of an earlier simulator
+        self._is_new = True
 
     def tell(self, node: str, sentence: str) -> None:
         """Log a sentence on a node, and keep it."""

@@ -17,15 +17,15 @@ from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 import rospy
 
-# [s] wall time. roscpp looks at the clock every 1 ms while it sleeps, and a busy host may wake it later:
-# with 3 ms two of three drives of such a controller came out otherwise beside a load of 11
+# [s] wall time. A sleeping roscpp node looks at the clock every 1 ms, and a busy host may wake it later. With
+# 3 ms, two of three runs of such a controller were not repeatable under a load of 11.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two looks
-# a thread's files in /proc: its state; for how long and how often it was on a CPU, where the kernel counts
+# a thread's files in /proc: its state, and its time and number of turns on a CPU, if the kernel counts them
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-SIZE = 512  # [bytes] length that is read of such a file; the state is in it
-MAX_THREADS = 200  # largest number of threads with open files; to open them takes most of a look
+SIZE = 512  # [bytes] length that is read of each file, which includes the state
+MAX_THREADS = 200  # largest number of threads whose files stay open, because opening takes most of a look
 RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
 
 Ports = Tuple[int, int]  # ports of a connection: the subscriber's, this process's
@@ -50,10 +50,14 @@ class Listeners:
         self._receivers: Set[int] = set()  # processes that receive the topic
         self._on_clock: Set[int] = set()  # processes that receive the clock
         self._complete = self._in_python = False
-        self._settled: Dict[int, Optional[Turns]] = {}  # turns when they were last asleep
+        self._settled: Dict[int, Optional[Turns]] = {}  # turns of each process when all were last asleep
 
     def asleep(self) -> bool:
-        """Return whether all of them stay asleep until something is sent; takes up to some milliseconds."""
+        """Return whether all listeners stay asleep until something is sent.
+
+        False if one of them runs, or is on another machine, where it cannot be seen. It takes some
+        milliseconds.
+        """
         self._find()
         if not self._complete:
             return False  # a process on another machine cannot be seen

@@ -90,7 +90,7 @@ ABSENT = {
     "set_link_state": "call the service {}/set_model_state",
     "set_model_state": "call the service {}/set_model_state",
 }
-# likewise services; the text for all others is ELSEWHERE
+# services of Gazebo that the simulator does not have; the text for all services not listed is ELSEWHERE
 ABSENT_SERVICES = {
     "apply_body_wrench": "forces are not simulated; drive the robot by cmd_vel",
     "apply_joint_effort": "forces are not simulated; drive the robot by cmd_vel",
@@ -116,7 +116,7 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
     found = []
     for publishes, others in ((True, graph.publishers), (False, graph.subscribers)):
         own = kinds_of(simulator, not publishes)
-        topics = set(own) - SHARED  # tf's two types are the same message
+        topics = set(own) - SHARED  # /tf has two names of one type, so it would be a false alarm
         pairs = {(node, topic) for topic in topics for node in others.get(topic, ()) if node != simulator}
         for node, topic in sorted(pairs):
             kind = kinds_of(node, publishes).get(topic, "*")
@@ -228,7 +228,7 @@ def mistake_sentence(finding: Mistake) -> str:
 
 
 def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str]) -> Iterator[str]:
-    """The topic of the other side that is nearest to a wrong one, if any is near."""
+    """Yield the topic of the other side whose name is nearest to a wrong topic; nothing if none is near."""
     candidates = [
         (distance, other)
         for other, nodes in others.items()
@@ -241,7 +241,10 @@ def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str])
 
 
 def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
-    """Missing namespaces, and unlikeness, of a topic that may be a typing error of another, or None."""
+    """Return how far a topic's name is from another name, or None if it is probably not a typing error.
+
+    The distance is the number of missing namespaces, then the unlikeness from 0 to 1.
+    """
     if re.sub(r"\d", "", topic) == re.sub(r"\d", "", other) or topic.endswith(other):
         return None  # topic of another robot, by number or by namespace
     if other.endswith(topic):

@@ -37,9 +37,10 @@ BASE_INDEX = -1  # Bullet's link index of a body's base
 log = logging.getLogger("rosout.engine")  # child of rospy's logger, which reaches /rosout without rospy
 
 _SOLVER_ITERATIONS = 20  # Bullet's default is 50; this gives the same motion to 0.1 % in half the time
-_BREAKING_THRESHOLD = 0.005  # [m] Bullet's default of 0.02 lets a tyre's flanks touch the ground 5 mm below
-# Four rigid wheels on rigid ground share a weight in any way that the solver comes upon. On springs they
-# share it in one way, which the solver and the step do not change.
+# [m] Bullet's contact threshold; its default of 0.02 lets a tyre's flanks touch the ground 5 mm below them
+_BREAKING_THRESHOLD = 0.005
+# On rigid ground the load of four rigid wheels is not determined, so the solver may share it in any way. On
+# springs there is one way, which depends neither on the solver nor on the step.
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m] a body that is sunk deeper into the ground is put on top of it
@@ -119,7 +120,7 @@ class BulletWorld:
                 self._lift_out_of_the_ground(body_id)
 
     def _let_pass(self, body_id: int, others: List[int], enable: int = 0) -> None:
-        """Let a body pass through others and add it to them; or let it collide with them again."""
+        """Let a body pass through others, and add it to them; with `enable` = 1 they collide again."""
         for other in others:
             self._engine.setCollisionFilterPair(body_id, other, BASE_INDEX, BASE_INDEX, enable)
         if not enable:
@@ -167,7 +168,16 @@ class BulletWorld:
         near: float,
         far: float,
     ) -> np.ndarray:
-        """OpenGL depth buffer of a camera at its optical frame, (height, width) in 0..1; in px, rad and m."""
+        """Return the OpenGL depth buffer of a camera, (height, width) in 0..1.
+
+        Args:
+            pose_camera_in_world: pose of the optical frame, z ahead and y down.
+            width: columns [px].
+            height: rows [px].
+            vertical_field_of_view: angle from the upper to the lower edge [rad].
+            near: distance of the near limit [m].
+            far: distance of the far limit [m].
+        """
         eye = pose_camera_in_world.position
         view = self._engine.computeViewMatrix(
             eye,
@@ -194,9 +204,14 @@ class BulletWorld:
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
-        """Check that a body would overlap no other if some bodies, it among them, stood at these poses.
+        """Check that one of some bodies would overlap no other body if all of them stood at these poses.
 
-        Bodies of the same shapes are put there for it: one that is moved there and back loses its contacts.
+        Copies of the bodies are put there for the check, because a body that is moved there and back would
+        lose its contacts.
+
+        Args:
+            poses: poses in the world of the bodies that move together, by name.
+            name: body that is checked, one of them.
 
         Raises:
             PlacementError: the body would reach into another one.
@@ -272,6 +287,7 @@ class BulletWorld:
         return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
     def _add_plane(self, body: Body, normal: Vector3, pose_in_body: Pose) -> None:
+        """Add a plane as a separate body, with the stiffness of the ground; PlacementError if it can move."""
         if body.mass > 0.0:
             raise PlacementError(f"'{body.name}' is a plane that can move ({body.mass} kg); make it static")
         shape = self._engine.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=normal)
@@ -284,6 +300,7 @@ class BulletWorld:
         self._planes.append(plane)
 
     def _create_body(self, name: str, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
+        """Create a body under a name; PlacementError if PyBullet cannot."""
         body_id = self._create(shape, mass, pose, inertial_in_body)
         if body_id < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")

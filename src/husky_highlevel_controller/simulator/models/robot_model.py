@@ -25,15 +25,16 @@ from husky_highlevel_controller.geometry import (
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.urdf import DescriptionError
 
-# A tyre is crowned: it stands on the middle of its tread, or a rigid wheel would stand on either of its edges
-# and share the load accordingly. So the tread is a narrow disc, and its flanks a slightly smaller cylinder.
+# A tyre is crowned, so that it stands on the middle of its tread. Otherwise a rigid wheel would stand on one
+# of its edges, and the wheels would share the load in another way. So the tread is a narrow disc, and the
+# flanks are a slightly smaller cylinder.
 TREAD_WIDTH = 0.004  # [m]
 FLANK_DEPTH = 0.005  # [m]
 
-# Beyond these the engine's numbers overflow, and the robot's pose is NaN without a word.
+# Beyond these limits the numbers of the engine overflow, and the robot's pose becomes NaN without an error.
 MIN_MASS = 0.001  # [kg] least mass of the body and of each wheel
 MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
-FLATNESS = 1.001  # a flat plate has 1, and rounding
+FLATNESS = 1.001  # largest moment by the sum of the other two; 1 for a flat plate, and a margin for rounding
 MIN_SEPARATION = 0.01  # [m] least distance of left and right wheels
 MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of collision shapes
 
@@ -136,7 +137,13 @@ def robot_model(
 def _write_wheel(
     base: ET.Element, joint: ET.Element, links: urdf.Elements, fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
-    """Write a wheel's shapes, which need not turn; return the wheel, and its inertia in base_link."""
+    """Write the collision shapes of a wheel into base_link, and return the wheel and its inertial.
+
+    The shapes need not turn, because a wheel is round.
+
+    Raises:
+        DescriptionError: joint and link do not describe a wheel that turns about base_link's y axis.
+    """
     name, where = urdf.name_of(joint), urdf.label_of(joint)
     parent, child = urdf.ends_of(joint, links)
     if joint.get("type") != "continuous" or parent not in fixed_poses:
@@ -167,7 +174,8 @@ def _write_wheel(
     return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
 
 
-Inertial = Tuple[float, Vector3, np.ndarray]  # mass [kg], its centre [m], inertia about that (3, 3) [kg m^2]
+# mass [kg], its centre [m], inertia about the centre (3, 3) [kg m^2]
+Inertial = Tuple[float, Vector3, np.ndarray]
 
 
 def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
@@ -207,7 +215,7 @@ def _require_solid(inertial: Inertial, what: str) -> Inertial:
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:
         problem = "they must be positive"
-    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would take all three for zero
+    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would set all three to zero
         problem = "no moment can be above the sum of the other two"
     elif mass < MIN_MASS or moments[0] < low or moments[-1] > high:
         gyration = f"the radii of gyration must be within {MIN_GYRATION} and {MAX_GYRATION:g} m"
@@ -227,7 +235,15 @@ def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
 
 
 def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose]]) -> List[ET.Element]:
-    """Copy the checked collision shapes of other links, at their poses in this one; meshes are left out."""
+    """Copy collision shapes of other links into a link, and return the copies; meshes are left out.
+
+    Args:
+        link: gets the shapes, at their poses in this link.
+        sources: other links, and their poses in this link.
+
+    Raises:
+        DescriptionError: a shape has no supported type, or a size is not within MIN_SIZE and MAX_SIZE.
+    """
     copies = []
     for source, pose_of_source in sources:
         for collision in source.findall("collision"):
@@ -252,7 +268,7 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
 
 
 def _crown(link: ET.Element, collision: ET.Element) -> None:
-    """Give a wheel's cylinder a crowned tread."""
+    """Make a wheel's cylinder the narrow tread, and add its flanks as another collision shape."""
     tread = collision.find("geometry/cylinder")
     if tread is None:
         return

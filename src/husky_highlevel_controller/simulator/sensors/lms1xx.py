@@ -130,7 +130,10 @@ class _Piece(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
-    """The sweep in `count` pieces."""
+    """Return the sweep as `count` pieces, each with the rays that are cast from the middle pose of its beams.
+
+    Neighbouring spots share rays, of which there are SAMPLES from one beam to the next.
+    """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
     step = float(increment) / SAMPLES
     half = int(WIDEST_SPOT / step) + 1
@@ -143,7 +146,19 @@ def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
 
 
 def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np.ndarray, np.ndarray]:
-    """Range of the nearest echo that is seen, (N,) [m], 0 for none, and its share of the spot, (N,)."""
+    """Return the range of each beam's nearest echo that is strong enough, and its fraction of the light.
+
+    Surfaces within `echo_length` give one echo, at the mean of their distances. A weak echo is skipped, and
+    the next one behind it counts, up to ECHOES of them.
+
+    Args:
+        depths: distances at which the rays meet a surface [m], inf for a miss.
+        piece: beams of these rays.
+        config: remission and spot.
+
+    Returns:
+        Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
+    """
     ranges, shares = np.zeros(piece.beams), np.zeros(piece.beams)
     spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::SAMPLES]
     (hit,) = np.isfinite(spots).any(axis=1).nonzero()
@@ -165,7 +180,13 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
 
 
 def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
-    """Shares of the light of round spots that samples at these distances (N, S) [m] stand for; misses too."""
+    """Return the fraction of a round spot's light that each ray stands for, (N, S), also for rays that miss.
+
+    Args:
+        spots: distances of the rays (N, S) [m].
+        offsets: angles of the rays relative to the beam (S,) [rad].
+        config: size and divergence of the spot.
+    """
     # half the angle [rad] of the spot at each distance
     half = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))
     off = offsets / half

@@ -45,8 +45,9 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     SPHERE,
 )
 
-# Up to so many solid shapes are met one by one. All at once, the scan of the course takes three times as
-# long; one by one, a scan of 1000 objects takes ten times as long.
+# Largest number of solid shapes that beams meet one by one; more of them are met all at once, as arrays. With
+# arrays, the scan of the course takes three times as long. One by one, a scan of 1000 objects takes ten times
+# as long.
 FEW = 10
 KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
@@ -65,8 +66,8 @@ class RaySolid(NamedTuple):
 class RayScene:
     """Shapes that rays can hit; their sizes are fixed, their poses may change.
 
-    The solids are there twice, as they may be met: a few one by one, many at once as arrays. Only those poses
-    are kept up to date by which this scene's are met.
+    The solids are stored twice: as a list, for few solids that beams meet one by one, and as arrays, for many
+    solids that beams meet all at once. `move` updates only the form that this scene uses, see `has_many`.
     """
 
     solids: List[RaySolid]  # (M,)
@@ -178,16 +179,16 @@ def _meet_one(
     center = along_axes(laser, minus(solid.position, origin))
     x, y, z = center
     flat, square = hypot(x, y), solid.bound * solid.bound - z * z
-    # 2. above, below or beyond the scan: no beam meets it
+    # 2. no beam meets a ball that is above, below or beyond the scan
     if square < 0.0 or flat - solid.bound > max_range:
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
-    # 3. what is the same for all beams
+    # 3. terms that do not depend on the beam
     needed, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed]]
     prepared = prepare(center, axes, solid.size)
     rows, numbers = np.array(prepared[0]), np.array(prepared[1])[:, None]
-    # 4. the beams towards the circle, all of them where the laser is in it
+    # 4. the beams towards the circle; all beams if the laser is inside the circle
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
         met = distances[first:last]
