@@ -183,7 +183,12 @@ def class_seed(out: Path) -> int:
 
 
 def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
-    """Return the job of a student, with fingerprints of everything on which its build and its runs depend."""
+    """Return the job of a student, with fingerprints that change if it must be prepared or marked again.
+
+    `made_of` covers our code, the submitted files and everything that the build depends on. `fingerprint`
+    covers the settings of the runs, too. The rules of the rubric and points by hand are in neither, because
+    the recordings can be judged again.
+    """
     path = hand_in.path
     job = Job(
         hand_in.name, str(batch.out / HAND_INS / hand_in.folder), config, hand_in=str(path),

@@ -31,7 +31,7 @@ from husky_grading.settings import load_rules
 
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
-    """Read the command line."""
+    """Return the options of a command line; argparse ends the program if an option is wrong."""
     parser = argparse.ArgumentParser(
         prog="grade",
         description="Grade a controller by the course's rubric, headless. "
@@ -119,7 +119,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 
 def grade(options: argparse.Namespace) -> int:
-    """Grade as requested and return the exit code."""
+    """Grade what the options name, print the result or write a review page, and return the exit code.
+
+    The code is 0 for full marks, 1 if points are lost, and 2 if a submission could not be graded.
+    """
     if options.review:
         # imported only here, because it draws by matplotlib, which takes long to load
         from husky_grading.review import write_review

@@ -163,7 +163,12 @@ def _resolved(topic: str) -> str:
 
 
 def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
-    """Return the view that RViz shows with a configuration if a run has these frames."""
+    """Return what RViz shows with a configuration, if TF and the parameters of a run are like this.
+
+    Args:
+        config: configuration of RViz, of the submission.
+        tree: frames of the run, and its robot descriptions.
+    """
     view = RvizView(**vars(config))
     if not config.source or config.problem:
         return view

@@ -33,7 +33,15 @@ def judge_again(job: Job) -> MarkingResult:
 
 
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
-    """Return the result, with points by hand and a late penalty.
+    """Return the result of a submission by the rubric, with points by hand and a late penalty.
+
+    If luck decides, because other launch files fit as well or a variable is read before it is written, the
+    items concerned are left to a person.
+
+    Args:
+        submission: prepared submission.
+        recordings: recordings of its runs, at least one.
+        job: settings of the teacher.
 
     Raises:
         PointsError: the points by hand do not fit the rubric.

@@ -168,7 +168,15 @@ def _is_required(item: Field) -> bool:
 
 
 def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
-    """A value that a field of this type and metadata may have."""
+    """Return a value from YAML or JSON as the type of a field; ConfigError if it does not fit.
+
+    Args:
+        kind: type of the field.
+        value: plain value.
+        name: path of the value, for messages.
+        metadata: limits of the field.
+        parameters_only: read parameters of a node, instead of a saved record.
+    """
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Union:  # Optional
         return None if value is None else _value(args[0], value, name, metadata, parameters_only)

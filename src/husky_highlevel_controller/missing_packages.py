@@ -53,12 +53,15 @@ PAGE = (
     PythonPackage("PIL", "pillow"),
     PythonPackage("websockets", "websockets"),
 )
-# packages for nodes of a real robot; for these and the simulator; for commands too; for the page
+# robot: nodes on a real robot. launch: these nodes and the simulator. run: also the commands. page: the page
 GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
 
 
 def missing_sentence(group: str = "launch") -> Optional[str]:
-    """Sentence on the missing packages of a group, with the command that installs them; None without any."""
+    """Return a sentence on the packages of a group that are missing or too old; None if there are none.
+
+    The sentence has the command that installs them. `group` is a key of GROUPS.
+    """
     lacking: List[str] = []
     requirements: List[str] = []
     for package in GROUPS[group]:

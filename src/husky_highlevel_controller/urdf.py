@@ -74,7 +74,18 @@ def numbers_of(
     count: int,
     default: Optional[Tuple[float, ...]] = None,
 ) -> Tuple[float, ...]:
-    """Return an attribute's `count` numbers up to MAX_NUMBER, or the default if it is not given."""
+    """Return the numbers of an attribute, or the default if the attribute is not given.
+
+    Args:
+        element: element with the attribute; None for a missing element.
+        attribute: name of the attribute.
+        where: place of the element, for messages.
+        count: how many numbers there must be.
+        default: numbers of a missing attribute; None if it must be given.
+
+    Raises:
+        DescriptionError: the attribute is missing, or is not `count` finite numbers up to MAX_NUMBER.
+    """
     text = None if element is None else element.get(attribute)
     if text is None:
         if default is None:

@@ -169,7 +169,11 @@ class Effect:
 
 
 def judge_calls(recording: Recording) -> List[Item]:
-    """Grade whether each call stops (50) and starts (50) the robot; half if only some calls do."""
+    """Grade whether the calls of the service stop the robot (50 points) and start it again (50 points).
+
+    An item gets half of its points if only some calls work. The submission chooses which value of the request
+    stops, so the grader finds it by the effects. A person grades an item if no call could show the effect.
+    """
     stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
     start = replace(stop, name=ITEMS[1], hint=START)
     made = recording.watched_as(ServiceCalls)
@@ -245,6 +249,7 @@ def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
 
 
 def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
+    """Return the item on stops; `effects` are those of the calls with the value that stops."""
     driving = [effect for effect in effects if effect.before >= FAST]
     if not driving:
         evidence = by_hand(f"{name}: the robot already stood before each call")
@@ -254,6 +259,7 @@ def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
 
 
 def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
+    """Return the item on starts; `effects` are those of calls to a robot that an earlier call had stopped."""
     if not effects:
         return replace(item, evidence=f"{name}: no call had stopped it, so none could start it again")
     return _judged(item, f"{name}: drives", effects, [effect for effect in effects if effect.after < FAST])
@@ -271,6 +277,14 @@ def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects
 
 
 def _judged(item: Item, effect: str, effects: Sequence[Effect], wrong: Sequence[Effect]) -> Item:
+    """Return an item with points by the number of calls that worked.
+
+    Args:
+        item: the item.
+        effect: beginning of the evidence, such as "/start_stop: stands".
+        effects: all calls that count, at least one.
+        wrong: the calls among them that did not work.
+    """
     good = len(effects) - len(wrong)
     evidence = f"{effect} after {good} of {len(effects)} calls"
     at = effects[0].call.at

@@ -74,7 +74,14 @@ def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Part
 def plans(
     launchables: Sequence[Launchable], workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN
 ) -> List[Plan]:
-    """Read launch files, or look nodes up, without starting anything, and return a plan of each."""
+    """Read launch files, or look nodes up, without starting them, and return a plan of each, in their order.
+
+    Args:
+        launchables: launch files or nodes.
+        workspace: workspace in which they would be started.
+        folder: folder for the events, which is made.
+        parts: packages of the robot whose nodes the submission or marking starts.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()

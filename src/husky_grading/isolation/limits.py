@@ -58,7 +58,7 @@ class SizeWatch:
             self._end_program()
 
     def _watch(self) -> str:
-        """Return why the program must be ended, or an empty text if it has ended."""
+        """Watch the program, and return a sentence on the limit that it exceeds; empty if it ends."""
         polls = 0
         while not self._done.wait(MEMORY_POLL_PERIOD):
             polls += 1

@@ -41,7 +41,10 @@ def end_descendants() -> None:
 
 
 def run_and_reap(parent: int, command: List[str]) -> int:
-    """Run the command to its end, and return its exit code."""
+    """Run a command, and return its exit code; STOPPED after SIGTERM, or if the parent has ended.
+
+    Other signals are passed on to the command. Processes that it leaves behind become children of this one.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)

@@ -151,7 +151,15 @@ def _secrets(folder: str) -> List[Path]:
 
 
 def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
-    """Return bubblewrap's mounts; outer folders come first, because inner ones are mounted into them."""
+    """Return bubblewrap's options for all mounts: hidden folders, read-only files, and the writable folder.
+
+    Outer folders come first, because inner ones are mounted into them.
+
+    Args:
+        workspace: files that the program may read, and folders that it must not see.
+        folder: the only folder that it may write.
+        env: environment, which names further files.
+    """
     homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     roots = {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
     place = folder.resolve()

@@ -246,7 +246,11 @@ def _act(
     enabled: bool,
     control: ControlConfig,
 ) -> _Act:
-    """Choose the action by the known facts about the pillar."""
+    """Choose the state, the command, its reason, and the search to continue, if any.
+
+    The checks come in this order: reasons to stand still, such as a missing transform or a covered lidar;
+    then the way to a known pillar; then the search for a pillar, if the configuration allows it.
+    """
     if not enabled:
         return State.STOPPED, STOP, "stopped by its start/stop service", None
     if observation.laser_in_base is None:
@@ -301,7 +305,20 @@ def _drive(
     outline: Footprint,
     control: ControlConfig,
 ) -> Tuple[State, Twist2D, str]:
-    """Drive to the pillar, avoid obstacles, and stop there."""
+    """Choose the state, the command and its reason for a robot that knows where the pillar is.
+
+    The robot drives to the pillar around obstacles, and stops at the stop distance. A pillar that it shall
+    touch counts as reached TOUCH_CREEP_TIME after the robot came close.
+
+    Args:
+        controller_state: state before this scan.
+        target: pillar in base_link.
+        visible: whether this scan shows the pillar, without which the robot does not arrive.
+        visibility: evidence of this scan about the remembered position.
+        points_in_base: obstacles near the robot, (N, 2) [m].
+        outline: footprint of the robot.
+        control: gains and limits.
+    """
     remaining, arrived = remaining_distance(target, control), controller_state.state is State.ARRIVED
     if to_be_touched(target, control):
         near_enough, place = TOUCH_GAP, "touching the pillar"

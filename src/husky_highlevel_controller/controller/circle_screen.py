@@ -30,7 +30,7 @@ from husky_highlevel_controller.datatypes import Scan
 LINE_ODDS = 4.0
 HIDDEN_ODDS = 2.0  # lead that a circle needs over a line if part of the silhouette is hidden
 _MARGIN = 0.005  # [m] distance by which a circle must miss a limit
-_ODDS_MARGIN = 1.0  # the same for the odds of a line
+_ODDS_MARGIN = 1.0  # margin of the odds of a line
 _SAMPLES = 16  # number of beams of a silhouette that are checked
 
 
@@ -65,7 +65,11 @@ class _Fits(NamedTuple):
 
 
 def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segments:
-    """Return the segments, of one or more, that the exact fit may find to be pillars."""
+    """Return the segments that the exact fit may find to be pillars, from one or more segments.
+
+    The tests are those of the exact fit with margins, for all segments at once, so that clutter takes little
+    time.
+    """
     fits = _geometric_fits(segments, config.pillar_radius, config.range_noise)
     candidates = (
         (fits.x > fits.near - _MARGIN)
@@ -81,7 +85,15 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
 
 
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
-    """Fit a circle to every segment with the steps of `fit_circle`, and compute the lead of its line."""
+    """Fit a circle to every segment at once, with the steps of `fit_circle`, and compute the lead of a line.
+
+    It serves to discard segments quickly; `fit_circle` fits the others exactly.
+
+    Args:
+        segments: beams to fit.
+        radius: expected radius [m].
+        noise: differences in range not worth explaining [m].
+    """
     beams, ranges, count, near, step = segments
     starts = segments.starts
     of = np.repeat(np.arange(len(count)), count)  # index of each beam's segment

@@ -172,7 +172,11 @@ class CrashDetector:
         return bool(last) and stamp - last[0] <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
-        """Take a sample's velocity increment, and judge the change of velocity until LATENESS before it."""
+        """Take a sample's velocity increment, and return the change of velocity [m/s] in a crash, or None.
+
+        The first sample, and one after a gap, only starts the detector again. A sample with the stamp of the
+        last one is averaged with it, and an older one is dropped.
+        """
         duration = sample.stamp - self._stamp
         if self._up is None or abs(duration) > LONGEST_PERIOD:
             self.reset()

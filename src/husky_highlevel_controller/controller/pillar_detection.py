@@ -50,7 +50,7 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-_CORNER_ODDS = 1.0  # the same as LINE_ODDS for a corner, per beam
+_CORNER_ODDS = 1.0  # largest lead of a corner over the circle, for each beam
 _UNSCREENED = 8  # largest number of segments without a screen, which takes as long as some fits
 MAX_FITS = 24  # largest number of exact fits per scan, which bounds the time that clutter takes
 _MAX_SKIPPED = 2  # largest number of missing returns between two beams on one pillar
@@ -98,7 +98,18 @@ def cluster(scan: Scan, config: PillarConfig) -> Segments:
 def _starts(
     config: PillarConfig, step: float, beams: np.ndarray, ranges: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Indices at which bodies begin, and indices of single beams that the beams on both sides pass."""
+    """Split the beams into bodies.
+
+    Args:
+        config: size of the pillar.
+        step: angle between neighbouring beams [rad].
+        beams: indices of the valid beams in the scan, ascending (B,).
+        ranges: their ranges (B,) [m].
+
+    Returns:
+        Indices in `beams` at which bodies begin, and indices of single beams amid a body, which are to be
+        omitted.
+    """
     radius, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def apart(left: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -45,7 +45,20 @@ def search_on(
     outline: Footprint,
     config: ControlConfig,
 ) -> Tuple[Search, Twist2D]:
-    """Continue the search from the robot's pose, among points near it, (N, 2) [m]; begin with Search()."""
+    """Continue the search for a pillar: turn round, drive a leg of a square spiral, and turn round again.
+
+    A leg ends early in front of an obstacle.
+
+    Args:
+        search: result of the last call; Search() at first.
+        base_in_odom: pose of the robot.
+        points_in_base: points near the robot, (N, 2) [m].
+        outline: footprint of the robot.
+        config: rate of turns, and growth of the spiral.
+
+    Returns:
+        The search for the next call, and the command.
+    """
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)

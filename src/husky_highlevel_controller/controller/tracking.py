@@ -222,7 +222,15 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
 
 
 def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
-    """Update the estimate with a sighting, with the gains of a Kalman filter."""
+    """Return the track after a sighting, whose estimate is updated with the gains of a Kalman filter.
+
+    Args:
+        track: track before, with or without an estimate.
+        sighting: pillar that this scan shows.
+        period: time since the last scan [s].
+        scan: the scan.
+        laser_in_odom: pose of the lidar at the scan.
+    """
     pillar, (x, y, _) = sighting
     radius = pillar.radius
     # a quarter of the spacing of the beams, and the remaining noise

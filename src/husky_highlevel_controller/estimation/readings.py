@@ -102,7 +102,11 @@ class MotionSensor:
         return [part for part in parts if part is not None and part.states]
 
     def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
-        """A pose, or with `differential` the velocity since the last one."""
+        """Return the measured pose of base_link, or with `differential` its velocity since the last reading.
+
+        None if the pose is not used, or for the first reading with `differential`. With `relative`, the pose
+        is relative to the first one.
+        """
         if reading.pose is None or not self._pose_used.any():
             return None
         pose, turn = reading.pose, mounting.pose_frame_in_odom

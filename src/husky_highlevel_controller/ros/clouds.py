@@ -22,7 +22,10 @@ def points_from_scan(scan: Scan) -> np.ndarray:
 
 
 def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarray:
-    """Finite points, evenly thinned; none if a point or a row has no room for x, y and z of 32 bits."""
+    """Return the finite points of a cloud, (N, 3) float32 [m], evenly thinned to at most `max_points`.
+
+    There are none if the message lacks x, y or z as 32-bit floats, or is shorter than its header says.
+    """
     nothing = np.zeros((0, 3), np.float32)
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:

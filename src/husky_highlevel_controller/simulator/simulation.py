@@ -169,7 +169,10 @@ class Simulation:
         self._equipment.drive.command(twist, self._since_reset)
 
     def step(self) -> Snapshot:
-        """Advance one physics step; at the end of a sensor's period the snapshot holds its sample."""
+        """Advance one physics step, and return its snapshot.
+
+        A sensor's sample is in the snapshot only at the end of the sensor's period.
+        """
         equipment = self._equipment
         command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
         self._chassis.drive((left, right, left, right))

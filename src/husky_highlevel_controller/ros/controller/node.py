@@ -74,7 +74,13 @@ class ControllerNode:
     """Answers every scan with a velocity command, and publishes markers, log and diagnostics of it."""
 
     def __init__(self, tunable: Any) -> None:
-        """Read the parameters; `tunable` is the module that catkin makes from cfg/Controller.cfg."""
+        """Read the parameters, and set up topics, service and placement of scans.
+
+        `tunable` is the module that catkin makes from cfg/Controller.cfg.
+
+        Raises:
+            ConfigError: a parameter is not valid.
+        """
         namespace = rospy.get_name() + "/"
         values, robot = parameters_and_robot()
         topic, switch, control, detector_config = read_config(
@@ -215,7 +221,10 @@ class ControllerNode:
         self._placement.add(scan, msg.header.stamp)
 
     def _answer(self, observation: Observation) -> None:
-        """Answer one scan with a velocity command; one thread at a time."""
+        """Answer one scan with a velocity command, then log and show the answer. One thread at a time.
+
+        If the decision raises, the robot stops, and the error goes on to the caller.
+        """
         with self._deciding:
             control, detector_config = self._tuning.records
             before = self._controller_state

@@ -173,7 +173,10 @@ class LocalizationNode:
 
 
 def reading_from_msg(msg: Any) -> Reading:
-    """Reading of a nav_msgs/Odometry or sensor_msgs/Imu, which may measure only some of it (REP 145)."""
+    """Return the reading of a nav_msgs/Odometry or sensor_msgs/Imu.
+
+    By REP 145, an IMU marks a part that it does not measure with a covariance of -1; such a part is None.
+    """
     stamp = msg.header.stamp.to_sec()
     if isinstance(msg, Odometry):
         pose, twist = msg.pose.pose, msg.twist.twist

@@ -33,7 +33,10 @@ class BagPlayer:
         self._publishers: Dict[str, Any] = {}
 
     def run(self) -> None:
-        """Play, and stay until the node is shut down: latched messages stay with it."""
+        """Play at the pace, then stay until shutdown, because latched messages would end with the node.
+
+        The first ADVANCE messages are made before time begins, so that every topic is advertised by then.
+        """
         first = list(islice(self._messages, ADVANCE))
         for _, topic, msg in first:
             if topic not in {TRUTH_TOPIC, *self._publishers}:

@@ -38,7 +38,10 @@ X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarker:
-    """Interactive marker of a body; a movable one can be dragged in the plane, and has a menu."""
+    """Return the interactive marker of a body.
+
+    In RViz a movable body can be dragged in the horizontal plane, and has a menu to delete it.
+    """
     marker = InteractiveMarker(
         header=Header(frame_id=frame),  # no stamp, so it stays fixed in its frame
         name=body.name,

@@ -36,7 +36,11 @@ class Publishers:
     """Publishes snapshots; no message is made for a topic without a subscriber."""
 
     def __init__(self, config: SimulatorConfig, robot: RobotModel) -> None:
-        """Raises HuskyError if a rate does not divide the rate of the physics."""
+        """Advertise all topics of the robot, as far as it has the sensors for them.
+
+        Raises:
+            HuskyError: a rate does not divide the rate of the physics.
+        """
         topics = config.robot.topics
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         # a real base reports its wheels less often

@@ -130,7 +130,10 @@ _SHAPES: Dict[str, Callable[[Node], Shape]] = {
 
 
 def rgba_of(node: Node) -> Rgba:
-    """Colour of a geometry: its diffuse, otherwise ambient, otherwise material script's colour."""
+    """Return the colour of a visual: <diffuse>, otherwise <ambient>, its material script, or grey.
+
+    <transparency> reduces the opacity.
+    """
     rgba: Rgba = _SCRIPT_COLOURS["Gazebo/Grey"]
     material, transparency = node.child("material"), node.child("transparency")
     if material:

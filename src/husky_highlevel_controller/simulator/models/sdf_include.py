@@ -64,11 +64,15 @@ def models_in(holder: Node) -> Iterator[Model]:
 
 
 def _included(include: Node) -> Optional[Node]:
-    """The model that an include names; None for a lamp, and for an include that is not supported."""
+    """Return the model that an <include> names; None if there is nothing to add.
+
+    There is nothing to add for a lamp. If the include is not supported, or its model is not on this machine,
+    a note says so. A file that is included several times is read once.
+    """
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        # the model that stands there reads the pose again, and then a broken one is an error
+        # the pose is read again for the model itself, where a broken pose would be an error
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
     node = include.child("uri")
     if node is None:
@@ -117,9 +121,10 @@ def _find_model(uri: str, source: str) -> Optional[Path]:
 
 
 def _newest_file(config: Path, plain: Path) -> Path:
-    """File of a model.config in the newest version that is read whole, otherwise in the oldest.
+    """Return the file that a model.config offers for the newest supported version of SDF.
 
-    If no version can be read, it is the plain file.
+    If all are newer, it is the oldest of them. If model.config cannot be read or offers nothing, it
+    is `plain`.
     """
     try:
         offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))

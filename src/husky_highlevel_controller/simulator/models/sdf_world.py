@@ -197,7 +197,11 @@ def _read_included(model: Model, place: _Place) -> None:
 
 
 def _read_model(model: Model, parent: _Place) -> None:
-    """Add the links of a model, which stands where the saved state says, otherwise by its <pose>."""
+    """Add the links, frames and joints of a model to the assembly of the outermost model.
+
+    The model stands where the saved state of the world says, otherwise at its <pose>. A second model of the
+    same name is left out with a note. Models inside the model are added, too.
+    """
     assembly = parent.assembly
     assert assembly is not None
     node, names, name = model.node, model.node.load.names, model.name
@@ -265,7 +269,13 @@ def _free_name(name: str, place: _Place, node: Node) -> str:
 
 
 def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
-    """A link as a body; None, and a note, if it is farther away than the engine can compute."""
+    """Return a link as a body, or None, with a note, if it is farther away than the engine can compute.
+
+    Args:
+        link: the element.
+        model: place of the model in the world.
+        full_name: name of the body.
+    """
     link.note_unknown()
     for tag, usual in (("gravity", True), ("kinematic", False)):
         node = link.child(tag)
@@ -300,7 +310,10 @@ def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
 
 
 def _mass(link: Node, model: _Place) -> float:
-    """Mass [kg]; defaults to 1, as in SDF, and is 0 if the link never moves."""
+    """Return the mass of a link [kg], within MASSES; 0 if the model is static.
+
+    It defaults to 1 kg, as in SDF. The inertia and the centre of mass are not used, so they only leave notes.
+    """
     mass = 1.0
     inertial = link.child("inertial")
     if inertial:

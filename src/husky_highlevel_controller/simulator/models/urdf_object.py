@@ -25,7 +25,16 @@ def is_urdf(text: str) -> bool:
 
 
 def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
-    """A body called `name` of the text of a URDF, static without mass or by <gazebo>; or DescriptionError."""
+    """Return the text of a URDF as one rigid body, static if it has no mass or <gazebo><static> says so.
+
+    Args:
+        text: the URDF; its joints do not move.
+        name: name of the body.
+        pose_in_world: pose of its root link.
+
+    Raises:
+        DescriptionError: not a URDF, several root links, or no collision shape that can be used.
+    """
     robot, links, joints = urdf.read_urdf(text)
     joined = urdf.joined_links(links, joints.values())
     roots = set(links) - {child for _, child, _ in joined}

@@ -45,8 +45,12 @@ def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:
 def meet_mesh(
     mesh: RayMesh, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
 ) -> float:
-    """Shorten the distances (N,) of the beams that meet a mesh; none is farther than the result [m]."""
-    # 1. the ball around it does not reach the scan plane, or is beyond the scan
+    """Shorten the distances (N,) [m] of the beams that meet a mesh, in place.
+
+    Returns:
+        An upper bound of the distances at which beams meet the mesh [m], which is 0 if it is out of reach.
+    """
+    # 1. no beam meets a mesh whose ball does not reach the scan plane, or is beyond the scan
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
     middle = (
         mesh.position[0] + cx * ax[0] + cy * ay[0] + cz * az[0],
@@ -56,11 +60,11 @@ def meet_mesh(
     x, y, z = along_axes(laser, minus(middle, origin))
     if abs(z) > mesh.bound or hypot(x, y) - mesh.bound > max_range:
         return 0.0
-    # 2. the laser's axes and place in the mesh's frame; heights of the corners above the scan plane
+    # 2. heights of the corners above the scan plane, by the laser's axes in the mesh's frame
     turned = np.array([along_axes(mesh.axes, axis) for axis in laser])
     offset = along_axes(laser, minus(mesh.position, origin))
     heights = mesh.vertices @ turned[2] + offset[2]
-    # 3. triangles with corners on both sides
+    # 3. the plane cuts the triangles that have corners on both sides
     a, b, c = (heights > 0.0)[mesh.faces]
     cut = np.flatnonzero((a != b) | (b != c))
     if len(cut):
@@ -72,7 +76,15 @@ def meet_mesh(
 def _segments(
     mesh: RayMesh, cut: Indices, heights: np.ndarray, axes: np.ndarray, offset: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Ends of the segments in which the scan plane cuts triangles, in it, (2, K) each [m]."""
+    """Return the ends of the segments in which the scan plane cuts triangles, (2, K) each [m].
+
+    Args:
+        mesh: the triangles.
+        cut: indices of the K triangles that the plane cuts.
+        heights: heights of the mesh's corners above the plane [m].
+        axes: the laser's x and y axes in the mesh's frame.
+        offset: x and y of the mesh's origin in the laser's frame [m].
+    """
     corners = mesh.faces[:, cut]
     above = heights[corners] > 0.0
     # the corner that is alone on its side comes first

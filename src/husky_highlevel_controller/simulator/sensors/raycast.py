@@ -100,7 +100,11 @@ class RayScene:
 
 
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
-    """Build a scene of shapes and their poses in the world; solid shapes, and meshes, keep their order."""
+    """Build a scene of shapes and their poses in the world.
+
+    The solid shapes keep their order, and so do the meshes; `RayScene.move` and `move_mesh` count them
+    separately.
+    """
     solids: List[RaySolid] = []
     meshes: List[RayMesh] = []
     planes: List[Tuple[Vector3, Vector3]] = []
@@ -219,7 +223,16 @@ def _meet_many(
     max_range: float,
     distances: np.ndarray,
 ) -> None:
-    """Shorten the distances (N,) of the beams that meet any of the shapes."""
+    """Shorten the distances of the beams that meet any solid of a scene, all solids of a kind at once.
+
+    Args:
+        scene: the solids.
+        origin: position of the laser in the world [m].
+        laser: axes of the laser in the world, one in each row.
+        beams: beams in the laser's frame.
+        max_range: farther solids are skipped [m].
+        distances: distances of the beams (N,) [m], changed in place.
+    """
     centers = (scene.positions - origin) @ laser.T  # centres in the laser's frame
     near, first, count = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[near]
@@ -238,7 +251,18 @@ def _meet_many(
 def _candidates(
     centers: np.ndarray, bounds: np.ndarray, bearings: np.ndarray, max_range: float
 ) -> Tuple[Indices, Indices, Indices]:
-    """Shapes that beams may meet (K,), judged by the ball around each, the first such beam, and how many."""
+    """Find the pairs of solids and beams that may meet, judged by the ball around each solid.
+
+    Args:
+        centers: centres of the solids in the laser's frame, (M, 3) [m].
+        bounds: radii of the balls, (M,) [m].
+        bearings: bearings of the beams, ascending (N,) [rad].
+        max_range: farther balls are skipped [m].
+
+    Returns:
+        For each of K ranges of beams: the solid, its first beam, and the number of beams. A solid behind the
+        laser may appear twice.
+    """
     x, y, across = centers.T
     flat, square = np.hypot(x, y), bounds * bounds - across * across  # the ball is cut by the scan plane
     near = np.flatnonzero((square >= 0.0) & (flat - bounds <= max_range))
