@@ -119,7 +119,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 
 def grade(options: argparse.Namespace) -> int:
-    """Grade what the options name, print the result or write a review page, and return the exit code.
+    """Grade the submissions that the options name, or write a review page, and return the exit code.
 
     The code is 0 for full marks, 1 if points are lost, and 2 if a submission could not be graded.
     """

@@ -163,7 +163,7 @@ def _resolved(topic: str) -> str:
 
 
 def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
-    """Return what RViz shows with a configuration, if TF and the parameters of a run are like this.
+    """Return the view of RViz with a configuration, in a run with the given frames and parameters.
 
     Args:
         config: configuration of RViz, of the submission.

@@ -85,7 +85,7 @@ def failure_text(error: Exception) -> str:
 
 
 def _from_known_folders(result: MarkingResult, job: Job) -> MarkingResult:
-    """Return the result without paths of this machine, because a student knows only those delivered."""
+    """Return the result without paths of this machine, because a student only knows the delivered paths."""
     folders = [Path(folder) for folder in (job.out, job.hand_in, *job.hidden, *job.packages) if folder]
     items = [
         replace(item, evidence=hide_places(item.evidence, folders), hint=hide_places(item.hint, folders))

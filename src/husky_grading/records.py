@@ -137,7 +137,7 @@ class Late:
 
 @dataclass(frozen=True)
 class Override:
-    """Settings for one student; marking chooses those that are None."""
+    """Settings for one student; marking chooses the settings that are None."""
 
     launch: Optional[str] = setting("path of a launch file in the submission, or the end of the path", None)
     node: Optional[str] = setting("package and type of a node", None)

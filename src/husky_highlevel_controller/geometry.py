@@ -92,7 +92,7 @@ def quat_between(start: Vector3, end: Vector3) -> Quaternion:
 
 
 def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:
-    """The vector turned by a unit quaternion."""
+    """Return a vector turned by a unit quaternion (x, y, z, w), as q v q*."""
     qx, qy, qz, qw = quat
     vx, vy, vz = vector
     tx = 2.0 * (qy * vz - qz * vy)

@@ -175,8 +175,8 @@ def judge_arrival(
 ) -> Item:
     """Grade whether the robot reaches the pillar: 30 points if it stands at the pillar or touches it.
 
-    A robot that rams the pillar loses what the rules say. A robot that comes near enough, but does not stay
-    there, gets 20 points. If the deadline ends a run that is still on its way, a person grades it.
+    A robot that rams the pillar loses `ramming_costs` points. A robot that comes near enough, but does not
+    stay there, gets 20 points. If the deadline ends a run that is still on its way, a person grades it.
 
     Args:
         recording: recording of the run.

@@ -284,7 +284,7 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
 
 
 def _is_above(place: Sequence[float]) -> bool:
-    """Return whether a position in base_link [m] is that of the top view."""
+    """Return whether a position in base_link [m] is the right one for the top view."""
     return float(np.linalg.norm(np.subtract(place, ABOVE))) <= NEAR
 
 

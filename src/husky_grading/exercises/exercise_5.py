@@ -211,7 +211,15 @@ def judge_calls(recording: Recording) -> List[Item]:
 def _neither_stops(
     stop: Item, start: Item, name: str, driven: Sequence[Effect], callers: Mapping[str, int]
 ) -> List[Item]:
-    """Return the items of a robot that drives on after every call, for both values."""
+    """Return both items of a robot that drives on after every call, whichever value the call has.
+
+    Args:
+        stop: item on stops, without evidence.
+        start: item on starts, without evidence.
+        name: name of the service.
+        driven: effects of the calls to a driving robot, at least one.
+        callers: lookups of the service by each node; a node with MANY of them also calls the service.
+    """
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in driven[:2]]
     evidence, hint = f"{name}: neither value stops it: {', '.join(speeds)}", NEITHER
     if driven[0].call.answer and not driven[0].call.success:
@@ -249,7 +257,7 @@ def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
 
 
 def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
-    """Return the item on stops; `effects` are those of the calls with the value that stops."""
+    """Return the item on stops, by the effects of the calls with the value that stops the robot."""
     driving = [effect for effect in effects if effect.before >= FAST]
     if not driving:
         evidence = by_hand(f"{name}: the robot already stood before each call")
@@ -259,7 +267,7 @@ def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
 
 
 def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
-    """Return the item on starts; `effects` are those of calls to a robot that an earlier call had stopped."""
+    """Return the item on starts, by the effects of calls to a robot that an earlier call had stopped."""
     if not effects:
         return replace(item, evidence=f"{name}: no call had stopped it, so none could start it again")
     return _judged(item, f"{name}: drives", effects, [effect for effect in effects if effect.after < FAST])

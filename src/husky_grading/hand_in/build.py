@@ -225,7 +225,7 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
 
 
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
-    """Build the needed packages of a submission; the other ones are used without a build.
+    """Build the needed packages of a submission; the other packages are used without a build.
 
     A build may fail on another machine without a fault of the student. So it is repeated with stand-ins for
     packages that are not installed, and then with a repair for an old version of Boost.
@@ -276,7 +276,7 @@ def _make_again(
 ) -> Tuple[_Outcome, bool]:
     """Build again if the first build failed for a reason that can be repaired.
 
-    A header that was generated too late is there at the second build. Code for an old Boost gets a repair for
+    A header that was generated too late exists at the second build. Code for an old Boost gets a repair for
     _1 and the like.
 
     Returns:

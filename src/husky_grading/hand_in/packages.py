@@ -176,7 +176,7 @@ def fits_exercise(place: PurePosixPath, exercise: int) -> int:
 def choose_packages(
     packages: Sequence[Package], exercise: int, attempt: int = 0
 ) -> Tuple[List[Package], List[str]]:
-    """Return the packages that belong to an exercise, each name once, and notes on those that are left out.
+    """Return the packages that belong to an exercise, each name once, and notes on packages left out.
 
     - Known packages are left out.
     - If several packages have the same name, the one of the exercise stays. If that is ambiguous, the one

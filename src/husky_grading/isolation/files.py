@@ -29,7 +29,7 @@ class UnreadableFileError(HuskyError):
 
 
 def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
-    """Return the content of a regular file; a link, FIFO or device is rejected without waiting for it.
+    """Return the content of a regular file; a link, FIFO or device is rejected without a wait.
 
     Raises:
         UnreadableFileError: it cannot be read, is not a regular file, or has more than `max_size` bytes.

@@ -210,7 +210,7 @@ def with_variable(name: str, value: str) -> List[int]:
 
 
 def end_all(processes: Sequence[Process]) -> List[int]:
-    """Kill processes and everything that they started, and return the ids of those that still run."""
+    """Kill processes and everything that they started, and return the ids of processes that still run."""
     for process in processes:
         process.kill()
     return [process.popen.pid for process in processes if process.running]

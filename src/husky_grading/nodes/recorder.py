@@ -219,7 +219,7 @@ class DriveRecorder:
             self._watch.on_message(topic, msg)
 
     def _look_at_graph(self) -> None:
-        """Ask the master for the ROS graph, and keep what the rubric needs to know about it.
+        """Ask the master for the ROS graph, and keep the parts that the rubric needs.
 
         New topics of the submission are subscribed to, if they have markers or types that the exercise
         follows. Forged topics and readers of true poses become violations. In the end the recorder joins, if

@@ -204,7 +204,7 @@ def refuse_aliases() -> None:
 def load_launchable(
     launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]
 ) -> roslaunch.config.ROSLaunchConfig:
-    """Read a launch file or node, write the event "plan", and return the configuration of what is to start.
+    """Read a launch file or node, write the event "plan", and return the configuration of the nodes to start.
 
     Nodes that marking starts itself, such as the simulator and RViz, are left out.
 

@@ -99,7 +99,7 @@ def told_once(items: Sequence[Item]) -> List[Item]:
 
 
 def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
-    """Return items with the teacher's weights, without points for those that the teacher grades.
+    """Return items with the teacher's weights, without points for items that the teacher grades.
 
     An item with all points needs no hint.
     """

@@ -209,7 +209,7 @@ def _look(
 def _target(
     estimate: Optional[Estimate], observation: Observation, pillar: Optional[Pillar]
 ) -> Optional[Target]:
-    """Return the pillar as it is seen, or otherwise as it is remembered."""
+    """Return the pillar in base_link, seen or otherwise remembered; None if its position is unknown."""
     if observation.laser_in_base is None:
         return None
     if pillar is not None:

@@ -49,7 +49,7 @@ class Segment(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """Segments of one scan (S of them) in the same arrays."""
+    """All segments of one scan (S of them), in common arrays."""
 
     beams: np.ndarray  # (B,) indices in the scan, segment by segment, ascending in each
     ranges: np.ndarray  # (B,) [m]

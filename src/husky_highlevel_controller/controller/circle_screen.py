@@ -67,8 +67,8 @@ class _Fits(NamedTuple):
 def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segments:
     """Return the segments that the exact fit may find to be pillars, from one or more segments.
 
-    The tests are those of the exact fit with margins, for all segments at once, so that clutter takes little
-    time.
+    The screen has the tests of the exact fit, with margins, for all segments at once, so that clutter takes
+    little time.
     """
     fits = _geometric_fits(segments, config.pillar_radius, config.range_noise)
     candidates = (
@@ -87,7 +87,7 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """Fit a circle to every segment at once, with the steps of `fit_circle`, and compute the lead of a line.
 
-    It serves to discard segments quickly; `fit_circle` fits the others exactly.
+    These fits discard segments quickly. `fit_circle` fits the remaining segments exactly.
 
     Args:
         segments: beams to fit.

@@ -219,7 +219,7 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
-    """Return the pillars, but only the one of more beams if one pillar was seen in two pieces."""
+    """Return the pillars without the smaller piece of each pillar that was seen in two pieces."""
     survivors: List[Pillar] = []
     for pillar in sorted(pillars, key=lambda pillar: -pillar.beams):
         if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in survivors):

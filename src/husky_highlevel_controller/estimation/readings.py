@@ -181,7 +181,7 @@ def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
 
 
 def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Mask of six variables after a turn, (6,) bool."""
+    """Return which of six variables are used after a turn, (6,) bool: each with a used component along it."""
     blocks = [np.linalg.norm(axes * block, axis=1) >= SAME for block in (used[:3], used[3:])]
     return np.concatenate(blocks)
 

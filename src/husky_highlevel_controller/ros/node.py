@@ -26,7 +26,7 @@ LAUNCH_FILES = {  # launch files that load the parameters of nodes
 
 
 def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
-    """The node's private parameters but `~robot_name`, and the robot of that name, by default the Husky.
+    """Return the node's private parameters without `~robot_name`, and the robot of this name or the Husky.
 
     Raises:
         ConfigError: there is no robot of that name.
@@ -39,13 +39,13 @@ def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
 
 
 def publish(publisher: Any, message: Any, **options: Any) -> None:
-    """Publish, unless the node is shutting down: a callback may still be at work then.
+    """Publish a message, unless the node is shutting down, when a callback may still run.
 
     rospy closes topics before `is_shutdown()` is true; `is_shutdown_requested()` is true from the signal on.
     """
     try:
         publisher.publish(message, **options)
-    except (rospy.ROSException, ValueError):  # ValueError: its buffer is closed already
+    except (rospy.ROSException, ValueError):  # a ValueError means that the buffer is closed already
         if not rospy.core.is_shutdown_requested():
             raise
 

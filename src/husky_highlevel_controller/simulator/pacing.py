@@ -11,7 +11,7 @@ MAX_LAG = 0.5  # [s] lag at which a machine counts as too slow; a shorter one is
 
 
 class Pacer:
-    """Paces simulated time at `factor` times real time; 0 = as fast as it goes."""
+    """Paces simulated time at `factor` times real time; 0 = as fast as possible."""
 
     def __init__(self, factor: float, stamp: float, now: float) -> None:
         self._factor = factor

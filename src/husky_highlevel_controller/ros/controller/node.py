@@ -71,7 +71,7 @@ class StartStopConfig:
 
 
 class ControllerNode:
-    """Answers every scan with a velocity command, and publishes markers, log and diagnostics of it."""
+    """Answers every scan with a velocity command, and publishes markers, log and diagnostics."""
 
     def __init__(self, tunable: Any) -> None:
         """Read the parameters, and set up topics, service and placement of scans.

@@ -26,7 +26,10 @@ class ReconfigureServer:
         return self._records
 
     def _apply(self, config: Dict[str, Any], _level: int) -> Dict[str, Any]:
-        """Take what the server offers; raising here would end rqt_reconfigure's own thread."""
+        """Take new values, and return the whole configuration.
+
+        It does not raise, because an error would end the thread of rqt_reconfigure.
+        """
         changed = []
         for record in self._records:
             old = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}

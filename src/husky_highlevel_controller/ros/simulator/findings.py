@@ -30,7 +30,7 @@ class Findings:
         self._is_new = True
 
     def publish(self) -> None:
-        """Give the master what is new; the watch of the graph calls this, because it may have to wait."""
+        """Send new findings to the master. `GraphWatch` calls this, because the call may have to wait."""
         if self._is_new:
             self._is_new = False
             rospy.set_param(FINDINGS, list(self._kept))

@@ -48,10 +48,10 @@ class Partners:
         command_topics: str,
         has_sender: Callable[[], bool],
     ) -> None:
-        """The scans need a subscriber, unless there are none, and one of the command topics a sender.
+        """Set up; the partners have joined if the scans have a subscriber and a command topic has a sender.
 
-        All nodes subscribed to the scans or to the `others` must be connected too: a transform that is lost
-        at the beginning would make the run another one.
+        All nodes that subscribe to the scans or to the `others` must be connected, too, because a transform
+        that is lost at the beginning would change the run. `scans` is None for a robot without a lidar.
         """
         self._scans, self._publishers = scans, [*others, scans] if scans else others
         self.command_topics, self._has_sender = command_topics, has_sender
@@ -88,7 +88,7 @@ def launched_beside() -> Set[str]:
 
 
 def launched_together(name: str) -> Set[str]:
-    """Names of the nodes that the same roslaunch has started as the node of a name, without leading slash."""
+    """Names of the nodes of the roslaunch that has started a node; `name` is without its leading slash."""
     return next((names for names in _launches() if name in names), set())
 
 
@@ -96,7 +96,7 @@ class SecondFilter:
     """Finds a filter that was launched with the simulator, because TF may have one source of a transform."""
 
     def __init__(self, topic: str, leave: Callable[[str], None]) -> None:
-        """Set up; `leave` is called once with the name of the node that publishes `topic`, too."""
+        """Set up; `leave` is called once with the name of another node that publishes `topic`."""
         self._topic, self._leave = topic, leave
         self._seen = {rospy.get_name()}
         self.filter_node = ""  # filter node that has the topic; empty if there is none

@@ -35,7 +35,7 @@ Turns = Dict[str, bytes]  # content of SCHEDULE by thread
 class Listeners:
     """The processes on this machine that subscribe to a publisher's topic.
 
-    A process in Python does not look at the clock while it waits for it. If all that receive the topic or
+    A process in Python does not run while it waits for the clock. If all that receive the topic or
     the clock are in Python, they are asleep as soon as they have run after a tick, and two looks see all
     threads asleep, none of which ran in between. Otherwise processes that receive the topic are asleep after
     ASLEEP_FOR without a running thread.

@@ -89,7 +89,7 @@ class Lockstep:
         self._in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
-        """Return whether a command on this topic is one too many, because the last scan has one. Any thread.
+        """Return whether to drop a command on this topic, because the last scan has an answer. Any thread.
 
         Such a command arrives before or after the next physics step as the machine pleases, so a run that
         obeyed it would not be repeatable.
@@ -151,10 +151,10 @@ class Lockstep:
                 self._mode = Mode.ANSWERING
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
-        """Call when the clock went on: waits for a controller that sleeps, or may, to do what is due now.
+        """Call after each tick of the clock; it waits until a controller that may sleep has done its work.
 
-        rospy.sleep looks at the clock, then waits for the next tick of it: a tick in between is missed, so it
-        comes once more, by `again`.
+        rospy.sleep looks at the clock, then waits for the next tick, so it misses a tick in between. So
+        `again` sends the tick once more.
         """
         self._settle(meanwhile)
         if self._mode in (*_WATCHED, Mode.SLEEPING):

@@ -69,7 +69,7 @@ RVIZ_POLL_PERIOD = 0.2  # between two looks at RViz; more looks would slow down 
 
 
 class SimulatorNode:
-    """Owns the simulation in the thread that calls `run`; callbacks queue commands and calls for it."""
+    """Owns the simulation in the thread that calls `run`; callbacks queue commands and service calls."""
 
     def __init__(self) -> None:
         """Read the parameters, build the simulation, and advertise its topics; time begins in `run`.

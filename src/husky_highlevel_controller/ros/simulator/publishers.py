@@ -162,13 +162,13 @@ class Publishers:
 
     @staticmethod
     def _send_to_new(publisher: Any, message: Any) -> None:
-        """Send a message to those who have had none: TF warns of a transform that comes twice."""
+        """Send a message to subscribers that have had none, because TF warns of a repeated transform."""
         for connection in publisher.connections:
             if connection.stat_num_msg == 0:
                 publish(publisher, message, connection_override=connection)
 
     def keep(self, snapshot: Snapshot) -> None:
-        """Keep what is sent to new subscribers while time has not begun."""
+        """Keep a snapshot, which new subscribers get while time has not begun."""
         if snapshot.odometry is not None:
             self._last = snapshot.stamp, snapshot.odometry
             if self._world_transforms:

@@ -126,7 +126,7 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
 
 
 def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
-    """Return the nodes that publish a topic of the simulator too; it reads its command topics itself."""
+    """Return the nodes that publish a topic of the simulator, except its command topics, which it reads."""
     return [
         SecondPublisher(node, topic, simulator)
         for topic, nodes in sorted(graph.publishers.items())

@@ -98,7 +98,7 @@ class BulletWorld:
         self._models: Dict[str, List[int]] = {}
 
     def add_body(self, body: Body) -> None:
-        """Add a body; a movable one that is sunk into the ground is placed on top of it.
+        """Add a body; a movable body that is sunk into the ground is placed on top of the ground.
 
         Raises:
             PlacementError: the body is a plane that can move, or has the robot's name.

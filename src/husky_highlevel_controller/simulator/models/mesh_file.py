@@ -49,7 +49,7 @@ class MeshFiles:
         Args:
             uri: model://, package://, file://, or a path.
             source: path of the file that names it; a relative path starts in its folder.
-            part: name of a <submesh>; empty for all of it.
+            part: name of a <submesh>; empty for the whole file.
 
         Raises:
             MeshError: the file is missing, not a mesh, or too large.
@@ -78,7 +78,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
 
     Args:
         path: the file.
-        part: name of a part of it, by <submesh> of a world; empty for all.
+        part: name of one part, by <submesh> of a world; empty for the whole file.
 
     Raises:
         MeshError: the file holds no triangles that can be read.

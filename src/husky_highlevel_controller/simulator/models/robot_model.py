@@ -86,7 +86,7 @@ def robot_model(
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
         robot: names of wheel joints and lidar; None for the Husky.
-        laser_frame: the link in which beams start, if it is not that of the robot; there need not be one.
+        laser_frame: link in which beams start; defaults to the lidar of `robot`. It need not exist.
 
     Raises:
         DescriptionError: not a URDF, a link or joint missing, or a number that physics cannot use.
