@@ -86,7 +86,8 @@ def mark(job: Job) -> MarkingResult:
         result = unmarked(job, problem)
     write_result(result, out, job.packages)
     if fingerprint:
-        write_whole(out / FINGERPRINT, fingerprint)  # written last, because it means that all files are there
+        # written last, because this file means that all others are complete
+        write_whole(out / FINGERPRINT, fingerprint)
     return result
 
 

@@ -19,7 +19,7 @@ class Kind(Enum):
     MISSING_RETURN = "missing return"  # a function without its return, in which the node may crash
     LAUNCH_FILE = "launch file"  # the file cannot be loaded, or starts nothing
     OWN_NODE = "own node"  # node of this package, which is not part of any submission
-    MISSING_INCLUDE = "missing include"  # the launch file cannot be loaded without it
+    MISSING_INCLUDE = "missing include"  # the launch file includes a file that does not exist
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
     SKIPPED = "skipped"  # launch file of the simulator, which marking starts itself
@@ -66,7 +66,7 @@ class Kind(Enum):
     NODES_ENDED = "nodes ended"
     LEAVES = "leaves"
     DEADLINE = "deadline"
-    SLOW = "slow"  # the wall-clock limit ended it
+    SLOW = "slow"  # the limit of wall time ended the run
     PLAN_DONE = "plan done"  # all calls were made, or the grader has driven the robot
     NO_SERVICE = "no service"
     FEWER_DRIVES = "fewer drives"  # fewer runs than requested

@@ -59,7 +59,7 @@ class Closing:
     """Observations of a run from outside, which are added to the recorder's."""
 
     notes: Tuple[Note, ...] = ()
-    ended: Optional[Note] = None  # reason why it was cut off
+    ended: Optional[Note] = None  # reason why the run was cut off
     output: str = ""  # shortened output of the submission
 
 
@@ -74,7 +74,7 @@ class Recording:
     poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
     speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
-    command_count: int = 0  # all of them
+    command_count: int = 0  # number of all commands
     zero_count: int = 0  # number of commands with all components zero
     fastest: Optional[float] = None  # [m/s] largest size of linear.x in all commands; None if unknown
     sharpest: Optional[float] = None  # [rad/s] largest size of angular.z in all commands; None if unknown
@@ -85,7 +85,8 @@ class Recording:
     subscribed: bool = False  # the submission listens to the scans
     advertised: bool = True  # the submission has a publisher on a topic of velocity commands
     silent_topics: Tuple[str, ...] = ()  # topics that the submission subscribes to and nothing publishes
-    unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
+    # topics of geometry_msgs/Twist that the submission publishes and no node reads
+    unread_topics: Tuple[str, ...] = ()
     violations: Tuple[str, ...] = ()  # violations that lose all points, in sentences
     notes: Tuple[Note, ...] = ()  # problems
     ended: Optional[Note] = None  # reason why the run ended

@@ -214,7 +214,7 @@ class MarkingResult:
     settings: Mapping[str, Any]
     items: Tuple[Item, ...]
     notes: Tuple[str, ...] = ()  # findings in sentences
-    problem: str = ""  # reason why it could not be marked, in a sentence; empty if it was marked
+    problem: str = ""  # reason why the submission could not be marked, in a sentence; empty if it was marked
     held: bool = False  # the student's feedback is kept back
 
     def __post_init__(self) -> None:

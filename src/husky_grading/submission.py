@@ -27,7 +27,7 @@ from husky_highlevel_controller.paths import share_folder
 WORKSPACE = "workspace.json"
 SUBMISSION_FOLDER = "submission"  # folder in the folder of a run; the submission can write no other folder
 OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # RViz nodes of this package's launch files
-SIMULATOR_NODES = ("/husky_simulator",)  # another node of this name would end ours
+SIMULATOR_NODES = ("/husky_simulator",)  # a second node of this name would end our node
 COMPAT = share_folder() / "compat"  # folder of packages with launch files that start our simulator
 MAX_EVENTS = 10_000  # events of one run that are read, because a submission can write any number
 
@@ -89,14 +89,14 @@ class Plan:
     nodes: Tuple[str, ...] = ()  # package/type
     left_out: Tuple[str, ...] = ()  # package/type of nodes of simulators and drivers
     rviz: Tuple[RvizNode, ...] = ()
-    uses: Tuple[str, ...] = ()  # packages that it names
+    uses: Tuple[str, ...] = ()  # packages that the launchable names
     pillar: bool = False  # the launch file names the course's world
     left_out_arguments: Tuple[Tuple[str, str], ...] = ()  # package/type and arguments of nodes left out
     digest: str = ""  # hash of the nodes with their arguments and parameters
     # fields that the program does not write
     is_read: bool = False  # the launch file can be loaded
-    package_path: Optional[Path] = None  # folder of its package
-    notes: Tuple[Note, ...] = ()  # findings on it
+    package_path: Optional[Path] = None  # folder of the package of the launchable
+    notes: Tuple[Note, ...] = ()  # findings on the launchable
 
 
 @dataclass(frozen=True)

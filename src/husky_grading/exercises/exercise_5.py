@@ -80,7 +80,7 @@ class CallPlan:
     """Plan of the calls of one run."""
 
     made: int = 0
-    answered_at: float = -inf  # [s] time of the last answer; inf while it is awaited
+    answered_at: float = -inf  # [s] time of the last answer; inf while an answer is awaited
     drove_at: float = inf  # [s] time at which the robot first drove
 
     def due(self, now: float, speed: float) -> Optional[bool]:
@@ -160,7 +160,7 @@ class Effect:
 
     call: Call
     before: float  # [m/s] highest speed just before
-    after: float  # [m/s] highest speed after it has settled
+    after: float  # [m/s] highest speed after the robot had time to react
 
     @property
     def stopped(self) -> bool:

@@ -117,7 +117,7 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
                         target.chmod(0o755)
     except (ArchiveError, MemoryError):
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a password is needed
+    except (OSError, ValueError, RuntimeError) as error:  # a RuntimeError means that a password is needed
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
     except Exception as error:  # any error of zipfile, tarfile, zlib, lzma, bz2, struct
         raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error

@@ -287,7 +287,7 @@ def _make_again(
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # only this second build came as far as the errors on _1
+        repair = OLD_BOOST  # the errors on _1 came only in this second build
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 

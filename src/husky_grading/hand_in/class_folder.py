@@ -20,7 +20,7 @@ from typing import Dict, List, Sequence
 from husky_grading.hand_in.archives import suffix_of
 
 MAX_FOLDER = 200  # [bytes] length of the name of a folder of results
-DIGITS = 8  # digits of the hash in it
+DIGITS = 8  # digits of the hash in a folder's name
 SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # name that a path can have everywhere
 
 
@@ -31,7 +31,7 @@ class HandIn:
     name: str  # printable name of the student, as pages and marking.yaml show it
     path: Path  # folder or archive
     folder: str  # name of the folder of its results, which can be part of any path
-    problem: str = ""  # reason why it cannot be marked, in a sentence; empty if it can
+    problem: str = ""  # reason why the submission cannot be marked, in a sentence; empty if it can be marked
 
 
 def is_package(folder: Path) -> bool:

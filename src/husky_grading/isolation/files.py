@@ -41,7 +41,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
             if not stat.S_ISREG(status.st_mode):
                 raise UnreadableFileError(f"{path}: not a regular file")
             content = file.read(max_size + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+    except (OSError, ValueError) as error:  # a ValueError means a NUL in the name
         raise UnreadableFileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
     if len(content) > max_size:
         raise UnreadableFileError(f"{path}: larger than {max_size} bytes")

@@ -18,7 +18,7 @@ import psutil
 
 MEMORY = 6_000_000_000  # [bytes] size of all processes of a program and of its temporary files
 TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")  # folders in memory that a sandbox of bubblewrap can write
-TEMPORARY_FILES = 500_000_000  # [bytes] size of the files in each of them
+TEMPORARY_FILES = 500_000_000  # [bytes] size of the files in each folder for temporary files
 THREADS = 1000  # threads of all processes of a program
 # sockets in a marking's network; its own programs and a class's nodes have some hundred. The kernel keeps
 # unread data, up to 0.4 MB per socket (net.core.rmem_default and wmem_default), and counts it for no process

@@ -18,7 +18,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 VARIABLE = "HUSKY_GRADE_PLACE"  # set in the environment of a program with mounts of its own, to the place
 FOLDER = "/var/tmp"
 MS_BIND = 0x1000  # flag of mount(2)
-SAFE = re.compile(r"[\w./+,=@~-]*")  # path that all of these programs take
+SAFE = re.compile(r"[\w./+,=@~-]*")  # path that every program of marking accepts
 
 
 def make() -> str:

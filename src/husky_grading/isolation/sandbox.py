@@ -63,8 +63,9 @@ class Workspace:
 
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that need no build
-    hidden: Tuple[Path, ...] = ()  # folders that it must not see, such as other submissions and results
-    own: Own = Own.ALL  # files of this package that it may use
+    # folders that the program must not see, such as other submissions and results
+    hidden: Tuple[Path, ...] = ()
+    own: Own = Own.ALL  # files of this package that the program may use
 
 
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:

@@ -109,7 +109,7 @@ class MarkerWatch:
         """Deserialise a message and keep its markers; one that is too large or broken leaves only a note."""
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
-            # a marker that is not visible, so the note has its namespace
+            # stands for the message as an invisible marker, whose namespace is shown to the student
             large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)
             self.add([large], topic)
             return

@@ -58,7 +58,7 @@ from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] wall time between two looks at the graph
 CONNECTING = 2.0  # [s] wall time for which simulated time waits for connections to the submission
-# topics of velocity commands, through the robot's mux and past it
+# topics of velocity commands: the input of the robot's mux, and its output, which bypasses the mux
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 # [bytes] memory of the recorder, of which the stacks of its threads take some hundred million
 MEMORY = 2_000_000_000

@@ -144,7 +144,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         except TimeoutError:
             raise
         except Exception as error:
-            if is_simulators:  # a fault in it does no harm, because marking starts the simulator
+            if is_simulators:  # a fault in this file does no harm, because marking starts the simulator
                 self._reporter.write("skipped", path=shown, error=_one_line(error))
                 return None
             if self._is_missing(tag, context):
@@ -350,7 +350,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
     reporter.write("launchable")
-    rospack.ElementTree = tolerant_manifest  # rospkg reads every package on the search path with it
+    rospack.ElementTree = tolerant_manifest  # rospkg calls this for every package on the search path
     signal.alarm(LOAD_DEADLINE)
     try:
         return load_launchable(launchable, reporter, ours)

@@ -207,7 +207,7 @@ def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
         return 0.0
     mean = sum(each.seconds * each.score for each in right) / _seconds(right)
     share, *others = [_share(group) for group in groups.values()]
-    if others:  # two groups: to the side and ahead
+    if others:  # the two groups are: pillar to the side, pillar ahead
         aside, ahead = map(_seconds, groups.values())
         share += min(ahead / (aside + ahead), 0.5) * (others[0] - share)
     return mean * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)

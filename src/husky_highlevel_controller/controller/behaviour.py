@@ -46,8 +46,10 @@ TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0  # [m], [m/s] a robot that moved farther
 RESUME_ERROR = 0.10  # [m] error of the stop position at which an arrived robot drives again
 ODOM_TIMEOUT = 0.5  # [s] time without a pose in odom after which the odometry counts as lost
 ROOM_SHARE = 0.05  # smallest fraction of beams with a return if walls stand around the robot
-TOUCH_GAP = 0.003  # [m] measured gap at which it may touch; from here it creeps for TOUCH_CREEP_TIME
-TOUCH_CREEP_TIME = 0.2  # [s] time for 8 mm at control.MIN_TOUCH_SPEED, so it touches and hardly pushes
+# [m] measured gap at which the robot may touch; from here the robot creeps for TOUCH_CREEP_TIME
+TOUCH_GAP = 0.003
+# [s] time for 8 mm at control.MIN_TOUCH_SPEED, so that the robot touches and hardly pushes
+TOUCH_CREEP_TIME = 0.2
 
 
 class State(Enum):
@@ -85,12 +87,13 @@ class ControllerState(NamedTuple):
     track: Track = Track()
     search: Optional[Search] = None  # progress of the search, if there is one
     at_pillar: bool = False  # true if the robot has arrived and not left since
-    close_at: Optional[float] = None  # [s] time since which it is close to the pillar that it will touch
+    close_at: Optional[float] = None  # [s] time since which the robot is close to a pillar that it will touch
     started_at: Optional[float] = None  # [s] stamp of the first scan of this run
     base_in_odom: Optional[Pose2D] = None  # pose at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
     odom_at: float = inf  # [s] stamp of the last scan with a pose in odom; inf if there was none
-    in_room: bool = False  # true if a scan here had many returns, so that none at all are a fault
+    # true if a scan at this place had many returns, so that a scan without any is a fault
+    in_room: bool = False
 
     @property
     def estimate(self) -> Optional[Estimate]:
@@ -102,7 +105,7 @@ class ControlOutput(NamedTuple):
     """Velocity command of one scan, with its reason and its basis."""
 
     state: State
-    at_pillar: bool  # true if the robot has arrived and not left since, even while it is stopped
+    at_pillar: bool  # true from the arrival until the robot leaves, also while it is stopped
     twist: Twist2D
     pillar: Optional[Pillar]  # tracked pillar if this scan shows it, in the laser's frame
     pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom

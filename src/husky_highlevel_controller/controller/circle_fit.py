@@ -20,7 +20,7 @@ _MIN_WEIGHT = 1e-6  # keeps the equations solvable if the beams do not determine
 _FREE_WEIGHT = 1e-4  # replaces both weights if no radius is expected
 MIN_COSINE = 0.3  # smallest cosine of incidence in the weights, because grazing beams would weigh too much
 MAX_STEPS = 6
-_SETTLED = 3e-4  # [m] a smaller step is the last one, because the next would be a thousandth of it
+_SETTLED = 3e-4  # [m] a smaller step is the last one, because the next step would be a thousandth of this
 
 Products = List[List[float]]  # (4, 4) sums of products over beams; rows: derivatives by x, y, r, and error
 Number = TypeVar("Number", float, np.ndarray)  # number, or an array with one for each segment
@@ -114,7 +114,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         radius: expected radius [m].
         noise: differences in range not worth explaining [m].
     """
-    origin, directions = segment.near + radius, segment.directions  # keeps all digits far away
+    # an origin near the centre keeps all digits, also far away
+    origin, directions = segment.near + radius, segment.directions
     points = segment.ranges * directions
     points[0] -= origin
     columns = np.empty((4, len(segment.ranges)))

@@ -34,7 +34,7 @@ from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse,
 
 GRAVITY = 9.8  # [m/s^2]
 LEVELLING_TIME = 2.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
-LEVELLING_FORCE = 20.0  # [m/s^2] largest force that corrects it, because a larger one is a shock
+LEVELLING_FORCE = 20.0  # [m/s^2] largest force that corrects the vertical, because a larger force is a shock
 LATENESS = 0.05  # [s] delay before a window is judged, because odometry comes late
 AFTER, BEFORE = 0.15, 0.4  # [s] averaging times of the mean velocities
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
@@ -43,7 +43,7 @@ LONGEST_PERIOD = 0.2  # [s] a longer gap between samples causes a reset
 PATIENCE = 2.0  # [s] silence of odometry after which samples no longer wait for it
 LONGEST_WAIT = 2.5  # [s] longest wait of a sample for later odometry
 LONGEST_DELAY = 10.0  # [s] largest lag of samples behind odometry
-SHOCK = 6.0  # [m/s^2] the part of a sample above it counts only if it exceeds the vertical axis
+SHOCK = 6.0  # [m/s^2] the part of a horizontal force above this counts only if it exceeds the vertical force
 ROUGH = 0.013  # [m/s] vibration on rough ground; an A200 has 0.005 at rest, 0.03 on flooring
 SIDEWAYS = 2.0  # factor on the allowance ahead, because the body rolls on its tyres
 STANDING = 0.02  # [m/s] slower wheels have no direction of travel

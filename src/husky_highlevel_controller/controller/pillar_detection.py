@@ -36,7 +36,7 @@ class Pillar(NamedTuple):
     x: float  # [m], centre, in the laser's frame
     y: float  # [m], centre, in the laser's frame
     radius: float  # [m]
-    beams: int  # number of beams that hit it
+    beams: int  # number of beams that hit the pillar
     residual: float  # [m] root mean square distance of the beams' end points from the circle
 
     @property
@@ -151,7 +151,8 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
     radius, tolerance = config.pillar_radius, config.radius_tolerance
     circle = fit_circle(segment, radius, config.range_noise)
     if not (
-        circle.x > segment.near  # otherwise it is a niche, which is as round
+        # a centre in front of the nearest beam means a niche, which is as round as a pillar
+        circle.x > segment.near
         and circle.residual <= config.max_residual
         and abs(circle.radius - radius) <= tolerance
         and abs(circle.free_radius - radius) <= tolerance + circle.free_slack

@@ -20,7 +20,7 @@ from husky_highlevel_controller.geometry import advance, matrix_from_quat
 from husky_highlevel_controller.robot import DriveConfig, Robot
 
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s] slower is standing, because odometry has noise
-FASTEST = 100.0  # [m/s, rad/s] a measured velocity beyond it is not valid
+FASTEST = 100.0  # [m/s, rad/s] largest valid measured velocity
 PATH_STEPS = 12  # number of checked poses on the way to standstill
 APPROACH = 1e-3  # [m] the robot approaches a return if the clearance falls by this much
 STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop is driven by another node
@@ -69,7 +69,7 @@ def too_close(
     path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
     now = _clearance(points_in_base, Pose2D(), outline)
-    # no point of the footprint moves farther on the path than this
+    # upper bound of the way of each point of the footprint on the path
     reach = hypot(outline.half_length, outline.half_width)
     longest_move = max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
     within = now < config.margin + longest_move

@@ -34,7 +34,7 @@ class Search(NamedTuple):
 
     leg: int = 0  # number of legs begun
     to_turn: float = _ROUND  # [rad] remaining turn before the next leg
-    to_drive: float = 0.0  # [m] remainder of this leg
+    to_drive: float = 0.0  # [m] remaining length of the current leg
     pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan
 
 

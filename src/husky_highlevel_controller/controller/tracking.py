@@ -67,8 +67,9 @@ class Track(NamedTuple):
     """Pillar that is followed from scan to scan."""
 
     estimate: Optional[Estimate] = None
-    missed_time: float = 0.0  # [s] time that its position looked empty, less time that showed it
-    beams: int = 0  # largest number of beams that a scan had on it
+    # [s] time in which the position looked empty, minus time in which the pillar was seen
+    missed_time: float = 0.0
+    beams: int = 0  # largest number of beams on the pillar in one scan
     updated_at: float = 0.0  # [s]
     rejected: Tuple[Tuple[float, float, int], ...] = ()  # rejected positions: x, y in odom [m], beams
     anchor: Optional[Anchor] = None
@@ -199,7 +200,8 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     half = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)  # half width in beams
     middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
     first, last = int(middle - half + 1.0), int(middle + half)
-    if first < 1 or last > len(scan.ranges) - 2 or last <= first:  # cut by the edge, or too far to judge
+    # the pillar is cut by the edge of the scan, or too far to judge
+    if first < 1 or last > len(scan.ranges) - 2 or last <= first:
         return Visibility.OUT_OF_VIEW
     slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
     nearest_expected = max(distance - estimate.radius - slack, scan.range_min)

@@ -17,7 +17,7 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number, s
 VARIABLES = 15  # x, y, z, roll, pitch, yaw, their velocities, three accelerations, as in every `odom0_config`
 PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # indices of the states of `planar_ekf`
 INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
-# parameters that are refused unless they are false, and why
+# parameters that are refused unless they are false, with the reason
 REFUSED = {
     re.compile(r"(pose|twist)\d+\w*"): "inputs are odometry (odom0 ...) and IMU (imu0 ...)",
     re.compile(r"\w+_rejection_threshold"): "the filter takes every measurement, however far it is off",

@@ -17,7 +17,7 @@ from husky_highlevel_controller.estimation.filter_config import FilterConfig
 from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
 from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
 
-PATIENCE = 1.0  # [s] lag of a silent sensor after which the others continue without it
+PATIENCE = 1.0  # [s] lag of a silent sensor after which the other sensors continue without it
 MAX_PAUSE = 10.0  # [s] longest time without a reading that estimates bridge
 SAME_TIME = 1e-6  # [s] stamps closer than this are equal; a double of today's time has seven decimals
 

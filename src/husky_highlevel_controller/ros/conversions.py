@@ -258,7 +258,7 @@ def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
 # The Husky's plugin publishes this: roll and pitch follow from the accelerometer's noise, (0.005 / 9.8)^2.
 # The covariances of rates and accelerations are all 0, which means unknown (REP 145)
 IMU_ORIENTATION_COVARIANCE = tuple(np.diag([(0.005 / 9.8) ** 2] * 2 + [0.0]).ravel().tolist())
-NO_ORIENTATION = (-1.0, *[0.0] * 8)  # REP 145: not measured
+NO_ORIENTATION = (-1.0, *[0.0] * 8)  # the attitude is not measured (REP 145)
 
 
 def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
@@ -289,7 +289,8 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     """A sample of any IMU; without an orientation it is taken to be level."""
     q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
     length = hypot(q.x, q.y, q.z, q.w)
-    level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
+    # REP 145 asks for -1; zeros and NaN also mean that there is no attitude
+    level = msg.orientation_covariance[0] == -1.0 or not length > 0.5
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
 

@@ -28,7 +28,7 @@ def lookup_transform(
     """
     try:
         stamped = transforms.lookup_transform_core(parent, child.lstrip("/"), stamp or rospy.Time())
-    except (tf2_ros.TransformException, ValueError):  # ValueError: an empty name, or one with a NUL
+    except (tf2_ros.TransformException, ValueError):  # a ValueError means an empty name, or a name with a NUL
         return None
     return stamped if is_pose(stamped.transform) else None
 

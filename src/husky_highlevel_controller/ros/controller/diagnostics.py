@@ -30,7 +30,7 @@ class Health:
 
     paused: bool  # does simulated time stand still?
     scan_silence: Optional[float]  # [s] time since the last scan came; None before the first
-    scan_age: float  # [s] age of the last scan when it came, by its stamp
+    scan_age: float  # [s] age of the last scan, by its stamp, when the scan came
     scan_stamp: float  # [s] stamp of the last scan
     scan_rate: Optional[float]  # [Hz] rate by the stamps of the last scans; None for fewer than two
     scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
@@ -123,7 +123,8 @@ class Diagnostics:
         elif not has_changed:  # a change calls this early
             self._still_polls += 1
         self._now = now
-        is_early = 0.0 <= now - self._published_at < PERIOD  # less: the simulator was started again
+        # time goes back if the simulator was started again
+        is_early = 0.0 <= now - self._published_at < PERIOD
         pauses, resumes = self._still_polls == STILL_POLLS, was_still and self._still_polls == 0
         if not (self._new_subscribers.take() or has_changed or pauses or resumes) and is_early:
             return

@@ -276,7 +276,8 @@ class ControllerNode:
         self._reason = output.reason
         if changed:
             self._log_change(observation, before, output, control)
-        if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:  # < 0: the simulator started again
+        # the difference is negative after a restart of the simulator
+        if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
             self._range_logged_at = scan.stamp
             rospy.loginfo(
                 f"{_smallest_range(scan)}; {state.value}{_to_go(output)}, "

@@ -33,7 +33,8 @@ class ScanAbsence:
         """
         if scan_time is not None and 0.0 <= now - scan_time < PATIENCE:
             self._asked_at, self._sentence = None, ""
-        elif self._asked_at is None or now < self._asked_at:  # less: the simulator was started again
+        # time goes back if the simulator was started again
+        elif self._asked_at is None or now < self._asked_at:
             self._asked_at = now or None
         elif now - self._asked_at >= PATIENCE:
             graph = read_graph(rosgraph.get_master_uri())

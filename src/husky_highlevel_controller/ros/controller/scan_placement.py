@@ -81,7 +81,8 @@ class ScanPlacement:
         self._pending: Optional[_PendingScan] = None
         self._next: Optional[_PendingScan] = None
         self._started = False  # true after the first observation
-        self._overdue_after: Optional[rospy.Time] = None  # the latest transform when a wait ended without one
+        # stamp of the latest transform when a wait was overdue
+        self._overdue_after: Optional[rospy.Time] = None
         self._clocks = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
         self._mount: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone

@@ -32,7 +32,8 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
-QUEUE = 1000  # messages, at least: a bag that is played fast comes in bursts, and each message counts
+# least number of messages, because a bag that is played fast comes in bursts, and each message counts
+QUEUE = 1000
 MAX_AHEAD = 60.0  # [s] lead of a stamp over the clock, which may lag behind a bag that is played fast
 # [s] wall time without a message at the start, and later, when a busy machine may delay a thread
 ABSENCE, SILENCE = 1.0, 3.0

@@ -33,7 +33,7 @@ class CrashStopNode:
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
-        # queued, because every message counts: velocities are sums
+        # queued, because a lost message would falsify the sums
         self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, QUEUE)
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
 

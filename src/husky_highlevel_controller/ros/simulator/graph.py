@@ -73,7 +73,7 @@ def _launches() -> Iterator[Set[str]]:
     """Names of the nodes that each roslaunch on this master has started, and that have not ended."""
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         processes = ask(uri, "list_processes")  # names and counts; None if the roslaunch has ended
-        # "NODE-COUNT" of each process that lives, and how often it was started
+        # for each living process: "NODE-COUNT", and the number of its starts
         yield {name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0]}
 
 

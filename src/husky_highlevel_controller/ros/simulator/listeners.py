@@ -28,7 +28,7 @@ SIZE = 512  # [bytes] length that is read of each file, which includes the state
 MAX_THREADS = 200  # largest number of threads whose files stay open, because opening takes most of a look
 RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
 
-Ports = Tuple[int, int]  # ports of a connection: the subscriber's, this process's
+Ports = Tuple[int, int]  # ports of a connection: port of the subscriber, port of this process
 Turns = Dict[str, bytes]  # content of SCHEDULE by thread
 
 

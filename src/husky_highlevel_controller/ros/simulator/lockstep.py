@@ -21,7 +21,7 @@ PARTNER_TIMEOUT = 60.0  # wait for a controller to connect
 ANSWER_TIMEOUT = 5.0  # wait for a command that answers a scan
 RESEND_TIMEOUT = 1.0  # wait for the first command before the scan is published again
 SLEEP_TIMEOUT = 0.3  # wait for the answer of a controller that does nothing meanwhile
-WATCH_TIMEOUT = 1.0  # wait until processes that have answered sleep; some, such as RViz, never do
+WATCH_TIMEOUT = 1.0  # wait until all listeners sleep; some of them, such as RViz, never sleep
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
 PARTNERS_POLL_PERIOD = 0.02  # shorter periods would take CPU time from the nodes that start
 

@@ -154,7 +154,7 @@ class SimulatorNode:
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
-                publishers.publish_clock(simulation.stamp)  # nodes that start during the pause need it
+                publishers.publish_clock(simulation.stamp)  # nodes that start during the pause need the time
                 if simulation.stamp == begin and not self._start.lockstep:  # lockstep scans need answers
                     publishers.send_kept_scan()
                 self._pacer.restart(simulation.stamp, time.monotonic())

@@ -29,7 +29,7 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
 STATE_PUBLISHER = "robot_state_publisher"
-QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
+QUEUE = 200  # messages kept for a busy subscriber; a subscriber that hangs must not stop the simulation
 
 
 class Publishers:
@@ -49,7 +49,8 @@ class Publishers:
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._tick = gcd(self.state_steps, scan_steps) / config.physics_rate  # [s] longest step of /clock
         self._wheels = robot.wheels
-        self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}  # all on /tf
+        # all frames on /tf
+        self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
         self.tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
         self.truth_log = TruthLog()
@@ -150,7 +151,7 @@ class Publishers:
         Call it in the thread that publishes: rospy has one buffer for all messages of a publisher.
         """
         publisher = self.transforms.impl
-        connections = publisher.connections  # rospy makes another list when one comes or goes
+        connections = publisher.connections  # rospy makes a new list when a connection comes or goes
         if connections is self._transform_connections or self._last is None:
             return
         self._transform_connections = connections

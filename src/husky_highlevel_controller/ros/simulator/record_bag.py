@@ -36,7 +36,7 @@ MAX_SEED = 2**31 - 1  # limit of the simulator's seed
 STANDING = 3.0  # [s] time of standing before and after the drive
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
-IMU_RATE, POINTS_RATE = 50, 1  # [Hz]; a cloud is as large as all else of ten seconds
+IMU_RATE, POINTS_RATE = 50, 1  # [Hz] low, because one cloud is as large as all other messages of ten seconds
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
 POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # topics of both courses' bags
@@ -130,7 +130,8 @@ def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]])
                 "md5sum": msg._md5sum,
                 "message_definition": msg._full_text,
                 "callerid": "/husky_simulator",
-                "latching": str(int(topic == "/tf_static")),  # rosbag play keeps it for late subscribers
+                # rosbag play keeps a latched message for late subscribers
+                "latching": str(int(topic == "/tf_static")),
             }
             stamp = conversions.time_to_msg(snapshot.stamp)
             (truth if topic == TRUTH_TOPIC else sensors).write(topic, msg, stamp, connection_header=header)

@@ -17,7 +17,8 @@ import rospy
 
 from husky_highlevel_controller.datatypes import Snapshot
 
-VARIABLE = "HUSKY_TRUTH_SOCKET"  # environment: path of the socket; without it nothing is written
+# environment variable with the path of the socket; if it is not set, nothing is written
+VARIABLE = "HUSKY_TRUTH_SOCKET"
 SEND_TIMEOUT = 5.0  # [s] wall time; a reader that is slower is given up
 POLL_PERIOD = 0.02  # [s] wall time between two looks while the reader does not let time begin
 

@@ -34,7 +34,8 @@ from husky_highlevel_controller.simulator.spawn_request import ObjectError, chec
 PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
 TIPPED = 0.1  # [rad] a body that tips more is drawn again
 NOTICED = 0.001  # [m] a body that moved less is not sent again
-TURN_RADIUS = 2.0  # [m] largest distance at which a turn of odom shows; beyond, the lidar's noise hides it
+# [m] largest distance at which a turn of odom is visible; farther away the lidar's noise hides it
+TURN_RADIUS = 2.0
 BOX_SIZE = (0.4, 0.4, 0.8)  # [m]; the lidar looks 0.44 m above the ground
 BOX_MASS = 5.0  # [kg]
 BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
@@ -42,8 +43,9 @@ BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 
 class _Shown(NamedTuple):
     body: Body
-    up: Vector3  # vertical in the body's frame when it was drawn; it is dragged across it
-    pose_in_world: Optional[Pose]  # pose at which it was sent; None if it must be sent again
+    # vertical in the body's frame when the marker was made; the marker is dragged across this axis
+    up: Vector3
+    pose_in_world: Optional[Pose]  # pose of the marker as sent; None if it must be sent again
 
 
 class _Server(InteractiveMarkerServer):

@@ -101,7 +101,8 @@ ABSENT_SERVICES = {
     "set_physics_properties": "launch with real_time_factor:=...",
 }
 ELSEWHERE = "see docs/gazebo_launch_files.md"
-KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
+# (node, True) -> types of the topics that the node publishes; False for topics that it subscribes to
+KindsOf = Callable[[str, bool], Kinds]
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
 
