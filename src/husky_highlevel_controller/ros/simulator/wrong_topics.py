@@ -144,16 +144,10 @@ def unread_parameters(master_uri: str) -> List[UnreadParameter]:
 
 def absent_topics(graph: Graph) -> List[AbsentTopic]:
     """Return the nodes that use a topic of Gazebo which no other side has."""
-    sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     return [
         AbsentTopic(node, topic, publishes)
-        for publishes, own, others in sides
-        for topic in sorted(own)
-        if topic.rpartition("/")[0].endswith("/gazebo")
-        and topic.rpartition("/")[2] in ABSENT
-        and not others.get(topic)
-        for node in sorted(own[topic])
-        if not TOOLS.match(node)
+        for node, topic, publishes, _ in _one_sided(graph)
+        if topic.rpartition("/")[0].endswith("/gazebo") and topic.rpartition("/")[2] in ABSENT
     ]
 
 
@@ -175,16 +169,23 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
     Such a topic has no other side, but a topic of the same type and almost the same name has one. Namespaces
     of other robots and the topics of TOOLS are not mistakes.
     """
-    sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     return [
         WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
-        for publishes, own, others in sides
-        for topic in sorted(own)
-        if not others.get(topic) and graph.types.get(topic, "*") != "*"
-        for node in sorted(own[topic])
-        if not TOOLS.match(node)
+        for node, topic, publishes, others in _one_sided(graph)
+        if graph.types.get(topic, "*") != "*"
         for suggestion in _suggestions(topic, node, others, graph.types)
     ]
+
+
+def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
+    """Yield nodes with a topic that no other side has: node, topic, whether it publishes, the other side."""
+    sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
+    for publishes, own, others in sides:
+        for topic in sorted(own):
+            if not others.get(topic):
+                for node in sorted(own[topic]):
+                    if not TOOLS.match(node):
+                        yield node, topic, publishes, others
 
 
 def mistake_sentence(finding: Mistake) -> str:
