@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import List, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Set
 
 import numpy as np
 
@@ -98,6 +98,13 @@ class PillarWatch(Watch):
         return self._end.reason(state.abandoned)
 
 
+class Explanation(NamedTuple):
+    """Probable mistake behind a loss of points."""
+
+    ending: str  # words that end the sentence of the evidence; empty if there are none
+    hint: str
+
+
 def judge_approach(recording: Recording) -> Item:
     """Grade whether the robot drives towards the pillar: 20 points.
 
@@ -108,66 +115,71 @@ def judge_approach(recording: Recording) -> Item:
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
         return with_cause(item, "the robot never moves", first_cause(recording))
-    way = max(gaps[0], 1e-6)
+    first_gap = max(gaps[0], 1e-6)
     nearest = int(np.argmin(gaps))
-    nearer, distance = way - gaps[nearest], f"of the {way:.2f} m to the pillar"
-    if nearer >= HALF_WAY * way:
-        half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
-        evidence = f"covers half {distance} in {half:.2f} s"
-        if gaps[nearest] > max(PAST * way, MIN_PAST) and gaps[-1] > gaps[nearest] + MIN_PAST:
-            why, hint = _steering(recording)
-            evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{why}"
+    covered = first_gap - gaps[nearest]
+    if covered >= HALF_WAY * first_gap:
+        half_time = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * first_gap)])
+        evidence = f"covers half of the {first_gap:.2f} m to the pillar in {half_time:.2f} s"
+        passes_afar = gaps[nearest] > max(PAST * first_gap, MIN_PAST)
+        if passes_afar and gaps[-1] > gaps[nearest] + MIN_PAST:
+            ending, hint = _explain_steering(recording)
+            evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
-        return replace(item, points=20.0, evidence=evidence, at=half)
+        return replace(item, points=20.0, evidence=evidence, at=half_time)
     at, end, points = float(times[nearest]), float(times[-1]), 0.0
-    turns = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum()) / (2.0 * np.pi)
-    if nearer >= FIRST_STEPS * way:
-        evidence, points = f"covers {nearer:.2f} m {distance}, less than half, by {at:.2f} s", 10.0
-    elif gaps[-1] > way + 0.5:
-        evidence = f"drives away: {gaps[-1] - way:.2f} m farther from the pillar after {end:.2f} s"
+    yaws = np.unwrap(recording.poses[:, 2])
+    full_turns = float(np.abs(np.diff(yaws)).sum()) / (2.0 * np.pi)
+    if covered >= FIRST_STEPS * first_gap:
+        points = 10.0
+        evidence = (
+            f"covers {covered:.2f} m of the {first_gap:.2f} m to the pillar, less than half, by {at:.2f} s"
+        )
+    elif gaps[-1] > first_gap + 0.5:
+        evidence = f"drives away: {gaps[-1] - first_gap:.2f} m farther from the pillar after {end:.2f} s"
         at = end
-    elif turns > 1.0:
-        evidence = f"turns round {turns:.1f} times in {end:.2f} s and comes no nearer"
+    elif full_turns > 1.0:
+        evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
-        evidence = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
+        evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
     cause = cause_of_stop(recording)
-    why, hint = (behind(cause), hint_on(cause)) if cause else _steering(recording)
-    if not cause and _stands_since(recording) is not None and recording.driving.any():
-        why, hint = "", STOPS
-    return replace(item, points=points, evidence=evidence + why, at=at, hint=hint)
+    if cause:
+        ending, hint = behind(cause), hint_on(cause)
+    elif _stands_since(recording) is not None and recording.driving.any():
+        ending, hint = "", STOPS
+    else:
+        ending, hint = _explain_steering(recording)
+    return replace(item, points=points, evidence=evidence + ending, at=at, hint=hint)
 
 
-def _steering(recording: Recording) -> Tuple[str, str]:
-    """Return how a robot misses the pillar, as the end of a sentence, and the hint against it.
+def _explain_steering(recording: Recording) -> Explanation:
+    """Return the probable mistake of a robot that moves, but misses the pillar.
 
-    The tests compare the signs of the turns with the side on which the pillar is.
+    The signs of the turns are compared with the side on which the pillar is.
     """
     if is_nothing(recording.fastest):
-        return "; linear.x is 0 in all commands", NO_SPEED
+        return Explanation("; linear.x is 0 in all commands", NO_SPEED)
     speeds, turns = recording.speeds[recording.moving].T
     if float(np.median(speeds)) < -STANDS:
-        return "; it drives backwards", BACKWARDS
-    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
-    sines = np.sin(np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
-    aside = np.abs(sines) > ASIDE
+        return Explanation("; it drives backwards", BACKWARDS)
     if is_nothing(recording.sharpest):
-        return "; it never turns: angular.z is 0 in all commands", NO_TURN
-    right = np.sign(sines[aside]) == np.sign(turns[aside])
-    share = float(np.mean(right)) if len(right) else 0.0
-    if share > MOSTLY:
-        speed = float(np.median(np.abs(speeds[aside])))
-        return "", (
-            f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
-            "while the angle is large"
-        )
-    turning = turns[np.abs(turns) > TURNS_ON]
-    if (
-        len(turning)
-        and max(np.mean(turning > 0.0), np.mean(turning < 0.0)) >= ONE_WAY
-        and share > 1.0 - MOSTLY
-    ):
-        return f"; it turns {'left' if turning[0] > 0.0 else 'right'} all the time", SWERVES
-    return "", TURNS if share <= 1.0 - MOSTLY else SWERVES
+        return Explanation("; it never turns: angular.z is 0 in all commands", NO_TURN)
+    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
+    bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
+    is_aside = np.abs(np.sin(bearings)) > ASIDE
+    turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
+    right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
+    if right_fraction > MOSTLY:
+        speed = float(np.median(np.abs(speeds[is_aside])))
+        hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
+        return Explanation("", hint + "while the angle is large")
+    if right_fraction <= 1.0 - MOSTLY:
+        return Explanation("", TURNS)
+    large_turns = turns[np.abs(turns) > TURNS_ON]
+    if len(large_turns) and max(np.mean(large_turns > 0.0), np.mean(large_turns < 0.0)) >= ONE_WAY:
+        side = "left" if large_turns[0] > 0.0 else "right"
+        return Explanation(f"; it turns {side} all the time", SWERVES)
+    return Explanation("", SWERVES)
 
 
 def judge_arrival(
@@ -184,48 +196,73 @@ def judge_arrival(
         approach: item of `judge_approach` for this run. If it lost points, its hint is used here, too.
     """
     item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
-    gaps, times = recording.hull_gaps, recording.times
-    if not len(times):
+    if not len(recording.times):
         return with_cause(item, NO_RUN, first_cause(recording))
+    if recording.hull_gaps.min() > rules.reached:
+        return _judge_miss(item, recording, rules, approach)
+    touch_time = first_touch(recording)
+    if touch_time < np.inf:
+        return _judge_touch(item, recording, rules, touch_time)
+    return _judge_stop(item, recording, rules)
+
+
+def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Optional[Item]) -> Item:
+    """Return the item of a robot that never comes near enough: no points, or graded by hand.
+
+    The arguments are those of `judge_arrival`, and its item without evidence.
+    """
+    gaps = recording.hull_gaps
     nearest = int(np.argmin(gaps))
-    if gaps[nearest] > rules.reached:
-        at = float(times[nearest])
-        if _runs_out_of_time(recording):
-            why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
-            return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
-        evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
-        evidence += f", at most {rules.reached:g} m is needed"
-        if not recording.driving[nearest + 1 :].any() and recording.driving.any():
-            evidence = f"stops short: {evidence}"
-        if not recording.moving.any():
-            return replace(item, evidence=evidence, at=at, hint=hint_on(first_cause(recording)))
-        if approach is not None and not approach.full:
-            return replace(item, evidence=evidence, at=at, hint=approach.hint)
-        cause = cause_of_stop(recording)
-        why, hint = (behind(cause), hint_on(cause)) if cause else ("", STOPS)
-        if not cause and gaps[-1] > gaps[nearest] + NEARLY:
-            why, hint = _steering(recording)
-        return replace(item, evidence=evidence + why, at=at, hint=hint)
-    reached = float(times[np.argmax(gaps <= rules.reached)])
-    at = first_touch(recording)
-    if at < np.inf:
-        # the speed just before, because the touch itself slows the robot down
-        before = recording.speeds[(times >= at - 0.2) & (times <= at), 0]
-        speed = float(np.abs(before).max())
-        if rules.rams(speed):
-            evidence = f"rams the pillar at {speed:.2f} m/s; up to {rules.gentle:g} m/s costs no points"
-            points = max(30.0 - rules.ramming_costs, 0.0)
-            return replace(item, points=points, evidence=evidence, at=at, hint=SLOWS)
-        return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=at)
-    stood = _stands_since(recording)
-    if stood is not None and gaps[-1] <= rules.reached:
-        evidence = f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s"
-        return replace(item, points=30.0, evidence=evidence, at=stood)
-    evidence = f", but stands {gaps[-1]:.2f} m away in the end"
-    if stood is None:
-        evidence = f" at {float(times[nearest]):.2f} s, but does not stop there"
-    evidence = f"comes within {gaps[nearest]:.2f} m{evidence}"
-    return replace(item, points=20.0, evidence=evidence, at=reached, hint=SLOWS)
+    at = float(recording.times[nearest])
+    if _runs_out_of_time(recording):
+        why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
+        return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
+    evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
+    evidence += f", at most {rules.reached:g} m is needed"
+    if recording.driving.any() and not recording.driving[nearest + 1 :].any():
+        evidence = f"stops short: {evidence}"
+    cause = cause_of_stop(recording)
+    if not recording.moving.any():
+        ending, hint = "", hint_on(first_cause(recording))
+    elif approach is not None and not approach.full:
+        ending, hint = "", approach.hint
+    elif cause:
+        ending, hint = behind(cause), hint_on(cause)
+    elif gaps[-1] > gaps[nearest] + NEARLY:
+        ending, hint = _explain_steering(recording)
+    else:
+        ending, hint = "", STOPS
+    return replace(item, evidence=evidence + ending, at=at, hint=hint)
+
+
+def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: float) -> Item:
+    """Return the item of a robot that touches the pillar at a time [s]: all points, unless it rams it."""
+    times = recording.times
+    # the speed just before, because the touch itself slows the robot down
+    just_before = (times >= touch_time - 0.2) & (times <= touch_time)
+    speed = float(np.abs(recording.speeds[just_before, 0]).max())
+    if rules.rams(speed):
+        evidence = f"rams the pillar at {speed:.2f} m/s; up to {rules.gentle:g} m/s costs no points"
+        points = max(30.0 - rules.ramming_costs, 0.0)
+        return replace(item, points=points, evidence=evidence, at=touch_time, hint=SLOWS)
+    return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=touch_time)
+
+
+def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
+    """Return the item of a robot that comes near enough without a touch: 30 points if it stays, or 20."""
+    gaps, times = recording.hull_gaps, recording.times
+    stood_since = _stands_since(recording)
+    if stood_since is not None and gaps[-1] <= rules.reached:
+        evidence = f"stands {gaps[-1]:.2f} m from it since {stood_since:.2f} s"
+        return replace(item, points=30.0, evidence=evidence, at=stood_since)
+    nearest = int(np.argmin(gaps))
+    evidence = f"comes within {gaps[nearest]:.2f} m"
+    if stood_since is None:
+        evidence += f" at {float(times[nearest]):.2f} s, but does not stop there"
+    else:
+        evidence += f", but stands {gaps[-1]:.2f} m away in the end"
+    reached_at = float(times[np.argmax(gaps <= rules.reached)])
+    return replace(item, points=20.0, evidence=evidence, at=reached_at, hint=SLOWS)
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
@@ -257,19 +294,22 @@ def first_touch(recording: Recording) -> float:
 def _runs_out_of_time(recording: Recording) -> bool:
     """Return whether the deadline ends a run that would reach the pillar in as much time again."""
     gaps, times = recording.hull_gaps, recording.times
-    if times[-1] < recording.deadline - PERIOD or gaps[-1] > gaps.min() + NEARLY:
+    is_ended_early = times[-1] < recording.deadline - PERIOD
+    drives_away = gaps[-1] > gaps.min() + NEARLY
+    if is_ended_early or drives_away:
         return False
     before = int(np.searchsorted(times, times[-1] - LATELY))
-    return bool((gaps[before] - gaps[-1]) / (times[-1] - times[before]) * recording.deadline > gaps[-1])
+    approach_speed = (gaps[before] - gaps[-1]) / (times[-1] - times[before])  # [m/s]
+    return bool(approach_speed * recording.deadline > gaps[-1])
 
 
 def _stands_since(recording: Recording) -> Optional[float]:
     """Return the time since which the robot stands until the end [s]; None if it does not."""
-    moving = np.flatnonzero(recording.driving)
-    row = moving[-1] + 1 if len(moving) else 0
-    if row >= len(recording.times) or recording.times[-1] - recording.times[row] < STOPPED:
+    driving_rows = np.flatnonzero(recording.driving)
+    times_at_rest = recording.times[driving_rows[-1] + 1 :] if len(driving_rows) else recording.times
+    if not len(times_at_rest) or times_at_rest[-1] - times_at_rest[0] < STOPPED:
         return None
-    return float(recording.times[row])
+    return float(times_at_rest[0])
 
 
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
@@ -309,37 +349,44 @@ def judge_shown(
     `places` are the items of judge_place, one for each run.
     """
     item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
-    drives = [recording for recording, place in zip(recordings, places) if place.points]
-    markers = [marker for drive in drives for marker in drive.markers if not marker.problem]
+    good_runs = [recording for recording, place in zip(recordings, places) if place.points]
+    markers = [marker for run in good_runs for marker in run.markers if not marker.problem]
     topics = {marker.topic for marker in markers}
     if not topics:
         hint = places[0].hint if places else CHECK
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
-    drawn = {each.topic for each in markers if (each.topic, each.namespace) not in view.hidden}
-    shown_topics = sorted(drawn & set(view.topics))
-    if not shown_topics and topics & set(view.topics):
+    visible_topics = {
+        marker.topic for marker in markers if (marker.topic, marker.namespace) not in view.hidden
+    }
+    shown_topics = sorted(visible_topics & set(view.topics))
+    if shown_topics:
+        return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
+    if topics & set(view.topics):
         evidence = (
             f"the namespace of the marker is switched off in the display of {', '.join(sorted(topics))}"
         )
         return replace(item, evidence=evidence, hint=f"switch it on, {SAVED}")
-    if not shown_topics:
-        evidence = f"RViz does not subscribe to {', '.join(sorted(topics))}"
-        is_off = topics & {display.source for display in view.off if display.kind in MARKERS}
-        others = [display.source for display in view.displays if display.kind in MARKERS]
-        hint = f"add a display Marker of this topic, {SAVED}"
-        if view.problem:
-            evidence += f": {view.problem}"
-            hint = hint_on_view(view)
-        if is_off:
-            evidence += f": the display of {', '.join(sorted(is_off))} is switched off"
-        if is_off and not view.problem:
-            hint = f"tick the display Marker, {SAVED}"
-        elif others and not view.problem:
-            hint = f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}"
-        return replace(item, evidence=evidence, hint=hint)
-    return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
+    evidence, hint = _explain_no_display(view, topics)
+    return replace(item, evidence=evidence, hint=hint)
+
+
+def _explain_no_display(view: RvizView, topics: Set[str]) -> Explanation:
+    """Return why no display of RViz subscribes to one of the markers' topics, as a sentence, and the hint."""
+    ending = f"RViz does not subscribe to {', '.join(sorted(topics))}"
+    switched_off = topics & {display.source for display in view.off if display.kind in MARKERS}
+    if view.problem:
+        ending += f": {view.problem}"
+    if switched_off:
+        ending += f": the display of {', '.join(sorted(switched_off))} is switched off"
+    if view.problem:
+        return Explanation(ending, hint_on_view(view))
+    if switched_off:
+        return Explanation(ending, f"tick the display Marker, {SAVED}")
+    if any(display.kind in MARKERS for display in view.displays):
+        return Explanation(ending, f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}")
+    return Explanation(ending, f"add a display Marker of this topic, {SAVED}")
 
 
 def judge_exercise_3(

@@ -64,7 +64,7 @@ class LaunchFile:
     @property
     def able_nodes(self) -> Tuple[str, ...]:
         """Return its nodes of able packages."""
-        return tuple(node for node in self.nodes if node.partition("/")[0] in self.able)
+        return tuple(node for node in self.nodes if _package_of(node) in self.able)
 
 
 def read_launch_files(
@@ -101,30 +101,38 @@ def read_launch_files(
                 f"marking.yaml names the launch file {override.launch!r}, which fits {len(files)} files; "
                 "give the path of one file"
             )
-    texts = {
+    motion_texts = {
         name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
         for name, folder in folders.items()
     }
-    scanning = {name for name, found in texts.items() if any(map(SCAN.search, found))}
+    scanning = {name for name, texts in motion_texts.items() if any(map(SCAN.search, texts))}
     own = {package.name: package for package in packages if package.name in folders}
-    able = frozenset(name for name in own if any(texts[each] for each in with_dependencies({name}, own)))
-    inside = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
+    able = frozenset(
+        name for name in own if any(motion_texts[each] for each in with_dependencies({name}, own))
+    )
+    # name of the package that holds each file; empty if the file is in none of them
+    holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
     launchables = [
-        Launchable("launch", name or next(iter(folders)), str(path), override.arguments)
-        for name, (path, _) in zip(inside, files)
+        Launchable("launch", holder or next(iter(folders)), str(path), override.arguments)
+        for holder, (path, _) in zip(holders, files)
     ]
     launch_files = []
-    counted = {*parts.by_submission, *parts.by_marking} or set(folders)
+    counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
-    for (path, place), name, plan in zip(files, inside, planned):
-        nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
-        nodes = tuple(node for node in nodes if node.partition("/")[0] in counted)
-        owners = [name, *(node.partition("/")[0] for node in nodes), *folders]
-        package = next(owner for owner in owners if owner in folders)
-        scans = bool({node.partition("/")[0] for node in nodes} & scanning)
-        is_template = bool(name) and _is_template(path, folders[name], name)
-        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans, able, is_template))
+    for (path, place), holder, plan in zip(files, holders, planned):
+        all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
+        nodes = tuple(node for node in all_nodes if _package_of(node) in counted_packages)
+        possible_owners = [holder, *map(_package_of, nodes), *folders]
+        owner = next(name for name in possible_owners if name in folders)
+        scans = not scanning.isdisjoint(map(_package_of, nodes))
+        is_template = bool(holder) and _is_template(path, folders[holder], holder)
+        launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, able, is_template))
     return launch_files
+
+
+def _package_of(node: str) -> str:
+    """Return the package of a node, package/type."""
+    return node.partition("/")[0]
 
 
 def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts) -> List[LaunchFile]:
@@ -139,9 +147,15 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         fitting = [file for file in fitting if file.able_nodes]
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
-        what = f"a node of {', '.join(sorted(able))}" if able else facts.node
-        off = [f"{n} is commented out in {each.place}; " for each in files for n in nodes_in(each.path, True)]
-        raise NotMarkableError(f"no launch file starts {what}; {''.join(off[:3])}launch files: {names}")
+        needed_node = f"a node of {', '.join(sorted(able))}" if able else facts.node
+        comments = [
+            f"{node} is commented out in {file.place}; "
+            for file in files
+            for node in nodes_in(file.path, in_comments=True)
+        ]
+        raise NotMarkableError(
+            f"no launch file starts {needed_node}; {''.join(comments[:3])}launch files: {names}"
+        )
 
     def rank(file: LaunchFile) -> Tuple[Any, ...]:
         """Return the key of a file, smaller is better; then the shorter path counts, then the name."""
@@ -195,11 +209,18 @@ def _launch_files(
     """Yield launch files in the copies of packages, and copies of launch files in the folders above them.
 
     Each file comes with its path in the submission.
+
+    Args:
+        contents: all packages of the submission.
+        packages: packages that were copied.
+        folders: folders of the copies, by the packages' names.
+        root: workspace that gets the copies of launch files that are in no package.
     """
     for package in packages:
-        for path in walk(folders[package.name]):
+        copy_folder = folders[package.name]
+        for path in walk(copy_folder):
             if file_suffix(path) == ".launch":
-                yield path, package.place / path.relative_to(folders[package.name]).as_posix()
+                yield path, package.place / path.relative_to(copy_folder).as_posix()
         for top, place in contents.places.items():
             for folder in package.path.parents:
                 if folder != top and top not in folder.parents:
@@ -207,28 +228,28 @@ def _launch_files(
                 for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
                     launch_place = place / path.relative_to(top).as_posix()
                     target = root / "src" / BESIDE / launch_place
-                    inside = any(each.path in path.parents for each in contents.packages)
-                    is_new = not inside and not target.exists() and is_below(path, top)
-                    if is_new and file_suffix(path) == ".launch":
+                    is_in_package = any(each.path in path.parents for each in contents.packages)
+                    is_new = not is_in_package and not target.exists()
+                    if is_new and is_below(path, top) and file_suffix(path) == ".launch":
                         with contextlib.suppress(UnreadableFileError):  # a link or FIFO is left out
                             target.parent.mkdir(parents=True, exist_ok=True)
                             copy(path, target)
                             yield target, launch_place
 
 
-def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[bool, ...]:
+def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     """Return criteria for a launch file, the most important one first; smaller is better."""
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
-    order = (content, -fits) if facts.by_content else (-fits, content)
-    other_use = bool(OTHER_USE.search(file.place.name))
+    fit_and_content = (content, -fits) if facts.by_content else (-fits, content)
+    has_other_use = bool(OTHER_USE.search(file.place.name))
     if facts.parts.by_submission:
-        other_use = not any(node.partition("/")[0] in facts.parts.by_submission for node in file.nodes)
+        has_other_use = not any(_package_of(node) in facts.parts.by_submission for node in file.nodes)
     return (
         file.is_template,
         fits == 0,
-        other_use,
-        *order,
+        has_other_use,
+        *fit_and_content,
         not CONTROLLER.search(file.place.name),
         not file.plan.rviz,
     )

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, Optional, Sequence, Tuple
 
-from husky_grading.hand_in.build import Folders, build, copy_packages, is_built
+from husky_grading.hand_in.build import Build, Folders, build, copy_packages, is_built
 from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.launch_choice import (
     LaunchFile,
@@ -63,8 +63,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
     """
     out = Path(job.out)
     names = FILES if job.launchable else (*FILES, *FOLDERS)  # otherwise a folder `ws` may be the teacher's
-    for earlier in [*(out / name for name in names), *out.glob("drive_*")]:
-        remove_tree(earlier)
+    for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
+        remove_tree(old_path)
     workspace = Workspace(
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
@@ -73,9 +73,9 @@ def prepare(job: Job, facts: Facts) -> Submission:
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
     else:
-        is_ours = job.launchable.package == NAME and not job.setups
-        workspace = replace(workspace, own=Own.ALL if is_ours else Own.NOTHING)
-        workspace = _ready_for(workspace, facts)
+        is_our_package = job.launchable.package == NAME and not job.setups
+        workspace = replace(workspace, own=Own.ALL if is_our_package else Own.NOTHING)
+        workspace = _with_stand_ins_for(facts, workspace)
         submission = Submission(job.launchable, workspace)
         planned = plan(job.launchable, workspace, out / "plan", facts.parts)
         _check_is_there(job.launchable, planned)
@@ -83,14 +83,15 @@ def prepare(job: Job, facts: Facts) -> Submission:
     if launch_file and not planned.is_read and planned.package_path:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
     rviz = find_setup(planned, submission.root, launch_file)
-    others = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
+    sentences = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
     if planned.package_path:
-        others += misspelt_dependencies(planned.package_path, submission.workspace)
+        sentences += misspelt_dependencies(planned.package_path, submission.workspace)
+    file_notes = [Note(Kind.HAND_IN, sentence) for sentence in sentences]
     submission = replace(
         submission,
         nodes=planned.nodes,
         problem=submission.problem or (() if planned.nodes else planned.notes),
-        notes=(*submission.notes, *(Note(Kind.HAND_IN, each) for each in others), *planned.notes),
+        notes=(*submission.notes, *file_notes, *planned.notes),
         rviz=rviz,
         robot=facts.robot(planned),
         sandbox=kind_of_sandbox(),
@@ -143,7 +144,7 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
             )
 
 
-def _ready_for(workspace: Workspace, facts: Facts) -> Workspace:
+def _with_stand_ins_for(facts: Facts, workspace: Workspace) -> Workspace:
     """Return a workspace with stand-ins of the robot's packages if the submission starts their nodes."""
     return with_stand_ins(workspace, facts.own) if facts.parts.by_submission else workspace
 
@@ -167,20 +168,21 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
         choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
         if choice not in choices:
             choices.append(choice)
-    problems: List[NotMarkableError] = []
-    unbuilt: List[Choice] = []
+    errors: List[NotMarkableError] = []
+    unbuilt_choices: List[Choice] = []
     for choice in choices:
         try:
             submission, planned = _prepare_choice(contents, choice, job, underlay, facts)
         except NotMarkableError as error:
-            problems.append(error)
+            errors.append(error)
         else:
             if not submission.problem or len(choices) == 1:
                 return submission, planned
-            unbuilt.append(choice)
-    if not unbuilt:
-        raise problems[0]
-    return _prepare_choice(contents, unbuilt[0], job, underlay, facts)
+            unbuilt_choices.append(choice)
+    if not unbuilt_choices:
+        raise errors[0]
+    # prepared again, because the later attempts have replaced its workspace
+    return _prepare_choice(contents, unbuilt_choices[0], job, underlay, facts)
 
 
 def _prepare_choice(
@@ -188,60 +190,53 @@ def _prepare_choice(
 ) -> Tuple[Submission, Plan]:
     """Copy chosen packages into a workspace, choose the launch file, build, and return submission and plan.
 
-    Only packages that the launch file needs are built. If none of its nodes is built, the next best launch
-    files are tried, MAX_TRIED in all. A submission that cannot be built has a `problem`.
+    A submission that cannot be built has a `problem`.
 
     Raises:
         NotMarkableError: there is no package or no fitting launch file.
     """
-    packages, aside = choice
+    packages, choice_notes = choice
     out, override, exercise = Path(job.out), job.override, job.override.exercise or 0
+    notes = [*contents.notes, *choice_notes]
     if not packages:
-        raise NotMarkableError("; ".join(["the submission has no catkin package", *contents.notes, *aside]))
-    notes = [*contents.notes, *aside]
-    by_name = {package.name: package for package in packages}
-    folders, repairs = copy_packages(packages, out / "ws")
-    known = copies_of_known(contents.packages)
-    copies, _ = copy_packages(known, out / "copies")
-    unbuilt = replace(
-        underlay, packages=(*underlay.packages, folders.root / "src", *copies.packages.values())
-    )
-    unbuilt = _ready_for(unbuilt, facts)
+        raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
+    folders, repair_notes = copy_packages(packages, out / "ws")
+    known_packages = copies_of_known(contents.packages)
+    known_folders, _ = copy_packages(known_packages, out / "copies")
+    known_paths = known_folders.packages.values()
     candidates: List[LaunchFile] = []
     if not override.node:
+        unbuilt = replace(underlay, packages=(*underlay.packages, folders.root / "src", *known_paths))
         files = read_launch_files(
-            contents, [*packages, *known], folders, copies, unbuilt, override, facts.parts
+            contents,
+            [*packages, *known_packages],
+            folders,
+            known_folders,
+            _with_stand_ins_for(facts, unbuilt),
+            override,
+            facts.parts,
         )
         try:
             candidates = files if override.launch else choose_launch_files(files, exercise, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
-    launch = candidates[0] if candidates else None
-    if launch and override.launch:
-        notes.append(f"launch file {launch.place}: named in marking.yaml")
-    notes += repairs
-    needed = set(launch.plan.uses if launch else ()) & set(by_name) or set(by_name)
-    built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-    for other in candidates[1:MAX_TRIED]:
-        if launch is None or _is_any_built(launch, folders):
-            break
-        needed |= set(other.plan.uses) & set(by_name)
-        rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        if _is_any_built(other, folders):
-            notes.append(f"launch file {launch.place} is not used: {', '.join(launch.nodes)} is not built")
-            launch, built = other, rebuilt
-    workspace = replace(built.workspace, packages=(*built.workspace.packages, *copies.packages.values()))
-    workspace = _ready_for(workspace, facts)
-    equals: List[str] = []
+    if candidates and override.launch:
+        notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
+    notes += repair_notes
+    launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
+    notes += build_notes
+    workspace = replace(built.workspace, packages=(*built.workspace.packages, *known_paths))
+    workspace = _with_stand_ins_for(facts, workspace)
+    equal_places: List[str] = []
     if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
-        equals = equal_launch_files(launch, candidates, exercise, facts)
-    if launch and equals:
-        lines = ", ".join(f"`launch: {place}`" for place in equals)
+        equal_places = equal_launch_files(launch, candidates, exercise, facts)
+    if launch and equal_places:
+        lines = ", ".join(f"`launch: {place}`" for place in equal_places)
         notes.append(
             f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
         )
-        equals.insert(0, str(launch.place))
+        equal_places.insert(0, str(launch.place))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration was found outside of the packages")
     if launch is None:
@@ -254,15 +249,40 @@ def _prepare_choice(
     if not planned.is_read:  # the launch file may need files of the build
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    node_is_built = is_built(f"{launchable.package}/{launchable.name}", folders)
-    is_any_built = _is_any_built(launch, folders) if launch else node_is_built
-    problem = () if is_any_built else tuple(note for note in built.notes if note.kind is Kind.BUILD)
-    all_notes = (*(Note(Kind.HAND_IN, each) for each in notes), *built.notes)
+    if launch:
+        can_start = _is_any_built(launch, folders)
+    else:
+        can_start = is_built(f"{launchable.package}/{launchable.name}", folders)
+    problem = () if can_start else tuple(note for note in built.notes if note.kind is Kind.BUILD)
+    all_notes = (*(Note(Kind.HAND_IN, text) for text in notes), *built.notes)
     submission = Submission(
-        launchable, workspace, folders.root, problem=problem, notes=all_notes, own=tuple(by_name),
-        equals=tuple(equals),
+        launchable, workspace, folders.root, problem=problem, notes=all_notes,
+        own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
+
+
+def _build_candidates(
+    candidates: Sequence[LaunchFile], packages: Sequence[Package], folders: Folders, underlay: Workspace
+) -> Tuple[Optional[LaunchFile], Build, List[str]]:
+    """Build the packages that the best launch file needs, and return the launch file, the build and notes.
+
+    If none of its nodes is built, the next best launch files are tried, MAX_TRIED in all. If all of them
+    fail, the best one is returned. Without candidates all packages are built, and the launch file is None.
+    """
+    by_name = {package.name: package for package in packages}
+    best = candidates[0] if candidates else None
+    needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
+    built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+    for other in candidates[1:MAX_TRIED]:
+        if best is None or _is_any_built(best, folders):
+            break
+        needed |= set(other.plan.uses) & set(by_name)
+        rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+        if _is_any_built(other, folders):
+            note = f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built"
+            return other, rebuilt, [note]
+    return best, built, []
 
 
 def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
@@ -280,9 +300,9 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
     added = False
     for folder, place in contents.places.items():
         for path in walk(folder, BUILT):
-            inside = any(other.path in path.parents for other in contents.packages)
+            is_in_package = any(other.path in path.parents for other in contents.packages)
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
-            if path.suffix == ".rviz" and fits and not inside:
+            if path.suffix == ".rviz" and fits and not is_in_package:
                 copy(path, package / path.name)  # follows no link that the build may have made
                 added = True
     return added

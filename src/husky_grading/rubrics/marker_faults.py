@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, cos, hypot, sin
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -57,6 +57,16 @@ class Seen(NamedTuple):
     bearing: float  # [rad] bearing of the pillar
     slack: float  # [m] tolerance of `is_near`
 
+    @property
+    def pillar_x(self) -> float:
+        """Return the pillar's coordinate ahead [m]."""
+        return self.distance * cos(self.bearing)
+
+    @property
+    def pillar_y(self) -> float:
+        """Return the pillar's coordinate to the left [m]."""
+        return self.distance * sin(self.bearing)
+
     def is_near(self, x: float, y: float) -> bool:
         """Return whether the marker is at a position [m]."""
         return hypot(self.x - x, self.y - y) <= self.slack
@@ -67,8 +77,7 @@ def find_fault(
 ) -> Optional[Kind]:
     """Return the kind of fault that most wrong markers have; None if unknown.
 
-    The tests run in a fixed order, and the first fault that fits counts. The direction of a marker is
-    tested only while the pillar is off the robot's axis, because a mirrored marker on the axis is right.
+    The tests run in a fixed order, and the first fault that fits counts.
 
     Args:
         recording: recording of the run.
@@ -85,38 +94,49 @@ def find_fault(
     if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
         is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
         return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
-    seen = off_axis(recording, wrong, rules)
-    if seen:
-        ahead = 0.0 if wrong[0].frame == "base_link" else mount.x
-        turned = wrong[0].frame != "odom"
-        tests = {
-            Kind.Y_IS_ZERO: lambda each: turned and abs(each.y) <= EXACT and each.x > 0.0,
-            Kind.WHOLE_METRES: lambda each: turned and max(map(_fraction, (each.x - ahead, each.y))) <= EXACT,
-            Kind.MIRRORED: lambda each: each.is_near(
-                each.distance * cos(each.bearing), -each.distance * sin(each.bearing)
-            ),
-            # in the frame of a lidar that is mounted upside down, both signs change
-            Kind.SWAPPED: lambda each: any(
-                each.is_near(
-                    sign * each.distance * sin(each.bearing), sign * each.distance * cos(each.bearing)
-                )
-                for sign in (1.0, -1.0)
-            ),
-            # a marker that is right most of the time has the nearest beam, but at a wrong moment
-            Kind.OTHER_BEAM: lambda each: (
-                share >= 0.5 and _is_on_another_beam(each, recording.pillar_size.radius)
-            ),
-        }
-        for kind, test in tests.items():
-            if _mostly([test(each) for each in seen]):
-                return kind
+    fault = _find_direction_fault(recording, wrong, share, rules)
+    if fault:
+        return fault
     if _mostly([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
-    height, slack = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
-    is_too_high = [
-        distance_to_pillar(recording, each) <= slack and height_score(each, height) < 1.0 for each in drawn
+    height, tolerance = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
+    has_wrong_height = [
+        distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
+        for each in drawn
     ]
-    return Kind.WRONG_HEIGHT if _mostly(is_too_high) else None
+    return Kind.WRONG_HEIGHT if _mostly(has_wrong_height) else None
+
+
+def _find_direction_fault(
+    recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
+) -> Optional[Kind]:
+    """Return the fault in the coordinates of most wrong markers off the axis; None if unknown.
+
+    The arguments are those of `find_fault`.
+    """
+    seen_markers = off_axis(recording, wrong, rules)
+    if not seen_markers:
+        return None
+    frame = wrong[0].frame
+    # in odom, the numbers that the submission sent are not the coordinates seen from the robot
+    turns_with_robot = frame != "odom"
+    origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
+    tests: Dict[Kind, Callable[[Seen], bool]] = {
+        Kind.Y_IS_ZERO: lambda seen: turns_with_robot and abs(seen.y) <= EXACT and seen.x > 0.0,
+        Kind.WHOLE_METRES: lambda seen: (
+            turns_with_robot and max(_fraction(seen.x - origin_x), _fraction(seen.y)) <= EXACT
+        ),
+        Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
+        # in the frame of a lidar that is mounted upside down, both signs change
+        Kind.SWAPPED: lambda seen: (
+            seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
+        ),
+        # a marker that is right most of the time has the nearest beam, but at a wrong moment
+        Kind.OTHER_BEAM: lambda seen: (
+            share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
+        ),
+    }
+    return next((kind for kind, test in tests.items() if _mostly(list(map(test, seen_markers)))), None)
 
 
 def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> List[Seen]:
@@ -124,22 +144,24 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
 
     On the axis a mirrored marker and a correct one are at the same position.
     """
-    seen = []
+    seen_markers = []
     for marker in wrong:
         if not marker.problem and is_off_axis(recording, marker.at, rules):
             at = marker.stamp or marker.at
             distance, bearing = pillar_from_robot(recording, at)
             slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
-            seen.append(Seen(*_from_robot(recording, marker.position, at), distance, bearing, slack))
-    return seen
+            x, y = _from_robot(recording, marker.position, at)
+            seen_markers.append(Seen(x, y, distance, bearing, slack))
+    return seen_markers
 
 
 def _is_on_another_beam(seen: Seen, radius: float) -> bool:
-    """Return whether a marker has the distance of a pillar of this radius [m], but not its angle."""
+    """Return whether a marker has the distance of a pillar of this radius [m], but not its bearing."""
     distance = hypot(seen.x, seen.y)
-    along = max(abs(distance - seen.distance) - radius, 0.0)
+    distance_error = max(abs(distance - seen.distance) - radius, 0.0)
+    # [m] distance of the marker from the line between the robot and the pillar
     across = abs(seen.y * cos(seen.bearing) - seen.x * sin(seen.bearing))
-    return along <= THERE and across > 2.0 * along
+    return distance_error <= THERE and across > 2.0 * distance_error
 
 
 def _mostly(tests: Sequence[bool]) -> bool:
@@ -149,13 +171,13 @@ def _mostly(tests: Sequence[bool]) -> bool:
 
 def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> bool:
     """Return whether a marker is on the lidar, `mount` [m] ahead of base_link, or at its frame's origin."""
+    start = recording.start  # origin of odom
+    from_start = hypot(marker.position[0] - start.x, marker.position[1] - start.y)
+    if marker.frame == "odom" and from_start <= THERE:
+        return True
     x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
-    start = recording.start
-    dx, dy = marker.position[0] - start.x, marker.position[1] - start.y
-    on_robot = (0.0, mount) if marker.frame == "base_link" else (mount,)
-    return min(hypot(x - ahead, y) for ahead in on_robot) <= THERE or (
-        marker.frame == "odom" and hypot(dx, dy) <= THERE
-    )
+    origins = (0.0, mount) if marker.frame == "base_link" else (mount,)  # [m] ahead of base_link
+    return min(hypot(x - ahead, y) for ahead in origins) <= THERE
 
 
 def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
@@ -171,8 +193,8 @@ def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: fl
     at = marker.stamp or marker.at
     distance, bearing = pillar_from_robot(recording, at)
     x, y = _from_robot(recording, marker.position, at)
-    off = hypot(x + mount - distance * cos(bearing), y - distance * sin(bearing))
-    return off <= rules.marker_full + slack_of(recording, distance, rules)
+    error = hypot(x + mount - distance * cos(bearing), y - distance * sin(bearing))
+    return error <= rules.marker_full + slack_of(recording, distance, rules)
 
 
 def _from_robot(recording: Recording, position: Sequence[float], at: float) -> Tuple[float, float]:
@@ -184,14 +206,16 @@ def _from_robot(recording: Recording, position: Sequence[float], at: float) -> T
 
 
 def _fraction(coordinate: float) -> float:
+    """Return the distance of a coordinate from the nearest whole metre [m]."""
     return abs(coordinate - round(coordinate))
 
 
 def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
     """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0."""
     distance, bearing = pillar_from_robot(recording, at)
-    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] error that scores 0, without slack
-    return 2.0 * distance * abs(sin(bearing)) > nothing + slack_of(recording, distance, rules)
+    mirror_error = 2.0 * distance * abs(sin(bearing))  # [m] distance of a mirrored marker from the pillar
+    zero_score_error = 2.0 * rules.marker_half - rules.marker_full  # [m] error that scores 0, without slack
+    return mirror_error > zero_score_error + slack_of(recording, distance, rules)
 
 
 def slack_of(recording: Recording, distance: float, rules: Rules) -> float:
@@ -203,7 +227,10 @@ def slack_of(recording: Recording, distance: float, rules: Rules) -> float:
 
 
 def height_score(marker: MarkerSample, height: float) -> float:
-    """Return 1 for a marker at the pillar's height, and less for one above it or below the ground."""
+    """Return the factor of a marker's score, 0 to 1, for its height in the world.
+
+    It is 1 beside a pillar of this height [m], and less for a marker above the pillar or below the ground.
+    """
     gap = max(marker.low - height, -marker.high, 0.0)
     return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
 
@@ -225,10 +252,10 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
     if marker.problem:
         return f"not visible: {marker.problem}"
     x, y = recording.pillar
-    px, py, pz = marker.position
-    if max(abs(px), abs(py), abs(pz)) > OUT_OF_THE_WORLD:
-        return f"at ({px:.1e}, {py:.1e}, {pz:.1e}); give each coordinate a value"
-    text = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
+    marker_x, marker_y, marker_z = marker.position
+    if max(abs(marker_x), abs(marker_y), abs(marker_z)) > OUT_OF_THE_WORLD:
+        return f"at ({marker_x:.1e}, {marker_y:.1e}, {marker_z:.1e}); give each coordinate a value"
+    text = f"at ({marker_x:.2f}, {marker_y:.2f}, {marker_z:.2f}), the pillar at ({x:.2f}, {y:.2f})"
     height = recording.pillar_size.height
     if height_score(marker, height) < 1.0:
         text += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
@@ -236,10 +263,11 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
     at = marker.stamp or marker.at
     distance, bearing = pillar_from_robot(recording, at)
     ahead, left = _from_robot(recording, marker.position, at)
+    # [m] error along the line from the robot to the pillar, and across it, positive to the left
     along = ahead * cos(bearing) + left * sin(bearing) - distance
     across = left * cos(bearing) - ahead * sin(bearing)
     parts = []
-    if 2.0 * abs(along) >= abs(across):
+    if 2.0 * abs(along) >= abs(across):  # a part that is less than half of the other one is not named
         # a marker on the pillar's side is as right as one on its axis
         gap = max(abs(along) - recording.pillar_size.radius, 0.0)
         parts.append(f"{gap:.2f} m {'behind' if along > 0.0 else 'in front of'} the pillar")

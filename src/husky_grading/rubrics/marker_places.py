@@ -65,10 +65,9 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
     chance.
     """
     markers = [marker for marker in recording.markers if marker.at < until]
-    series: Dict[Tuple[str, str], List[MarkerSample]] = defaultdict(list)
-    for marker in markers:
-        if marker.action == ADD:
-            series[marker.topic, marker.namespace] = []
+    series: Dict[Tuple[str, str], List[MarkerSample]] = {
+        (marker.topic, marker.namespace): [] for marker in markers if marker.action == ADD
+    }
     if len(series) > MAX_SERIES:
         return [_judge(recording, markers, rules)]
     for marker in markers:
@@ -92,80 +91,91 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     """
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
-    name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
+    title = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
-        evidence = f"{name}: not visible: {invisible[0].problem}"
+        evidence = f"{title}: not visible: {invisible[0].problem}"
         kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
         return Placement(0.0, evidence, invisible[0].at, kind)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
     if not moments:
-        return Placement(0.0, f"{name}: deleted as soon as it has come", first.at, Kind.DELETED)
+        return Placement(0.0, f"{title}: deleted as soon as it has come", first.at, Kind.DELETED)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
-    full = _share(moments, 1.0)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
-    evidence = f"{name}: right {100.0 * full:.0f} % of the time"
+    evidence = f"{title}: right {100.0 * _time_fraction(moments, 1.0):.0f} % of the time"
     evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
-    wrong = next((marker for marker in added if scores[id(marker)] < 1.0), None)
-    if wrong is None:
-        return Placement(score, evidence, added[0].at)
+    wrong = [marker for marker in added if scores[id(marker)] < 1.0]
+    if not wrong:
+        return Placement(score, evidence, first.at)
     if len(groups) > 1:
-        parts = [f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items()]
+        parts = [f"{100.0 * _time_fraction(group):.0f} % {axis}" for axis, group in groups.items()]
         evidence += f"; near enough for points: {', '.join(parts)}"
-    all_wrong = [marker for marker in added if scores[id(marker)] < 1.0]
-    fault = find_fault(recording, all_wrong, len(all_wrong) / len(added), rules)
+    fault = find_fault(recording, wrong, len(wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
-        score = min(score, 0.5) if len(off_axis(recording, all_wrong, rules)) >= FEW else score
+        if len(off_axis(recording, wrong, rules)) >= FEW:
+            score = min(score, 0.5)
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
         why = ", because this lidar is mounted upside down" if upside_down else ""
         evidence = f"mirrored: y has the wrong sign{why}; {evidence}"
     elif fault in FAULTS:
         evidence = f"{FAULTS[fault]}; {evidence}"
-    evidence += f"; at {wrong.at:.2f} s {fault_text(recording, wrong)}"
-    crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
-    series = len({(marker.topic, marker.namespace) for marker in added})
-    if crowd > 1:
-        if len(all_wrong) <= (1.0 - MOST) * len(added):
-            fault = fault or Kind.OLD_ONES
-        holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
-        evidence += f"; {crowd} markers in {holder}, and half of the drawn ones must be right"
-    return Placement(score, evidence, wrong.at, fault)
+    evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
+    # RViz draws markers of different topics, namespaces or ids at the same time
+    identities = {(marker.topic, marker.namespace, marker.id) for marker in added}
+    if len(identities) > 1:
+        are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
+        if fault is None and are_most_right:
+            fault = Kind.OLD_ONES
+        namespaces = {(marker.topic, marker.namespace) for marker in added}
+        holder = f"{len(namespaces)} topics and namespaces"
+        if len(namespaces) == 1:
+            holder = f"namespace '{first.namespace}'"
+        evidence += f"; {len(identities)} markers in {holder}, and half of the drawn ones must be right"
+    return Placement(score, evidence, wrong[0].at, fault)
 
 
-def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Moment]:
+def _moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
     """Return each moment at which a marker came and a marker is drawn.
 
     A moment counts for its time, because a busy machine loses some markers and delays others.
+
+    Args:
+        markers: additions and deletions in the order of time.
+        scores: score of each added marker, by its `id()`.
     """
-    begins, ends, ordered = _drawn(markers, scores)
-    times, found = [], []
+    begins, ends, sorted_scores = _drawing_times(markers, scores)
+    times, moment_scores = [], []
     for at in np.unique(begins):
-        drawn = ordered[(begins <= at) & (at < ends)]
-        if len(drawn):
+        drawn_scores = sorted_scores[(begins <= at) & (at < ends)]
+        if len(drawn_scores):
             times.append(float(at))
-            found.append(float(drawn[-ceil(MOST * len(drawn))]))
-    gaps = np.minimum(np.diff(times), LONGEST).tolist()
-    return list(map(Moment, times, [*gaps, gaps[-1] if gaps else LONGEST], found))
+            # the fraction MOST of the drawn markers has this score, or a higher one
+            moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
+    durations = np.minimum(np.diff(times), LONGEST).tolist()
+    durations.append(durations[-1] if durations else LONGEST)  # the last moment has no successor
+    return list(map(Moment, times, durations, moment_scores))
 
 
-def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndarray:
-    """Return begin [s], end [s] and score of each marker that RViz draws, (3, N), ordered by the score.
+def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> np.ndarray:
+    """Return begin [s], end [s] and score of each marker that RViz draws, (3, N), the lowest score first.
 
     A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
-    topic, namespace and id.
+    topic, namespace and id. The arguments are those of `_moments`.
     """
     rows: List[List[float]] = []
-    topics: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
+    drawn_by_topic: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
     for marker in markers:
-        latest, key = topics[marker.topic], (marker.namespace, marker.id)
-        for over in list(latest) if marker.action == DELETE_ALL else {key} & set(latest):
-            row = latest.pop(over)
-            row[1] = min(row[1], marker.at)
+        drawn, key = drawn_by_topic[marker.topic], (marker.namespace, marker.id)
+        ended_keys = list(drawn) if marker.action == DELETE_ALL else [key]
+        for ended_key in ended_keys:
+            if ended_key in drawn:
+                row = drawn.pop(ended_key)
+                row[1] = min(row[1], marker.at)
         if marker.action == ADD:
-            latest[key] = [marker.at, marker.until, scores[id(marker)]]
-            rows.append(latest[key])
+            drawn[key] = [marker.at, marker.until, scores[id(marker)]]
+            rows.append(drawn[key])
     return np.array(sorted(rows, key=lambda row: row[2])).T
 
 
@@ -177,50 +187,61 @@ def _by_axis(recording: Recording, moments: Sequence[Moment], rules: Rules) -> D
     aside: List[Moment] = []
     ahead: List[Moment] = []
     for moment in moments:
-        is_behind = abs(pillar_from_robot(recording, moment.at)[1]) > 0.5 * pi
-        (aside if is_behind or is_off_axis(recording, moment.at, rules) else ahead).append(moment)
+        _, bearing = pillar_from_robot(recording, moment.at)
+        if abs(bearing) > 0.5 * pi or is_off_axis(recording, moment.at, rules):
+            aside.append(moment)
+        else:
+            ahead.append(moment)
     groups = {"with the pillar to the side": aside, "with it ahead": ahead}
-    large = {where: group for where, group in groups.items() if len(group) >= FEW}
+    large = {axis: group for axis, group in groups.items() if len(group) >= FEW}
     return large or {"": list(moments)}
 
 
-def _share(moments: Sequence[Moment], at_least: float = 0.0) -> float:
-    """Return the fraction of the time with a score of `at_least`; by default, above 0."""
-    right = [each.seconds for each in moments if each.score > 0.0 and each.score >= at_least]
-    return sum(right) / _seconds(moments)
+def _time_fraction(moments: Sequence[Moment], at_least: float = 0.0) -> float:
+    """Return the fraction of the moments' time with a score of `at_least`; by default, above 0."""
+    right = [each for each in moments if each.score > 0.0 and each.score >= at_least]
+    return _seconds(right) / _seconds(moments)
 
 
 def _seconds(moments: Sequence[Moment]) -> float:
+    """Return the time for which moments count together [s]."""
     return sum(each.seconds for each in moments)
 
 
 def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
-    """Return the mean score of the right markers, times a factor for the time in which they are right.
+    """Return the mean score of the right moments, times a factor for the time in which markers are right.
 
-    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on.
+    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. The time with the pillar ahead
+    counts as half of the time at most, because there a wrong sign of y makes no difference.
 
-    The time with the pillar ahead counts as half of the time at most, because there a wrong sign of y makes
-    no difference.
+    Args:
+        groups: result of `_by_axis`, so the moments with the pillar to the side come first.
     """
     right = [moment for group in groups.values() for moment in group if moment.score > 0.0]
     if not right:
         return 0.0
-    mean = sum(each.seconds * each.score for each in right) / _seconds(right)
-    share, *others = [_share(group) for group in groups.values()]
-    if others:  # the two groups are: pillar to the side, pillar ahead
+    mean_score = sum(each.seconds * each.score for each in right) / _seconds(right)
+    right_fraction, *others = [_time_fraction(group) for group in groups.values()]
+    if others:
         aside, ahead = map(_seconds, groups.values())
-        share += min(ahead / (aside + ahead), 0.5) * (others[0] - share)
-    return mean * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
+        weight_ahead = min(ahead / (aside + ahead), 0.5)
+        right_fraction += weight_ahead * (others[0] - right_fraction)
+    return mean_score * min(max((right_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
 
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
-    """Return the score of one marker: 1 at the pillar, 0.5 at `marker_half`, linear between and beyond."""
+    """Return the score of one marker, 0 to 1, by its distance from the pillar's axis and by its height.
+
+    The score is 1 up to the distance `marker_full` and 0.5 at `marker_half`, and linear between and beyond.
+    """
     if marker.problem:
         return 0.0
     size = recording.pillar_size
     slack = slack_of(recording, pillar_from_robot(recording, marker.at)[0], rules)
-    distance, fade = distance_to_pillar(recording, marker), max(rules.marker_half - rules.marker_full, 1e-6)
-    score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / fade
-    if marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS:
+    distance = distance_to_pillar(recording, marker)
+    half_loss = max(rules.marker_half - rules.marker_full, 1e-6)  # [m] excess that costs half of the score
+    score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
+    touches = marker.reach <= size.radius
+    if touches and distance <= LARGEST + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
     return min(max(score, 0.0), 1.0) * height_score(marker, size.height)
