@@ -146,40 +146,46 @@ def decide(
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
         )
+
+    # perception: the pillar, and what the state remembers of this scan
     pillars = find_pillars(observation.scan, detector_config)
-    track, (pillar, pillar_in_odom), visibility = _look(controller_state, observation, pillars)
+    track, pillar, pillar_in_odom, visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
     returns = np.count_nonzero(observation.scan.valid)
     controller_state = controller_state._replace(
         track=track,
         close_at=_close_at(controller_state, target, stamp, control),
-        started_at=stamp if enabled and controller_state.started_at is None else controller_state.started_at,
         base_in_odom=observation.base_in_odom,
         updated_at=stamp,
         odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
         in_room=controller_state.in_room or bool(returns > ROOM_SHARE * len(observation.scan.ranges)),
     )
-    state, twist, reason, search = _act(
-        controller_state, observation, target, pillar is not None, visibility, enabled, control
-    )
+
+    # decision
+    action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
+
+    # bookkeeping: a run begins when the controller is started, and again when the robot leaves the pillar
     remaining = remaining_distance(target, control) if target else nan
-    at_pillar = state is State.ARRIVED or (controller_state.at_pillar and remaining <= RESUME_ERROR)
-    leaves = controller_state.at_pillar and not at_pillar
-    started_at = (stamp if leaves else controller_state.started_at) if enabled else None
+    was_at_pillar, started_at = controller_state.at_pillar, controller_state.started_at
+    at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_ERROR)
+    if not enabled:
+        started_at = None
+    elif started_at is None or (was_at_pillar and not at_pillar):
+        started_at = stamp
     controller_state = controller_state._replace(
-        state=state, at_pillar=at_pillar, search=search, started_at=started_at
+        state=action.state, at_pillar=at_pillar, search=action.search, started_at=started_at
     )
     output = ControlOutput(
-        state=state,
-        at_pillar=controller_state.at_pillar,
-        twist=limited(twist, control),
+        state=action.state,
+        at_pillar=at_pillar,
+        twist=limited(action.twist, control),
         pillar=pillar,
         pillar_in_odom=pillar_in_odom,
-        estimate=aged(controller_state.estimate, stamp) if controller_state.estimate else None,
+        estimate=aged(track.estimate, stamp) if track.estimate else None,
         target_in_base=(target.x, target.y) if target else None,
         distance_error=remaining,
         bearing_error=target.bearing if target else nan,
-        reason=reason,
+        reason=action.reason,
         moved=moved,
     )
     return controller_state, output
@@ -195,18 +201,31 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
     )
 
 
-def _look(
-    controller_state: ControllerState, observation: Observation, pillars: List[Pillar]
-) -> Tuple[Track, Tuple[Optional[Pillar], Optional[Vector3]], Visibility]:
-    """Track the pillar and its position in odom; without a pose in odom, take the scan's nearest pillar."""
+class _Look(NamedTuple):
+    """The tracked pillar after a scan."""
+
+    track: Track
+    pillar: Optional[Pillar]  # pillar in the laser's frame; None if the scan does not show it
+    pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom
+    visibility: Visibility  # evidence of the scan about the remembered position
+
+
+def _look(controller_state: ControllerState, observation: Observation, pillars: List[Pillar]) -> _Look:
+    """Track the pillar in odom; without a pose in odom, take the nearest of the scan's pillars.
+
+    `pillars` are sorted by distance.
+    """
     laser_in_odom = observation.laser_in_odom
     if laser_in_odom is None:
-        return controller_state.track, (pillars[0] if pillars else None, None), Visibility.UNKNOWN
+        nearest = pillars[0] if pillars else None
+        return _Look(controller_state.track, nearest, None, Visibility.UNKNOWN)
     keep_hidden = controller_state.state is State.ARRIVED
     track, sighting, visibility = follow(
         controller_state.track, pillars, observation.scan, laser_in_odom, keep_hidden
     )
-    return track, sighting or (None, None), visibility
+    if sighting is None:
+        return _Look(track, None, None, visibility)
+    return _Look(track, sighting.pillar, sighting.center_in_odom, visibility)
 
 
 def _target(
@@ -237,7 +256,13 @@ def _close_at(
     return stamp if controller_state.close_at is None else controller_state.close_at
 
 
-_Act = Tuple[State, Twist2D, str, Optional[Search]]
+class _Action(NamedTuple):
+    """Answer to one scan."""
+
+    state: State
+    twist: Twist2D  # command before it is limited
+    reason: str
+    search: Optional[Search] = None  # search to continue at the next scan; None if the robot does not search
 
 
 def _act(
@@ -248,55 +273,83 @@ def _act(
     visibility: Visibility,
     enabled: bool,
     control: ControlConfig,
-) -> _Act:
+) -> _Action:
     """Choose the state, the command, its reason, and the search to continue, if any.
 
     The checks come in this order: reasons to stand still, such as a missing transform or a covered lidar;
     then the way to a known pillar; then the search for a pillar, if the configuration allows it.
     """
     if not enabled:
-        return State.STOPPED, STOP, "stopped by its start/stop service", None
+        return _Action(State.STOPPED, STOP, "stopped by its start/stop service")
     if observation.laser_in_base is None:
-        return State.WAITING, STOP, f"standing still: {frame_sentence(observation.scan.frame)}", None
+        return _wait(frame_sentence(observation.scan.frame))
     if observation.ahead_of_odometry > MAX_OFFSET:
         reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
-        return State.WAITING, STOP, reason, None
+        return _Action(State.WAITING, STOP, reason)
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
-        reason = (
-            "standing still: no transform from odom to base_link any more; check that odometry is running"
-        )
-        return State.WAITING, STOP, reason, None
-    measured = pillar_seen or observation.scan.valid.any()
+        return _wait("no transform from odom to base_link any more; check that odometry is running")
+    measured = bool(pillar_seen or observation.scan.valid.any())
     if not measured and not (observation.scan.returns == inf).any():  # no beams, or all returns too close
-        reason = (
-            "standing still: no pillar in the scan (it has no valid range); check that the lidar is uncovered"
-        )
-        return State.WAITING, STOP, reason, None
+        return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
     if controller_state.track.doubtful and target is not None:
-        return State.WAITING, STOP, "standing still: the pillar moves away; waiting until it stands", None
-    in_sight = target if pillar_seen else None
-    points = near_points(observation.scan, observation.laser_in_base, in_sight, observation.outline)
-    if target is not None and (pillar_seen or control.search):
-        outline = observation.outline
-        return (*_drive(controller_state, target, pillar_seen, visibility, points, outline, control), None)
-    nothing = "none of its returns looks like one" if measured else "it has no valid range"
-    nothing = f"no pillar in the scan ({nothing})"
-    if not control.search:
-        return State.WAITING, STOP, f"standing still: {nothing}; set ~search to true, or turn the robot", None
-    if observation.base_in_odom is None:
-        reason = f"standing still: {nothing}, and no transform to odom; check that odometry is running"
-        return State.WAITING, STOP, reason, None
-    search, twist = search_on(
-        controller_state.search or Search(), observation.base_in_odom, points, observation.outline, control
+        return _wait("the pillar moves away; waiting until it stands")
+
+    obstacles_in_base = near_points(
+        observation.scan, observation.laser_in_base, target if pillar_seen else None, observation.outline
     )
-    if twist.linear > 0.0 and not measured and controller_state.in_room:
-        # a scan of misses is normal in an empty world, but walls do not vanish
-        reason = (
-            "standing still: no beam of a whole turn returned anything; check that the lidar is uncovered"
+    if target is not None and (pillar_seen or control.search):
+        return _drive(
+            controller_state,
+            target,
+            pillar_seen,
+            visibility,
+            obstacles_in_base,
+            observation.outline,
+            control,
         )
-        return State.WAITING, STOP, reason, controller_state.search
-    how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
-    return State.SEARCHING, twist, f"{how}: {nothing}", search
+    return _search(controller_state, observation, obstacles_in_base, measured, control)
+
+
+def _wait(problem: str, search: Optional[Search] = None) -> _Action:
+    """Return the action of a robot that stands still because of a problem."""
+    return _Action(State.WAITING, STOP, f"standing still: {problem}", search)
+
+
+def _search(
+    controller_state: ControllerState,
+    observation: Observation,
+    obstacles_in_base: np.ndarray,
+    measured: bool,
+    control: ControlConfig,
+) -> _Action:
+    """Choose the action of a robot that does not know where the pillar is.
+
+    Args:
+        controller_state: state with the search of the last scan.
+        observation: the scan, and the poses at its stamp.
+        obstacles_in_base: obstacles near the robot, (N, 2) [m].
+        measured: whether any beam of the scan has a return.
+        control: whether the robot may search, and how fast.
+    """
+    cause = "none of its returns looks like one" if measured else "it has no valid range"
+    no_pillar = f"no pillar in the scan ({cause})"
+    if not control.search:
+        return _wait(f"{no_pillar}; set ~search to true, or turn the robot")
+    if observation.base_in_odom is None:
+        return _wait(f"{no_pillar}, and no transform to odom; check that odometry is running")
+    search, twist = search_on(
+        controller_state.search or Search(),
+        observation.base_in_odom,
+        obstacles_in_base,
+        observation.outline,
+        control,
+    )
+    # a scan of misses is normal in an empty world, but walls do not vanish
+    if twist.linear > 0.0 and not measured and controller_state.in_room:
+        problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"
+        return _wait(problem, controller_state.search)
+    motion = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
+    return _Action(State.SEARCHING, twist, f"{motion}: {no_pillar}", search)
 
 
 def _drive(
@@ -304,11 +357,11 @@ def _drive(
     target: Target,
     visible: bool,
     visibility: Visibility,
-    points_in_base: np.ndarray,
+    obstacles_in_base: np.ndarray,
     outline: Footprint,
     control: ControlConfig,
-) -> Tuple[State, Twist2D, str]:
-    """Choose the state, the command and its reason for a robot that knows where the pillar is.
+) -> _Action:
+    """Choose the action of a robot that knows where the pillar is.
 
     The robot drives to the pillar around obstacles, and stops at the stop distance. A pillar that it shall
     touch counts as reached TOUCH_CREEP_TIME after the robot came close.
@@ -318,41 +371,34 @@ def _drive(
         target: pillar in base_link.
         visible: whether this scan shows the pillar, without which the robot does not arrive.
         visibility: evidence of this scan about the remembered position.
-        points_in_base: obstacles near the robot, (N, 2) [m].
+        obstacles_in_base: obstacles near the robot, (N, 2) [m].
         outline: footprint of the robot.
         control: gains and limits.
     """
-    remaining, arrived = remaining_distance(target, control), controller_state.state is State.ARRIVED
+    remaining = remaining_distance(target, control)
+    had_arrived = controller_state.state is State.ARRIVED
     if to_be_touched(target, control):
-        near_enough, place = TOUCH_GAP, "touching the pillar"
-        is_near = (
-            controller_state.close_at is not None
-            and controller_state.updated_at - controller_state.close_at > TOUCH_CREEP_TIME
-        )
+        tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
+        close_at = controller_state.close_at
+        is_reached = close_at is not None and controller_state.updated_at - close_at > TOUCH_CREEP_TIME
     else:
-        near_enough, place = control.arrival_tolerance, "at the stop distance"
-        is_near = remaining <= near_enough
-    if (visible and is_near) or (arrived and remaining <= RESUME_ERROR):
-        return State.ARRIVED, STOP, f"arrived: {place}"
-    if not visible and remaining <= near_enough:
-        return (
-            State.DRIVING,
-            heading_twist(target.bearing, 0.0, control),
-            "turning to the last position of the pillar",
-        )
-    why = (
-        "driving to the pillar"
-        if visible
-        else f"the pillar is {visibility.value}; driving to its last position"
-    )
-    bearing = free_bearing(points_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
+        tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
+        is_reached = remaining <= tolerance
+    if (visible and is_reached) or (had_arrived and remaining <= RESUME_ERROR):
+        return _Action(State.ARRIVED, STOP, arrival)
+    if not visible and remaining <= tolerance:
+        twist = heading_twist(target.bearing, 0.0, control)
+        return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
+
+    bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
-        return (
-            State.DRIVING,
-            Twist2D(0.0, control.search_rate),
-            "turning to find a free way, because there is none ahead",
-        )
+        twist = Twist2D(0.0, control.search_rate)
+        return _Action(State.DRIVING, twist, "turning to find a free way, because there is none ahead")
     if bearing != target.bearing:
         twist = heading_twist(bearing, min(SEARCH_SPEED, control.max_linear), control)
-        return State.DRIVING, twist, "driving around an obstacle"
-    return State.DRIVING, steer(target, control), why
+        return _Action(State.DRIVING, twist, "driving around an obstacle")
+    if visible:
+        reason = "driving to the pillar"
+    else:
+        reason = f"the pillar is {visibility.value}; driving to its last position"
+    return _Action(State.DRIVING, steer(target, control), reason)

@@ -65,8 +65,10 @@ class Segments(NamedTuple):
 
     def select(self, mask: np.ndarray) -> Segments:
         """Segments for which `mask`, (S,) bool, is true."""
-        of = mask.repeat(self.counts)
-        return Segments(self.beams[of], self.ranges[of], self.counts[mask], self.near[mask], self.step)
+        beam_mask = mask.repeat(self.counts)
+        return Segments(
+            self.beams[beam_mask], self.ranges[beam_mask], self.counts[mask], self.near[mask], self.step
+        )
 
     def one_by_one(self) -> List[Segment]:
         """Segments as records of their own, (S,)."""
@@ -114,40 +116,65 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         radius: expected radius [m].
         noise: differences in range not worth explaining [m].
     """
-    # an origin near the centre keeps all digits, also far away
+    # x is measured from an origin near the centre, which keeps all digits, also far away
     origin, directions = segment.near + radius, segment.directions
     points = segment.ranges * directions
     points[0] -= origin
-    columns = np.empty((4, len(segment.ranges)))
-    columns[2] = -1.0
-    inwards, error = columns[:2], columns[3]
+    # rows for each beam: n_x, n_y, -1 and e of the docstring; the first two are the unit vector to the centre
+    rows = np.empty((4, len(segment.ranges)))
+    rows[2] = -1.0
+    to_centre, error = rows[:2], rows[3]
     x, y, r = 0.0, 0.0, radius
     for _ in range(MAX_STEPS):
-        rho = np.hypot(np.subtract(x, points[0], out=inwards[0]), np.subtract(y, points[1], out=inwards[1]))
-        inwards /= np.maximum(rho, 1e-9, out=rho)
-        np.subtract(rho, r, out=error)
-        cosine = np.add.reduce(inwards * directions)
-        weighted = columns / np.maximum(cosine, MIN_COSINE, out=cosine)
+        # `out` writes into `rows`, so that no new arrays are made
+        distance = np.hypot(
+            np.subtract(x, points[0], out=to_centre[0]), np.subtract(y, points[1], out=to_centre[1])
+        )
+        to_centre /= np.maximum(distance, 1e-9, out=distance)
+        np.subtract(distance, r, out=error)
+        cosine = np.add.reduce(to_centre * directions)
+        weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
         products = (weighted @ weighted.T).tolist()
-        before, ((x, y, r), step) = r, _improved((x, y, r), products, radius)
-        if step < _SETTLED:
+        last_radius = r
+        (x, y, r), step_length = _improved((x, y, r), products, radius)
+        if step_length < _SETTLED:
             break
-    shift, slack = _free_radius(products, len(error), noise)
+    # `products` and `error` belong to the circle before the last step
+    free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
-    return Circle(origin + x, y, r, before + shift, slack, residual, sum_squared_error=products[3][3])
+    return Circle(
+        x=origin + x,
+        y=y,
+        radius=r,
+        free_radius=last_radius + free_change,
+        free_slack=free_slack,
+        residual=residual,
+        sum_squared_error=products[3][3],
+    )
 
 
 def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vector3, float]:
-    """Step of Gauss-Newton for centre and radius, expected at the origin, and its length [m]."""
+    """Return the circle (x, y, r) [m] after a step of Gauss-Newton, and the step's largest component [m].
+
+    The centre is expected at the origin, with the radius `radius` [m]. A component longer than this radius
+    shortens the step, because a far step leaves the region in which the linear equations hold.
+    """
     x, y, r = circle
     dx, dy, dr = fit_step(circle, products, radius)
     longest = max(abs(dx), abs(dy), abs(dr))
-    share = min(1.0, radius / longest) if longest > 0.0 else 1.0
-    return (x - share * dx, y - share * dy, max(r - share * dr, 0.1 * radius)), longest
+    fraction = min(1.0, radius / longest) if longest > 0.0 else 1.0
+    return (x - fraction * dx, y - fraction * dy, max(r - fraction * dr, 0.1 * radius)), longest
 
 
 def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius: float) -> Row3[Number]:
-    """Full Gauss-Newton step of centre and radius, for one circle or for arrays of circles."""
+    """Return the full Gauss-Newton step of centre and radius [m], for one circle or for arrays of circles.
+
+    Args:
+        circle: x, y and r [m]; the centre is expected at the origin.
+        products: sums over the beams of the products of the derivatives by x, y, r and the error, in this
+            order; the last row is not used.
+        radius: expected radius [m].
+    """
     x, y, r = circle
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
@@ -157,14 +184,21 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
 
 
 def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
-    """Change of the radius that the beams alone would make, and its standard error [m]."""
+    """Return the change of radius that the beams alone would make, and its possible error [m].
+
+    Args:
+        products: as for `fit_step`, at the circle that is changed.
+        count: number of beams.
+        noise: differences in range not worth explaining [m].
+    """
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
     covariance = _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))
-    spare = max(count - 3, 1e-3)
-    variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / spare
-    spread = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
-    return -dr, (2.0 + 4.0 / spare) * spread  # the factor follows Student's distribution
+    degrees_of_freedom = max(count - 3, 1e-3)
+    variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / degrees_of_freedom
+    standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
+    # the factor on the standard error follows Student's distribution, which is wide for few beams
+    return -dr, (2.0 + 4.0 / degrees_of_freedom) * standard_error
 
 
 def _inverse(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix3[Number]:
@@ -197,7 +231,9 @@ def line_sum_squared_error(segment: Segment) -> float:
 def corner_sum_squared_error(segment: Segment) -> float:
     """Sum of squares along the beams of the best two lines, one for each side of a cut [m^2]."""
     terms = _terms(segment)
-    left = np.cumsum(terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]], axis=1)
+    products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]  # uu, uv, vv, ur, vr, rr of each beam
+    # sums of the beams up to each possible cut, and of the beams behind it
+    left = np.cumsum(products, axis=1)
     right = left[:, -1:] - left
     return float((line_squared_error(left[:, :-1]) + line_squared_error(right[:, :-1])).min())
 
@@ -211,5 +247,5 @@ def _terms(segment: Segment) -> np.ndarray:
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
     """Sum of squares left by r = a u + b v, from the sums of uu, uv, vv, ur, vr, rr, (6, ...)."""
     uu, uv, vv, ur, vr, rr = sums
-    spread = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)
-    return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / spread, 0.0)
+    determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)  # limited for beams of almost one direction
+    return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / determinant, 0.0)

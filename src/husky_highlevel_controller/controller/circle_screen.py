@@ -77,17 +77,20 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
         & (np.abs(fits.radius - config.pillar_radius) <= config.radius_tolerance + _MARGIN)
         & (fits.line_lead < LINE_ODDS + _ODDS_MARGIN)
     )
+    # the beams of a silhouette are counted only for segments that pass the other tests
     fits = _Fits(*(column[candidates] for column in fits))
     missing, hidden = _silhouettes(scan, fits, 4.0 * config.max_residual)
-    framed = (missing <= fits.counts // 10) & ((hidden == 0) | (fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN))
-    candidates[candidates] = framed
+    beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
+    candidates[candidates] = (missing <= fits.counts // 10) & ((hidden == 0) | beats_line)
     return segments.select(candidates)
 
 
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """Fit a circle to every segment at once, with the steps of `fit_circle`, and compute the lead of a line.
 
-    These fits discard segments quickly. `fit_circle` fits the remaining segments exactly.
+    These fits discard segments quickly. `fit_circle` fits the remaining segments exactly, and its docstring
+    has the equations. Here the arrays of B beams lie segment by segment; sums over the beams of each of the S
+    segments are made by `np.add.reduceat`.
 
     Args:
         segments: beams to fit.
@@ -96,22 +99,25 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """
     beams, ranges, count, near, step = segments
     starts = segments.starts
-    of = np.repeat(np.arange(len(count)), count)  # index of each beam's segment
+    segment_of_beam = np.repeat(np.arange(len(count)), count)
     first, last = beams[starts], beams[starts + count - 1]
-    angles = step * (beams - (0.5 * (first + last))[of])
+    angles = step * (beams - (0.5 * (first + last))[segment_of_beam])
     cosines, sines = np.cos(angles), np.sin(angles)
-    px, py, origin = ranges * cosines, ranges * sines, near + radius
+    px, py = ranges * cosines, ranges * sines
+    # circles: centre (origin + x, y) and radius r, (S,) [m]
+    origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    terms = np.empty((9, len(beams)))  # sums of products of J = (dx, dy, -1) and the error, times the weight
+    # weighted products of each beam's derivatives (dx, dy, -1) and its error
+    terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of each beam's error by x and y, the error [m], and its weight, as in `fit_circle`."""
-        dx, dy = (origin + x)[of] - px, y[of] - py
-        rho = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
-        dx /= rho
-        dy /= rho
+        dx, dy = (origin + x)[segment_of_beam] - px, y[segment_of_beam] - py
+        distance = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
+        dx /= distance
+        dy /= distance
         cosine = np.maximum(dx * cosines + dy * sines, MIN_COSINE)
-        return dx, dy, rho - r[of], np.divide(1.0, cosine * cosine)
+        return dx, dy, distance - r[segment_of_beam], np.divide(1.0, cosine * cosine)
 
     for _ in range(MAX_STEPS):
         dx, dy, error, weight = residuals()
@@ -125,30 +131,47 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
-        share = radius / np.maximum(longest, radius)
-        x, y, r = x - share * step_x, y - share * step_y, np.maximum(r - share * step_r, 0.1 * radius)
+        fraction = radius / np.maximum(longest, radius)  # shortens a step that is longer than the radius
+        x, y = x - fraction * step_x, y - fraction * step_y
+        r = np.maximum(r - fraction * step_r, 0.1 * radius)
+
+    # errors of the circles, and the sums from which `line_squared_error` computes the errors of lines
     _, _, error, weight = residuals()
     squares = error * error
     u, v = ranges * px, ranges * py
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
-    noises = count * noise**2
-    lead = np.maximum(count - 2, 1) * np.log((sums[1] + noises) / (line_squared_error(sums[2:]) + noises))
-    return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), lead, near, count, first, last)
+    circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
+    line_lead = np.maximum(count - 2, 1) * np.log((circle_error + noise_error) / (line_error + noise_error))
+    return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), line_lead, near, count, first, last)
 
 
 def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Count the sampled beams that pass through each circle, and the hidden ones."""
+    """Compare beams beside each segment with the circle that was fitted to it.
+
+    Args:
+        scan: the scan.
+        fits: circles of S segments.
+        slack: difference from the expected range that still counts as a hit [m].
+
+    Returns:
+        For each circle, the number of sampled beams that pass through it, and the number of sampled beams
+        that a nearer object hides, both (S,). The sampled beams are up to _SAMPLES of those that should meet
+        the circle; beams of the segment itself do not count.
+    """
+    # the beams from `low` to `high` should meet the circle clear of its edge; indices in the scan, (S,)
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
-    inner = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
-    half = np.arcsin(np.minimum(inner / np.maximum(distance, 1e-9), 1.0)) / step
+    inner_radius = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
+    half_width = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0)) / step
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
-    low, high = np.maximum(np.ceil(centre - half), 0.0), np.minimum(centre + half, len(scan.ranges) - 1.0)
+    low = np.maximum(np.ceil(centre - half_width), 0.0)
+    high = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
+    # sampled beams, and the range at which each should meet the circle, (S, _SAMPLES)
     stride = np.maximum((high - low) / _SAMPLES, 1.0)
     samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
-    psi = (samples - centre[:, None]) * step
-    across = np.minimum(np.abs(distance[:, None] * np.sin(psi)), r)
-    expected = distance[:, None] * np.cos(psi) - np.sqrt(r * r - across * across)
+    angle = (samples - centre[:, None]) * step  # angle from the direction of the centre
+    across = np.minimum(np.abs(distance[:, None] * np.sin(angle)), r)
+    expected = distance[:, None] * np.cos(angle) - np.sqrt(r * r - across * across)
     reading = scan.returns[np.clip(samples, 0, len(scan.ranges) - 1).astype(int)]
     is_own = (samples >= fits.first[:, None]) & (samples <= fits.last[:, None])
     is_other = (samples <= high[:, None]) & ~is_own

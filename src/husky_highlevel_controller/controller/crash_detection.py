@@ -83,8 +83,9 @@ class Change(NamedTuple):
         )
 
     def _allowance(self, vibration: float, config: CrashConfig) -> float:
-        rough = min(vibration / ROUGH, 1.0) * max(config.max_loss_rough - config.max_loss, 0.0)
-        return rough + config.vibration_factor * vibration
+        """Loss that the ground may cause beyond `max_loss` at this vibration [m/s]."""
+        for_rough_ground = min(vibration / ROUGH, 1.0) * max(config.max_loss_rough - config.max_loss, 0.0)
+        return for_rough_ground + config.vibration_factor * vibration
 
 
 class _Increment(NamedTuple):
@@ -121,9 +122,9 @@ class CrashDetector:
         """Take the speed that the wheels measure at a time [s]."""
         if not isfinite(twist_in_base.linear):
             return
-        if self._wheels and stamp <= self._wheels[-1][0]:
-            if stamp == self._wheels[-1][0]:
-                return
+        if self._wheels and stamp == self._wheels[-1][0]:
+            return
+        if self._wheels and stamp < self._wheels[-1][0]:  # time runs back
             self._wheels.clear()
         self._wheels.append((stamp, twist_in_base.linear))
         self._silent_since = inf
@@ -163,13 +164,18 @@ class CrashDetector:
         return loss
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
-        """Return whether odometry of a time [s] has come, or will not come any more."""
+        """Return whether odometry of a time [s] has come, or will not come any more.
+
+        The newest odometry may be up to one of its periods, and LATENESS, before that time.
+        """
         if now - self._silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
-        last = [at for at, _ in islice(reversed(self._wheels), 3)]
+        newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheels), 3)]
+        if not newest_stamps:
+            return False
         # the shortest of two periods, because the other may be a gap
-        period = min((after - before for after, before in zip(last, last[1:])), default=0.0)
-        return bool(last) and stamp - last[0] <= period + LATENESS
+        periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
+        return stamp - newest_stamps[0] <= min(periods, default=0.0) + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
         """Take a sample's velocity increment, and return the change of velocity [m/s] in a crash, or None.
@@ -187,6 +193,7 @@ class CrashDetector:
                 self._average_into_last(sample, imu_in_base)
             return None
         self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
+        # grows to its final value, because the vertical is known badly at first and must follow quickly
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
         self._level(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
@@ -202,18 +209,21 @@ class CrashDetector:
         )
 
     def _level(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
-        """Turn the vertical by the gyro, and pull it slowly towards the measured force.
+        """Turn the vertical `_up` by the gyro, and pull it slowly towards the measured force.
 
-        The accelerations of the wheels and of the curve are subtracted from the force before. A force that
-        still differs much from gravity is believed less.
+        At rest the measured force points upwards, against gravity. The accelerations of the wheels and of the
+        curve are subtracted from the force before. A force that still differs much from gravity is believed
+        less. `duration` is the time since the last sample [s].
         """
         assert self._up is not None
         self._up = unit(minus(self._up, cross(sample.angular_velocity, self._up), duration)) or self._up
         ahead, left = self._axes(imu_in_base)
         force = minus(sample.specific_force, ahead, self._acceleration(sample.stamp))
-        off = minus(minus(force, left, self._curve(sample)), self._up, GRAVITY)
-        believed = min(LEVELLING_FORCE / max(sqrt(dot(off, off)), 1e-6), 1.0)
-        self._up = unit(minus(self._up, off, -believed * duration / (self._levelling * GRAVITY))) or self._up
+        force = minus(force, left, self._curve(sample))
+        error = minus(force, self._up, GRAVITY)
+        belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
+        # a minus of the factor, because the vertical moves towards the error
+        self._up = unit(minus(self._up, error, -belief * duration / (self._levelling * GRAVITY))) or self._up
 
     def _axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
         """Unit vectors ahead and left along the ground, in the IMU's frame."""
@@ -224,10 +234,13 @@ class CrashDetector:
 
     def _acceleration(self, stamp: float) -> float:
         """Acceleration of the wheels by the last two messages before a time [m/s^2]; 0 if they are old."""
-        newest = reversed(self._wheels)
-        for (after, new), (before, old) in zip(newest, islice(reversed(self._wheels), 1, None)):
-            if after <= stamp:
-                return (new - old) / (after - before) if stamp - after <= LONGEST_PERIOD else 0.0
+        newest_first = reversed(self._wheels)
+        one_older = islice(reversed(self._wheels), 1, None)
+        for (later, later_speed), (earlier, earlier_speed) in zip(newest_first, one_older):
+            if later <= stamp:
+                if stamp - later > LONGEST_PERIOD:
+                    return 0.0
+                return (later_speed - earlier_speed) / (later - earlier)
         return 0.0
 
     def _curve(self, sample: ImuSample) -> float:
@@ -251,43 +264,61 @@ class CrashDetector:
     def _judge_change(self) -> Optional[float]:
         """Return the change of velocity [m/s] that ended LATENESS ago if it is a crash, otherwise None.
 
-        The increments of the window before that time are summed, and compared with the vibration of the
-        ground. `change` gets the result. It stays None at the start, until the vertical has been learnt for
-        LEARNING_TIME, or up to LEARNING_ROUGH on rough ground.
+        The increments before that time are summed, and compared with the vibration of the ground. `change`
+        gets the result. It stays None at the start, until the vertical has been learnt for LEARNING_TIME, or
+        up to LEARNING_ROUGH on rough ground.
         """
         window, end = self._config.window, self._stamp - LATENESS
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
-        ahead = left = up = struck = lasting = 0.0
+        change_ahead = change_left = 0.0  # differences of mean velocities
+        pushed_left = 0.0  # velocity gained in the window between the times of these means
+        swung_left = swung_up = 0.0  # velocity gained in the newest window, which on rough ground swings back
+        # ages of samples at the edge of a window are rounded, so each edge lies 1e-6 s beside it
         for stamp, ahead_by, left_by, up_by in self._increments:
             age = end - stamp
             if age < -1e-6:
                 break
             weight = self._weight(age)
-            ahead += weight * ahead_by
-            lasting += weight * left_by
+            change_ahead += weight * ahead_by
+            change_left += weight * left_by
             if age < window - 1e-6:
-                left += left_by
-                up += up_by
+                swung_left += left_by
+                swung_up += up_by
             elif AFTER - 1e-6 < age < AFTER + window - 1e-6:
-                struck += left_by
-        self._ground.append((end, left * left + up * up))
-        while end - self._ground[0][0] > MEMORY:
-            self._ground.popleft()
-        vibration = sqrt(sum(square for _, square in self._ground) / len(self._ground))
-        self._vibrations.append((end, vibration))
-        while self._vibrations[0][0] < end - AFTER - window:
-            self._vibrations.popleft()
+                pushed_left += left_by
+        vibration, vibration_before = self._add_vibration(swung_left * swung_left + swung_up * swung_up, end)
         learning = LEARNING_TIME + min(vibration / ROUGH, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
         if self._levelling < learning:
             return None
-        sideways = max(min(struck, lasting), min(-struck, -lasting))
-        self.change = Change(self._loss(ahead, end), sideways, vibration, self._vibrations[0][1])
-        return hypot(ahead, lasting) if self.change.excess(self._config) > self._config.max_loss else None
+        # a push to either side counts as far as the body keeps the velocity that it gained in the window
+        sideways = max(min(pushed_left, change_left), min(-pushed_left, -change_left))
+        self.change = Change(self._loss(change_ahead, end), sideways, vibration, vibration_before)
+        is_crash = self.change.excess(self._config) > self._config.max_loss
+        return hypot(change_ahead, change_left) if is_crash else None
+
+    def _add_vibration(self, square: float, end: float) -> Tuple[float, float]:
+        """Take the squared velocity that a window gained sideways and upwards [m^2/s^2].
+
+        Returns:
+            The ground's vibration at the time `end` [s], as root of the mean over MEMORY, and its vibration
+            before the change that is judged [m/s].
+        """
+        self._ground.append((end, square))
+        while end - self._ground[0][0] > MEMORY:
+            self._ground.popleft()
+        vibration = sqrt(sum(each for _, each in self._ground) / len(self._ground))
+        self._vibrations.append((end, vibration))
+        while self._vibrations[0][0] < end - AFTER - self._config.window:
+            self._vibrations.popleft()
+        return vibration, self._vibrations[0][1]
 
     def _weight(self, age: float) -> float:
-        """Weight in `change` of a velocity increment of this age [s]."""
+        """Weight of a velocity increment of this age [s] in the difference of the two mean velocities.
+
+        It rises from 0 to 1 within AFTER, stays 1 within `window`, and falls to 0 within BEFORE.
+        """
         remaining = AFTER + self._config.window + BEFORE - age
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
 
@@ -301,19 +332,19 @@ class CrashDetector:
             ahead: change of the velocity ahead, by the IMU [m/s].
             end: time at which the change ended [s].
         """
-        speed = self._speed_at(end - AFTER - self._config.window)
-        changes = [0.0]
+        speed_before = self._speed_at(end - AFTER - self._config.window)
+        wheel_changes = [0.0]  # the wheels' change of speed for each shift, and none at all
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
-            at, change = end + shift * self._config.odometry_delay, 0.0
-            for (stamp, before), (next_stamp, after) in zip(self._wheels, islice(self._wheels, 1, None)):
-                if after != before:
-                    change += (after - before) * self._weight(at - 0.5 * (stamp + next_stamp))
-            changes.append(change)
+            shifted_end, change = end + shift * self._config.odometry_delay, 0.0
+            for (stamp, speed), (next_stamp, next_speed) in zip(self._wheels, islice(self._wheels, 1, None)):
+                if next_speed != speed:
+                    change += (next_speed - speed) * self._weight(shifted_end - 0.5 * (stamp + next_stamp))
+            wheel_changes.append(change)
         losses = []
-        if speed is None or speed > -STANDING:
-            losses.append(min(changes) - ahead)
-        if speed is None or speed < STANDING:
-            losses.append(ahead - max(changes))
+        if speed_before is None or speed_before > -STANDING:  # the robot may have driven forwards
+            losses.append(min(wheel_changes) - ahead)
+        if speed_before is None or speed_before < STANDING:  # the robot may have driven backwards
+            losses.append(ahead - max(wheel_changes))
         return max(losses)
 
     def _speed_at(self, stamp: float) -> Optional[float]:

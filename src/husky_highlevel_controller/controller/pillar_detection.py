@@ -110,23 +110,26 @@ def _starts(
         Indices in `beams` at which bodies begin, and indices of single beams amid a body, which are to be
         omitted.
     """
-    radius, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
+    radius, noise = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
-    def apart(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    def on_two_bodies(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Mask of pairs of beams, by their indices in `beams`, that cannot be on one pillar."""
         between = beams[right] - beams[left]
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
         spacing = np.minimum(spacing, radius)  # the depth is the radius at this spacing
         # neighbours differ at most by the depth of a circle between its edge and one spacing further in
-        depth = np.sqrt((2.0 * radius - spacing) * spacing) + rough
+        depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
 
-    (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1)).nonzero()
+    # pairs of neighbours that differ by noise alone, most of a scan, need no exact test
+    (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):
         return np.array((0,)), left
-    breaks = left[apart(left, left + 1)] + 1
+    breaks = left[on_two_bodies(left, left + 1)] + 1
+    # a body of one beam is amid another body if the beams on its two sides are on one body
     single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
-    return np.concatenate(((0,), breaks)), single[~apart(single - 1, single + 1)]
+    return np.concatenate(((0,), breaks)), single[~on_two_bodies(single - 1, single + 1)]
 
 
 def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
@@ -134,14 +137,15 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
     beams, ranges, counts, near, step = segments
     starts, step = segments.starts, abs(step)
     far = np.maximum.reduceat(ranges, starts)
-    span, radius = beams[starts + counts - 1] - beams[starts], config.pillar_radius + config.radius_tolerance
-    ahead = np.maximum(near, 0.0)
+    span = (beams[starts + counts - 1] - beams[starts]) * step  # [rad] angle from first to last beam
+    largest_radius = config.pillar_radius + config.radius_tolerance
+    distance = np.maximum(near, 0.0)  # [m] distance to the surface, without negative ranges
     plausible: np.ndarray = (
         (counts >= config.min_beams)
         & (near > 0.0)  # some drivers give 0 if there is no return
-        & (span * step <= 2.0 * np.arcsin(radius / (ahead + radius)) + step)
-        & (far - ahead <= radius + 4.0 * config.max_residual)
-        & (near * step <= 2.0 * radius)  # beams farther apart show no shape
+        & (span <= 2.0 * np.arcsin(largest_radius / (distance + largest_radius)) + step)
+        & (far - distance <= largest_radius + 4.0 * config.max_residual)
+        & (near * step <= 2.0 * largest_radius)  # beams farther apart show no shape
     )
     return plausible
 
@@ -156,16 +160,17 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
         and circle.residual <= config.max_residual
         and abs(circle.radius - radius) <= tolerance
         and abs(circle.free_radius - radius) <= tolerance + circle.free_slack
-        and _stands_out(scan, config, segment, circle)
+        and _explains_best(scan, config, segment, circle)
     ):
         return None
+    # from the frame of the fit, whose x axis points along the middle beam, to the laser's frame
     middle = scan.angle_min + segment.middle * segment.step
     c, s = cos(middle), sin(middle)
     x, y = c * circle.x - s * circle.y, s * circle.x + c * circle.y
     return Pillar(x, y, circle.radius, len(segment.beams), circle.residual)
 
 
-def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> bool:
+def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> bool:
     """Return whether a circle explains a segment, and neither a line nor a corner explains it clearly better.
 
     Beams that pass through the circle speak against it. If beams on its sides are hidden, the circle must be
@@ -173,22 +178,25 @@ def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     """
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
+    if missing > beams // 10:
+        return False
     noise = beams * config.range_noise**2
 
-    def beats(rival: Callable[[Segment], float], spent: int, odds: float) -> bool:
+    def loses(error_of_rival: Callable[[Segment], float], parameters: int, odds: float) -> bool:
+        """Return whether a rival shape with so many parameters leads by `odds` or more, see LINE_ODDS."""
+
         def lead(sum_squared_error: float) -> float:
-            return max(beams - spent, 1) * log(
+            return max(beams - parameters, 1) * log(
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        # most circles win even against a perfect rival, so that the rival need not be fitted
-        return lead(0.0) < odds or lead(rival(segment)) < odds
+        # most circles win even against a rival without error, so that the rival need not be fitted
+        return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
 
-    return (
-        missing <= beams // 10
-        and beats(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS)
-        and (beams <= 5 or beats(corner_sum_squared_error, 5, _CORNER_ODDS * beams))
-    )
+    if loses(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
+        return False
+    # a corner explains five beams or fewer without error, so it proves nothing
+    return beams <= 5 or not loses(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
 
 
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
@@ -198,24 +206,27 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     """
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
-    inner = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
-    half = asin(min(inner / max(distance, 1e-9), 1.0))
-    centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    reach, slack = half / step + 1.0, 4.0 * config.max_residual
-    first, last = ceil(centre - reach), floor(centre + reach)
+    # the circle without its edge fills half_angle [rad] on either side of its centre; one beam more on
+    # either side is checked, from `first` to `last`
+    inner_radius = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
+    half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
+    centre = segment.middle + atan2(circle.y, circle.x) / segment.step  # fractional index in the scan
+    half_width, slack = half_angle / step + 1.0, 4.0 * config.max_residual
+    first, last = ceil(centre - half_width), floor(centre + half_width)
+    # the segment's own beams need no check if no beam can be farther off than the root of the sum
     is_own = np.zeros(len(scan.ranges), dtype=bool)
-    if circle.sum_squared_error < slack**2:  # no beam of its own is farther off than the root of the sum
+    if circle.sum_squared_error < slack**2:
         is_own[beams] = True
     others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
     # a beam beyond either end of the scan counts as hidden
     missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
     if len(others):
-        psi = (others - centre) * step
-        across, square = distance * np.sin(psi), circle.radius * circle.radius
+        angle = (others - centre) * step  # [rad] angle from the direction of the centre
+        across, square = distance * np.sin(angle), circle.radius * circle.radius
         depth = np.sqrt(square - np.minimum(across * across, square))
-        excess = scan.returns[others] - distance * np.cos(psi) + depth
-        missing = int(((np.abs(psi) <= half) & (excess > slack)).sum())
-        hidden += int((~(excess >= -slack)).sum())
+        excess = scan.returns[others] - distance * np.cos(angle) + depth  # [m] range beyond the circle
+        missing = int(((np.abs(angle) <= half_angle) & (excess > slack)).sum())
+        hidden += int((excess < -slack).sum())
     return missing, hidden
 
 

@@ -68,17 +68,19 @@ def too_close(
     outline = robot.footprint
     path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
-    now = _clearance(points_in_base, Pose2D(), outline)
-    # upper bound of the way of each point of the footprint on the path
+    clearance_now = _clearance(points_in_base, Pose2D(), outline)
+
+    # points that no point of the footprint can reach on the path need not be checked
     reach = hypot(outline.half_length, outline.half_width)
     longest_move = max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
-    within = now < config.margin + longest_move
-    points_in_base, now = points_in_base[within], now[within]
-    nearest = now
+    within_reach = clearance_now < config.margin + longest_move
+    points_in_base, clearance_now = points_in_base[within_reach], clearance_now[within_reach]
+
+    smallest_clearance = clearance_now  # smallest on the path, for each point
     for pose in path:
-        nearest = np.minimum(nearest, _clearance(points_in_base, pose, outline))
-    threats = now[(nearest < config.margin) & (nearest < now - APPROACH)]
-    return float(threats.min()) if len(threats) else None
+        smallest_clearance = np.minimum(smallest_clearance, _clearance(points_in_base, pose, outline))
+    is_threat = (smallest_clearance < config.margin) & (smallest_clearance < clearance_now - APPROACH)
+    return float(clearance_now[is_threat].min()) if is_threat.any() else None
 
 
 def nearest_clearance(scan: Scan, pose_laser_in_base: Pose, outline: Footprint) -> float:
@@ -88,18 +90,21 @@ def nearest_clearance(scan: Scan, pose_laser_in_base: Pose, outline: Footprint) 
 
 
 def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:
-    """Poses in base_link, first with the present twist, then with both of its parts braked."""
+    """Poses in base_link on the way to standstill, PATH_STEPS of them at equal times.
+
+    The robot keeps its present twist for the reaction time. Then both parts of the twist are braked.
+    """
     braking = min(config.braking, drive.max_linear_acceleration)
     angular_braking = drive.max_angular_acceleration
     braking_time = max(abs(twist.linear) / braking, abs(twist.angular) / angular_braking)
     duration = (config.reaction_time + braking_time) / PATH_STEPS
     path, pose = [], Pose2D()
     for step in range(PATH_STEPS):
-        braked = max((step + 0.5) * duration - config.reaction_time, 0.0)
-        linear = max(abs(twist.linear) - braking * braked, 0.0)
-        angular = max(abs(twist.angular) - angular_braking * braked, 0.0)
-        slower = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))
-        pose = advance(pose, slower, duration)
+        braked_for = max((step + 0.5) * duration - config.reaction_time, 0.0)  # [s] time until mid-step
+        linear = max(abs(twist.linear) - braking * braked_for, 0.0)
+        angular = max(abs(twist.angular) - angular_braking * braked_for, 0.0)
+        braked = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))
+        pose = advance(pose, braked, duration)
         path.append(pose)
     return path
 
@@ -138,8 +143,9 @@ def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tup
     """
     if latch.tripped_at is not None:
         elapsed = stamp - latch.tripped_at
-        started = moving and (latch.stood or elapsed > STOPPING_TIMEOUT)
-        latch = Latch() if started or elapsed < 0.0 else Latch(latch.tripped_at, not moving)
+        is_started = moving and (latch.stood or elapsed > STOPPING_TIMEOUT)
+        is_new_run = elapsed < 0.0
+        latch = Latch() if is_started or is_new_run else Latch(latch.tripped_at, stood=not moving)
     if latch.tripped_at is None and danger:
         return Latch(stamp), True
     return latch, False

@@ -67,10 +67,11 @@ def search_on(
         search = search._replace(to_turn=search.to_turn - turned)
         if search.to_turn > 0.0:
             return search, Twist2D(0.0, config.search_rate)
+        # the turn has just ended, so the next leg begins; every second leg is longer than the one before
         length = config.search_radius_step * (1 + search.leg // 2)
         search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
     search = search._replace(to_drive=search.to_drive - driven)
-    if search.to_drive <= 0.0:
+    if search.to_drive <= 0.0:  # the leg has ended, so look around and face the next side of the square
         return search._replace(to_turn=_ROUND + _QUARTER), Twist2D()
     if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
         return search._replace(to_drive=0.0, to_turn=_QUARTER), Twist2D()
@@ -78,25 +79,27 @@ def search_on(
 
 
 def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outline: Footprint) -> np.ndarray:
-    """Ends of beams near the robot, (N, 2) [m] in base_link.
+    """Return the obstacles near the robot: ends of beams, (N, 2) [m] in base_link.
 
     They are without the robot itself, without single points (speckle), and without the target.
     """
-    (near,) = ((scan.returns < _REACH) & scan.valid).nonzero()
-    if not len(near):
+    (beams,) = ((scan.returns < _REACH) & scan.valid).nonzero()
+    if not len(beams):
         return np.empty((0, 2))
-    ranges, company = scan.returns[near], np.zeros(len(near) + 1, dtype=bool)
-    company[1:-1] = (near[1:] - near[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
-    near = near[company[1:] | company[:-1]]
-    angles = scan.angle_min + near * scan.angle_increment
-    points_in_laser = scan.returns[near] * np.stack([np.cos(angles), np.sin(angles)])
-    turn = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]
-    points = (turn @ points_in_laser).T + laser_in_base.position[:2]
-    keep = outline.clearance(points) > _OWN_BODY
+    ranges = scan.returns[beams]
+    # for the gap before each beam and behind the last one, whether the beams on its two sides hit one body
+    is_one_body = np.zeros(len(beams) + 1, dtype=bool)
+    is_one_body[1:-1] = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
+    beams = beams[is_one_body[1:] | is_one_body[:-1]]
+    angles = scan.angle_min + beams * scan.angle_increment
+    points_in_laser = scan.returns[beams] * np.stack([np.cos(angles), np.sin(angles)])
+    rotation = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]
+    points = (rotation @ points_in_laser).T + laser_in_base.position[:2]
+    is_obstacle = outline.clearance(points) > _OWN_BODY
     if target is not None:
-        off = points - (target.x, target.y)
-        keep &= np.hypot(off[:, 0], off[:, 1]) > target.radius + _OF_TARGET
-    return points[keep]
+        from_target = points - (target.x, target.y)
+        is_obstacle &= np.hypot(from_target[:, 0], from_target[:, 1]) > target.radius + _OF_TARGET
+    return points[is_obstacle]
 
 
 def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: Footprint) -> bool:
@@ -119,8 +122,8 @@ def free_bearing(
     """
     if is_free(points_in_base, goal, length, outline):
         return goal
-    sides = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(goal + step))))
-    for step in sides[1:]:
+    steps = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(goal + step))))
+    for step in steps[1:]:  # the first step is 0, and the goal itself is not free
         bearing = wrap_angle(goal + step)
         if is_free(points_in_base, bearing, LOOK_AHEAD, outline):
             return bearing

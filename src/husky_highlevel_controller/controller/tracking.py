@@ -114,21 +114,22 @@ def follow(
     if estimate is not None:
         sighting = _match(estimate, sightings, scan.stamp)
         if sighting is not None:
-            sighted = _seen(track, sighting, period, scan, laser_in_odom)
+            sighted = _updated(track, sighting, period, scan, laser_in_odom)
             if not _walks(sighted, sighting.pillar):
-                return _watched(sighted, laser_in_odom), sighting, Visibility.SEEN
+                return _confirmed_if_watched(sighted, laser_in_odom), sighting, Visibility.SEEN
             track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
         else:
             visibility = look_at(estimate, scan, laser_in_odom)
-            weight = _weight(visibility, track, laser_in_odom, keep_hidden)
+            weight = _weight_of_miss(visibility, track, laser_in_odom, keep_hidden)
             track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
             if track.missed_time <= EMPTY_TIMEOUT:
                 return track, None, visibility
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
-    for sighting in sorted(sightings, key=lambda sighting: _at(track.walked_to, sighting)):
-        (x, y, _), seen_beams = sighting.center_in_odom, sighting.pillar.beams
-        if all(hypot(x - dx, y - dy) > _GATE or seen_beams > beams for dx, dy, beams in track.rejected):
-            return _seen(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN
+
+    # no pillar is tracked any more, so track the nearest one, preferably not the object that walked
+    for sighting in sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting)):
+        if not _is_rejected(sighting, track):
+            return _updated(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN
     return track._replace(updated_at=scan.stamp), None, Visibility.UNKNOWN
 
 
@@ -146,28 +147,40 @@ def _walks(track: Track, pillar: Pillar) -> bool:
     return hypot(now.x - before.x, now.y - before.y) > WALK + errors
 
 
-def _watched(track: Track, laser_in_odom: Pose) -> Track:
+def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
     """Confirm the track if the pillar stood still for WATCH_TIME, or was seen from positions BASELINE apart.
 
     After WATCH_TIME the anchor is renewed.
     """
     assert track.estimate is not None
     assert track.anchor is not None
-    before, (x, y, _) = track.anchor, laser_in_odom.position
-    watched = track.estimate.seen_at - before.estimate.seen_at >= WATCH_TIME
-    if not watched and hypot(x - before.laser[0], y - before.laser[1]) < BASELINE:
+    anchor, (x, y, _) = track.anchor, laser_in_odom.position
+    is_watched = track.estimate.seen_at - anchor.estimate.seen_at >= WATCH_TIME
+    if not is_watched and hypot(x - anchor.laser[0], y - anchor.laser[1]) < BASELINE:
         return track
-    anchor = Anchor(track.estimate, (x, y)) if watched else before
+    if is_watched:
+        anchor = Anchor(track.estimate, (x, y))
     return track._replace(anchor=anchor, confirmed=True, walked_to=None)
 
 
-def _at(place: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
-    """Return whether a sighting is at a position in odom."""
+def _is_at(position_in_odom: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
+    """Return whether a sighting is at a position [m]; false if the position is None."""
+    if position_in_odom is None:
+        return False
     x, y, _ = sighting.center_in_odom
-    return place is not None and hypot(x - place[0], y - place[1]) <= _GATE
+    return hypot(x - position_in_odom[0], y - position_in_odom[1]) <= _GATE
 
 
-def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
+def _is_rejected(sighting: Sighting, track: Track) -> bool:
+    """Return whether a sighting is at a rejected position, and shows no more beams than were rejected."""
+    x, y, _ = sighting.center_in_odom
+    return any(
+        hypot(x - rejected_x, y - rejected_y) <= _GATE and sighting.pillar.beams <= beams
+        for rejected_x, rejected_y, beams in track.rejected
+    )
+
+
+def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
     """Return how much of the time without a sighting counts against the pillar, 0 to 1.
 
     The time counts fully if the position looks empty or the track is not confirmed. It counts less if
@@ -178,8 +191,10 @@ def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidd
     if visibility is Visibility.EMPTY or not track.confirmed:
         return 1.0
     x, y, _ = laser_in_odom.position
-    near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
-    return _HIDDEN_WEIGHT if visibility is Visibility.HIDDEN and near and not keep_hidden else 0.0
+    is_near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
+    if visibility is Visibility.HIDDEN and is_near and not keep_hidden:
+        return _HIDDEN_WEIGHT
+    return 0.0
 
 
 def _give_up(track: Track, reject: bool) -> Track:
@@ -191,39 +206,45 @@ def _give_up(track: Track, reject: bool) -> Track:
 
 
 def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
-    """Evidence of the beams that should meet a remembered pillar."""
+    """Return what the beams that should meet a remembered pillar say about it.
+
+    The position is empty if most of these beams reach the pillar or pass beyond it, which they do only if no
+    nearer object hides it. Without the pillar in the scan, such beams prove that it is gone.
+    """
     step = scan.angle_increment
-    x, y, _ = transform_point(inverse(laser_in_odom), (estimate.x, estimate.y, laser_in_odom.position[2]))
+    center_in_odom = (estimate.x, estimate.y, laser_in_odom.position[2])
+    x, y, _ = transform_point(inverse(laser_in_odom), center_in_odom)  # position in the laser's frame
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
-    half = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)  # half width in beams
+    # indices of the beams that should meet the pillar, without its outermost tenth
+    half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
     middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
-    first, last = int(middle - half + 1.0), int(middle + half)
+    first, last = int(middle - half_width + 1.0), int(middle + half_width)
     # the pillar is cut by the edge of the scan, or too far to judge
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:
         return Visibility.OUT_OF_VIEW
     slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
     nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
     readings = scan.returns[first : last + 1].tolist()
-    beyond = sum(reading >= nearest_expected for reading in readings)
-    return Visibility.EMPTY if 2 * beyond > len(readings) else Visibility.HIDDEN
+    not_hidden = sum(reading >= nearest_expected for reading in readings)
+    return Visibility.EMPTY if 2 * not_hidden > len(readings) else Visibility.HIDDEN
 
 
 def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
     """Return the sighting that is nearest to the estimate, relative to its gate; None if all are outside."""
     deviation = _deviation_at(estimate, stamp)
-    best, best_off = None, 1.0
+    nearest, smallest_error = None, 1.0
     for sighting in sightings:
         pillar, (x, y, _) = sighting
         gate = _GATE + _GATE_SHARE * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
-        off = hypot(x - estimate.x, y - estimate.y) / gate
-        if off < best_off:
-            best, best_off = sighting, off
-    return best
+        error = hypot(x - estimate.x, y - estimate.y) / gate
+        if error < smallest_error:
+            nearest, smallest_error = sighting, error
+    return nearest
 
 
-def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
+def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
     """Return the track after a sighting, whose estimate is updated with the gains of a Kalman filter.
 
     Args:
@@ -235,12 +256,12 @@ def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_
     """
     pillar, (x, y, _) = sighting
     radius = pillar.radius
-    # a quarter of the spacing of the beams, and the remaining noise
-    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2
+    # standard deviation of a sighting: a quarter of the spacing of the beams there, and 5 mm of other noise
+    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2  # [m^2]
     old = track.estimate
     if old is not None:
-        before = _deviation_at(old, scan.stamp) ** 2
-        gain = before / (before + variance)
+        old_variance = _deviation_at(old, scan.stamp) ** 2
+        gain = old_variance / (old_variance + variance)
         x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
         radius = old.radius + gain * (radius - old.radius)
         variance *= gain
