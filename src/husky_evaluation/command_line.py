@@ -30,6 +30,5 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("command", choices=COMMANDS, help=f"see also '{ONE_COMMAND} COMMAND --help'")
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = parser.parse_args(given[:1]).command
-    import_module(f"husky_evaluation.{command}").main(
-        given[1:]
-    )  # imported here, because each command loads a lot
+    # imported only now, because every command imports large libraries
+    import_module(f"husky_evaluation.{command}").main(given[1:])

@@ -67,8 +67,8 @@ class FunctionContestant:
     name: str
     setup: Setup
     function: str = ""  # decision function; defaults to `behaviour.decide`
-    module: str = ""  # module of the function, if it is one of OURS
-    source: str = ""  # otherwise, source text of the function's file, sent to the worker
+    module: str = ""  # name of the function's module, if the module belongs to the packages in OURS
+    source: str = ""  # source text of the function's file, if the file is the user's
 
     @property
     def starts_programs(self) -> bool:
@@ -87,7 +87,7 @@ class FunctionContestant:
         try:
             module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
             controller: Controller = getattr(module, self.function)
-        except Exception as error:  # any error, because the user's file is executed
+        except Exception as error:  # the file of the user may raise any error
             raise HuskyError(f"{self.name}: {type(error).__name__}: {error}") from None
         if not callable(controller):
             raise HuskyError(f"{self.name}: {self.function} is not a function")
@@ -118,7 +118,7 @@ class Outcome:
     scene: str
     arrived_at: float  # [s] time of the final arrival; inf if the robot never arrives for good
     nearest: float  # [m] smallest gap between footprint and pillar
-    poses: np.ndarray  # (N, 3) [m, m, rad] path, evenly thinned
+    poses: np.ndarray  # (N, 3) [m, m, rad] path of the robot, with at most DRAWN_POSES poses
     pillar: Tuple[float, float]  # [m] position of the pillar at the start
     notes: Tuple[str, ...] = ()  # problems with the contestant's nodes, in sentences
 
@@ -162,7 +162,7 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
         made = FunctionContestant(text, base, function, module=place)
     else:
         made = FunctionContestant(text, base, function, source=_source(place))
-    _ = made.controller  # raises before the first run instead of in the middle of many
+    _ = made.controller  # raises the error of a wrong contestant before the first run
     return made
 
 
@@ -180,7 +180,7 @@ def _source(place: str) -> str:
 @lru_cache(maxsize=4)
 def _module(source: str) -> ModuleType:
     module = ModuleType(f"contestant_{abs(hash(source))}")
-    sys.modules[module.__name__] = module  # dataclasses look up their own module here
+    sys.modules[module.__name__] = module  # a dataclass looks up its module in sys.modules
     exec(compile(source, module.__name__, "exec"), vars(module))
     return module
 

@@ -171,7 +171,8 @@ def evaluate(
     """
     setup = setup_of(robot=robot)
     control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
-    numbers, chunk = range(scans), min(50, scans // 4 + 1)  # a scan takes a millisecond
+    # groups of 50 scans, because one scan takes only a millisecond
+    numbers, chunk = range(scans), min(50, scans // 4 + 1)
     errors = partial(center_error, seed=seed, lidar=lidar)
     alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
     among = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
@@ -193,7 +194,8 @@ def evaluate(
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
     if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
-        del figures["Course start, stop_distance 0"]  # a pillar that it touches is too near for its lidar
+        # the lidar of this robot cannot see a pillar that the robot touches
+        del figures["Course start, stop_distance 0"]
     return figures
 
 
@@ -257,7 +259,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure misses its limits."""
     options = evaluate_options(arguments)
     with exit_codes(name_as_typed("evaluate")):
-        setup_of(options.profile, options.ground, options.robot)  # raises if they do not fit together
+        # raises an error if profile, ground and robot do not fit together
+        setup_of(options.profile, options.ground, options.robot)
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)
         with Workers(options.jobs, options.cluster, options.resume) as workers:

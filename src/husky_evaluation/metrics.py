@@ -26,8 +26,10 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 GOOD = "arrived, within 2 cm, no touch"  # text of `DriveResult.good`
 BOUND = "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
 SAME_PILLAR = 0.2  # [m] largest distance at which a found pillar counts as the true one
-MANY_BEAMS = 8  # smallest number of beams with which one scan distinguishes an object from a pillar
-ALIGNED = 0.005  # [rad] largest bearing at which the robot faces the pillar; a swing beyond it is a crossing
+MANY_BEAMS = 8  # number of beams from which on one scan must distinguish another object from a pillar
+# [rad] the robot faces the pillar if its bearing is smaller; a crossing is a swing beyond this on the other
+# side
+ALIGNED = 0.005
 DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] simulated time after which a run ends
 
 
@@ -52,8 +54,10 @@ class DriveResult:
     """Metrics of one run."""
 
     name: str
-    arrived_at: float  # [s] inf if the robot did not arrive
-    bound: float  # [s] earliest arrival with these limits, of a robot that faces the pillar
+    arrived_at: float  # [s] time of the arrival; inf if the robot did not arrive
+    # [s] shortest possible time to the arrival, with the limits of the robot, if it faces the pillar at the
+    # start
+    bound: float
     final_error: float  # [m] true distance from the lidar to the pillar, less `stop_distance`
     gap: float  # [m] true distance from the hull's front to the pillar at the end
     pushed: float  # [m] displacement of the pillar
@@ -61,7 +65,7 @@ class DriveResult:
     crossings: int  # zero crossings of the true bearing after the first alignment with a target
     overshoot: float  # [m] largest true distance that the lidar drove past the stop distance
     nearest: float  # [m] smallest true gap between footprint and pillar
-    replay: str = ""  # file name of its replay, if there is one
+    replay: str = ""  # file name of the run's replay; empty if there is none
 
     @property
     def ratio(self) -> float:
@@ -113,7 +117,8 @@ def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = de
         setup.detector,
         setup.simulator,
         settle=3.0 if setup.control.stop_distance == 0.0 else 1.0,
-        seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,  # a real Husky may search first
+        # a real Husky may have to search for the pillar
+        seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,
         controller=controller,
     )
 

@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 from husky_evaluation.setup import Axis
 from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure, plain, png
 
-MAX_LABELLED = 15  # largest number of values of an axis with which each cell is labelled
+MAX_LABELLED = 15  # cells are labelled if no axis has more values than this
 SYMBOLS = "*os^"
 GOOD_COLOR = "#fee838"  # bright end of the colour map cividis
 HATCH = "////"
@@ -27,7 +27,7 @@ class Panel(NamedTuple):
 
     title: str
     values: np.ndarray  # values of the points, (N,) or (N, M); nan if there is none
-    span: float  # smallest range of the colours, because a negligible difference must not show
+    span: float  # smallest range of the colour scale, so that a negligible difference is not visible
     digits: int = 1  # digits after the decimal point of a cell's label
     is_good_high: bool = False
     is_logarithmic: bool = False
@@ -66,7 +66,8 @@ def draw_costs(costs: Sequence[float]) -> bytes:
     numbers = np.arange(1, len(costs) + 1)
     plot.plot(numbers, costs, "o", color=DRIVEN, markersize=4, label="a setup; the first: the defaults")
     plot.step(numbers, np.minimum.accumulate(costs), color=MARKER, where="post", label="smallest so far")
-    plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)  # the worst costs would flatten all others
+    # the axis leaves out the worst costs, because they would make all other costs look equal
+    plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)
     plot.set_xlabel("setup")
     plot.xaxis.set_major_locator(MaxNLocator(integer=True))
     plot.set_ylabel("objective [s]")
@@ -142,7 +143,8 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
             plot.text(
                 column, row, f"{value:.{panel.digits}f}" if np.isfinite(value) else "-", fontsize=size,
                 ha="center", va="center", color="w" if sum(color[:3]) < 1.5 else "k", zorder=5,
-                path_effects=[withStroke(linewidth=3, foreground=color)],  # hatching may lie below it
+                # border around the text, because hatching may lie behind the text
+                path_effects=[withStroke(linewidth=3, foreground=color)],
             )  # fmt: skip
     else:
         plot.figure.colorbar(image, ax=plot)

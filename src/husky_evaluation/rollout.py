@@ -34,11 +34,12 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel, 
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
+# signature of `behaviour.decide`; the first state is ControllerState()
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
-]  # signature of `behaviour.decide`; the first state is ControllerState()
+]
 
-COLUMNS = {  # arrays of a trace, with the length of a row; 0 for single numbers
+COLUMNS = {  # arrays of a trace, with the length of their rows; 0 if a row is a single number
     "times": 0, "poses": 3, "twists": 2, "estimates": 2, "pillars": 2,
     "distance_errors": 0, "bearing_errors": 0, "nearest": 0,
 }  # fmt: skip
@@ -51,14 +52,19 @@ class Trace:
     times: np.ndarray  # (N,) [s] simulated time
     poses: np.ndarray  # (N, 3) [m, m, rad] true x, y and yaw of base_link in the world
     twists: np.ndarray  # (N, 2) [m/s, rad/s] commanded twist
-    estimates: np.ndarray  # (N, 2) [m] remembered pillar in odom; nan while none is remembered
+    # (N, 2) [m] position of the remembered pillar in odom; nan while no pillar is remembered
+    estimates: np.ndarray
     pillars: np.ndarray  # (N, 2) [m] true centre of the pillar in the world
-    distance_errors: np.ndarray  # (N,) [m] remaining distance by the controller; nan without a target
-    bearing_errors: np.ndarray  # (N,) [rad] bearing by the controller; nan without a target
+    # (N,) [m] remaining distance, as the controller computes it; nan without a target
+    distance_errors: np.ndarray
+    # (N,) [rad] bearing of the target, as the controller computes it; nan without a target
+    bearing_errors: np.ndarray
     nearest: np.ndarray  # (N,) [m] shortest range in the scan; inf without a return
     states: Tuple[State, ...]  # state of the controller after each scan
-    touches: Tuple[Tuple[float, str], ...]  # [s] first touch of each body, except by the wheels
-    events: Tuple[Tuple[float, str], ...]  # [s] changes of state and reason
+    # time [s] of the first touch and name of each touched body; not touches by wheels
+    touches: Tuple[Tuple[float, str], ...]
+    # time [s] of each change of the controller's state, and the new state with its reason
+    events: Tuple[Tuple[float, str], ...]
 
     @property
     def arrived_at(self) -> Optional[float]:
@@ -122,7 +128,7 @@ def rollout(
                 continue
             odometry, age = snapshot.odometry.filtered, snapshot.stamp - snapshot.scan.stamp
             base_in_odom = odometry.pose_base_in_odom
-            if age > 0.0:  # a sweep takes time, so the message has the pose of its first beam
+            if age > 0.0:  # the lidar needs time for a scan, and the pose must be the pose at the first beam
                 base_in_odom = advance(base_in_odom, odometry.twist_in_base, -age)
             observation = Observation(snapshot.scan, laser_in_base, base_in_odom, simulator.robot.footprint)
             controller_state, output = controller(

@@ -25,10 +25,11 @@ Solid = Tuple[Union[Box, Cylinder], Pose]  # shape and its pose in the laser's f
 
 _NEAREST_START, _FARTHEST_START = 2.0, 25.0  # [m] distance from base_link to the pillar's centre
 _NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0  # [m] distance from the lidar to the pillar's centre
-_FREE = 0.3  # [m] smallest distance between pillar and wall, because a nearer one is part of the wall
+# [m] smallest distance between pillar and wall, because a nearer pillar looks like a part of the wall
+_FREE = 0.3
 _SIDE = 2.3  # [rad] largest bearing to either side at which a pillar is in the Husky's view
 _THIN = 0.01  # [m] thickness of walls
-_EDGE = 0.05  # [rad] margin to the last beam of a lidar with a narrower view
+_EDGE = 0.05  # [rad] margin between the pillar and the last beam, for a lidar with a narrower view
 
 
 @dataclass(frozen=True)

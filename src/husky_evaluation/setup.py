@@ -27,7 +27,8 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 from husky_evaluation.tasks.command import add_old_name, add_worker_options, positive, seed_value
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
-ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # gains of config/robot.yaml, default limits
+# the gains are those of config/robot.yaml; the limits are the default limits
+ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)
 ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
 # parameters of the controller's node that have no effect on a rollout
 NODE_ONLY = ("start_stop_service_name", "start_enabled", "scan_topic_name", "scan_topic_queue_size")
@@ -66,7 +67,8 @@ class Axis:
 
     name: str
     values: Tuple[float, ...]
-    is_geometric: bool = False  # neighbouring values have the same ratio
+    # true if the ratio of neighbouring values is constant, and not their difference
+    is_geometric: bool = False
 
     @property
     def label(self) -> str:
@@ -136,9 +138,10 @@ def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mappi
             yield prefix + item.name, value, item.metadata
 
 
+# min, max and help of every parameter
 METADATA = {
     name: metadata for record in vars(Setup()).values() for name, _, metadata in _parameters(record)
-}  # min, max and help of every parameter
+}
 
 
 def unit_of(name: str) -> str:
@@ -199,7 +202,8 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
     if is_geometric and not (first > 0.0 and last > 0.0):
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace
-    return [float(f"{value:.6g}") for value in space(first, last, int(count))]  # easy to read and type
+    # six digits are easy to read and to type
+    return [float(f"{value:.6g}") for value in space(first, last, int(count))]
 
 
 def load_setup(path: Path, base: Setup) -> Setup:

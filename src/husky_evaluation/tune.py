@@ -45,7 +45,8 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
 
-BATCH = 8  # setups that are proposed at once; fixed, because the proposals depend on it
+# number of setups that are proposed at once; a constant, because the proposals depend on this number
+BATCH = 8
 DIGITS = 4  # digits of a proposed value, so that the file has exactly the values that were driven
 HEADER = ("defaults", "found", "found - defaults")
 
@@ -127,7 +128,7 @@ def parse_weights(assignments: Sequence[str]) -> Objective:
     for name, _, text in (assignment.partition("=") for assignment in assignments):
         try:
             weights[name] = float(text)
-        except ValueError:  # `from_plain` rejects it as well
+        except ValueError:  # `from_plain` below reports that the text is not a number
             weights[name] = text
     return from_plain(Objective, weights, "--weights ")
 
@@ -231,7 +232,7 @@ def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     every_row("Every setup", tuned.trials).write(out / "trials")
     page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
     print(f"{result}\n\nparameters: {file}\npage: {page}")
-    if not is_typed_by_one_command():  # otherwise there may be no roslaunch
+    if not is_typed_by_one_command():  # a user of the pip package may not have roslaunch
         print(f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
 
 

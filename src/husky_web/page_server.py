@@ -149,10 +149,11 @@ class Gate:
         """See `refusal` and `serve` for the arguments."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
+        # number of connections of the drive channel (True) and of viser (False)
         self._open = {
             True: 0,
             False: 0,
-        }  # number of connections of the drive channel (True) and of viser (False)
+        }
         self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:

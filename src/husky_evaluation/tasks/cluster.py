@@ -69,14 +69,15 @@ class Cluster:
         """
         _send_by_value(task)
         todo: Deque[int] = deque(range(len(groups)))
-        running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}  # group number, and workers that may do it
+        # number of the group of each task, and the workers that may compute it
+        running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}
         looked_at = -POLL_PERIOD
         try:
             while todo or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
                     for future, (number, able_workers) in list(running.items()):
-                        if not able_workers & workers:  # all workers that may do it are gone
+                        if not able_workers & workers:  # all workers that may compute this group have left
                             future.cancel()
                             del running[future]
                             todo.appendleft(number)
@@ -84,7 +85,8 @@ class Cluster:
                     number = todo.popleft()
                     try:
                         payload = cloudpickle.dumps((task, groups[number]))
-                    except Exception as error:  # any error, for example of a file that cannot be read
+                    except Exception as error:
+                        # a task may raise any error, for example if a file cannot be read
                         yield number, error
                         continue
                     running[self._submit(payload, workers, starts_programs)] = (number, workers)
@@ -104,7 +106,8 @@ class Cluster:
     def _submit(self, payload: bytes, workers: FrozenSet[str], starts_programs: bool) -> Future:
         resources = {ROS: 1} if starts_programs else None
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # a submission may have some megabytes
+            # Dask warns of large tasks, but a submission may have some megabytes
+            warnings.simplefilter("ignore", UserWarning)
             return self._client.submit(
                 perform_packed, payload, workers=sorted(workers), resources=resources, pure=False
             )
@@ -157,13 +160,13 @@ class Cluster:
             if infos[address]["nthreads"] != 1:
                 why = f"it has {infos[address]['nthreads']} threads; start it with --nthreads 1"
             elif not python:
-                continue  # no answer, so it is checked again
+                continue  # the worker has not answered, so it is checked again
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
                 why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
             else:
                 version = self._version_of(address)
                 if not version:
-                    continue  # the worker has gone; if it returns, it is checked again
+                    continue  # the worker has left; if the worker returns, it is checked again
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
@@ -179,7 +182,8 @@ class Cluster:
             version = self._client.run(_asker(OUR_PACKAGE), workers=[address]).get(address, "")
         except OSError:
             return ""
-        except Exception as error:  # any error of its code, because another worker may be good
+        except Exception as error:
+            # the code on the worker may raise any error, and other workers may still be usable
             return f"its {OUR_PACKAGE} cannot be read: {type(error).__name__}: {error}"
         return str(version)
 
@@ -204,7 +208,7 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
     """Return a worker's answer, or the reason why it cannot be read, because the other tasks continue."""
     try:
         answer: Answer = pickle.loads(payload)
-    except Exception as error:  # any error, because unpickling may run code of a class
+    except Exception as error:  # unpickling runs code of classes, so it may raise any error
         return error
     return answer
 

@@ -73,7 +73,7 @@ def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[
     return number
 
 
-seed_value = between(int, 0, 2**31 - 1001)  # random seeds; each run adds its number
+seed_value = between(int, 0, 2**31 - 1001)  # type of a random seed; each run adds its own number to the seed
 
 
 @contextmanager
@@ -84,7 +84,7 @@ def exit_codes(name: str) -> Iterator[None]:
     """
     try:
         yield
-    except (HuskyError, OSError) as error:  # a full disk is an OSError
+    except (HuskyError, OSError) as error:  # an OSError comes from a full disk, for example
         print(f"{name}: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except Exception as error:

@@ -19,11 +19,12 @@ import numpy as np
 
 from husky_highlevel_controller.paths import share_folder
 
+# packages whose code may change a result
 OURS = (
     "husky_evaluation",
     "husky_grading",
     "husky_highlevel_controller",
-)  # packages that decide about results
+)
 GENERATED = ("msg", "srv", "cfg")  # folders that catkin's install space adds to the package
 
 
@@ -67,7 +68,8 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces((value.func, value.args, value.keywords))
     elif inspect.isfunction(value) or isinstance(value, type):
         yield f"{value.__module__}.{value.__qualname__}".encode()
-        if value.__module__.split(".")[0] not in OURS:  # our own code is part of code_version
+        # the code of our packages is already part of code_version
+        if value.__module__.split(".")[0] not in OURS:
             yield inspect.getsource(value).encode()
     else:
         raise TypeError(f"a {type(value).__name__} has no fingerprint: {value!r}"[:200])
@@ -95,7 +97,7 @@ def processor() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration, IndexError):  # another system than Linux, or a processor without a name
+    except (OSError, StopIteration, IndexError):  # the system is not Linux, or the processor has no name
         return platform.processor()
 
 

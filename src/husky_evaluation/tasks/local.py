@@ -57,7 +57,8 @@ def run_here(
             executor = ProcessPoolExecutor(jobs, get_context("fork"), _obey_the_first)
         try:
             while todo or running:
-                # a group that may have ended a process is tried alone, so no other group can be the cause
+                # a group that may have ended a worker process is run alone, so that no other group can be the
+                # cause
                 while todo and len(running) < (1 if deaths[todo[0]] else 2 * jobs):
                     running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
                     todo.popleft()
@@ -76,8 +77,9 @@ def run_here(
                 losses.remove(worst)
             todo.extendleft(reversed(losses))
         finally:
-            # waits for running tasks, and cancels the waiting ones; Python 3.8 does them, too. Future.cancel
-            # is not used, because a pool with cancelled futures may hang at its end (Python 3.11.2, gh-94777)
+            # `shutdown` waits for the running tasks and cancels the waiting tasks; Python 3.8 also runs the
+            # waiting tasks. `Future.cancel` is not used, because a pool with cancelled futures may hang at
+            # its end (Python 3.11.2, gh-94777)
             executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
 
 

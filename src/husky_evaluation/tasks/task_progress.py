@@ -21,7 +21,8 @@ class Progress:
         self._total, self._title, self._clock = total, title, clock
         self._done, self._begin = 0, clock()
         self._last_line = self._begin
-        self._bar = tqdm(total=total, desc=title, disable=None)  # None disables it without a terminal
+        # with `disable=None`, the bar is shown only in a terminal
+        self._bar = tqdm(total=total, desc=title, disable=None)
 
     def __enter__(self) -> Progress:
         return self

@@ -17,7 +17,8 @@ from husky_evaluation.tasks.task_progress import Progress
 from husky_highlevel_controller.datatypes import HuskyError
 
 Task = Callable[[Any], Any]
-OnError = Callable[[Any, Exception], Any]  # returns the result of an item with a failed task, or raises
+# function that returns a result for an item whose task failed, or raises an error
+OnError = Callable[[Any, Exception], Any]
 
 
 class Workers:
@@ -38,7 +39,8 @@ class Workers:
         self._digest = hashlib.sha256()
         self._machines: Set[str] = set()
         if cluster:
-            from husky_evaluation.tasks.cluster import Cluster  # loads Dask, which is optional
+            # imported only now, because it needs Dask, which is optional
+            from husky_evaluation.tasks.cluster import Cluster
 
             self._cluster = Cluster(cluster)
 
