@@ -58,13 +58,14 @@ from husky_grading.submission import SUBMISSION_FOLDER, WORKSPACE
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 
-DEADLINE = 3600.0  # [s] wall time for one submission, in addition to its runs
+DEADLINE = 3600.0  # [s] longest wall time for one submission, in addition to the time of its runs
 PROGRAM = "husky_grading.mark"
 DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
 CLEANUP_DEADLINE = 10.0  # [s] wall time from Ctrl-C until the marking program is killed
 MAX_RETURNED = 50_000_000  # [bytes] size of a file that a cluster sends back
 SEED = "seed"  # file in the folder of results with the class's seed
-SEEDS = 2**30  # number of seeds; the simulator adds the number of a run, and a ROS parameter has 31 bits
+# number of possible seeds; seed plus number of a run must fit into a ROS parameter, which has 31 bits
+SEEDS = 2**30
 # folders that are made from the submission, or by it
 NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content by place in the folder of results
@@ -75,12 +76,14 @@ class Batch:
     """A class: its submissions, and the folder of results."""
 
     folder: Path  # folder of submissions
-    out: Path  # folder of hand_ins/ with a folder for each, results.csv, junit.xml and index.html
+    # folder with index.html, results.csv, junit.xml, and hand_ins/ with a folder for each submission
+    out: Path
     jobs: int = 1  # submissions that are marked in parallel
     only: Tuple[str, ...] = ()  # submissions to mark again; defaults to all that have no result yet
     setups: Tuple[str, ...] = ()  # setup.bash files on which submissions are built
     cluster: str = ""  # address of a Dask scheduler whose workers mark; defaults to this machine
-    time_limit: float = 0.0  # [s] wall time for one submission; 0 for DEADLINE and its runs
+    # [s] longest wall time for one submission; 0 means DEADLINE plus the time of its runs
+    time_limit: float = 0.0
 
 
 def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
@@ -103,7 +106,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             )
     overrides = _overrides(batch.folder, names)
     batch.out.mkdir(parents=True, exist_ok=True)
-    (batch.out / "CATKIN_IGNORE").touch()  # a workspace around the folder must not find unpacked packages
+    # a catkin workspace around this folder must not build the unpacked packages
+    (batch.out / "CATKIN_IGNORE").touch()
     results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
     installed = installed_packages(batch.setups)
@@ -111,10 +115,10 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
         if hand_in.problem:
-            remove_tree(Path(job.out))  # the folder may have the result of the wrong entry
+            remove_tree(Path(job.out))  # the folder may have the result of another entry of this student
             results[job.name] = unmarked(job, hand_in.problem)
             continue
-        if job.name in batch.only:  # removes the build, too
+        if job.name in batch.only:  # the build is removed, too
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
         if earlier is not None:
@@ -122,7 +126,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         elif not batch.only or job.name in batch.only:
             waiting.append(job)
     jobs = batch.jobs
-    if jobs > 1 and not private_network.can_be_made():  # a submission could forge another one's ROS graph
+    # without a private network, a submission could change the ROS graph of another submission
+    if jobs > 1 and not private_network.can_be_made():
         jobs = 1
         print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
     try:
@@ -197,9 +202,10 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     )  # fmt: skip
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
-    # the version of our code counts, so a class is marked by one version of the simulator
+    # the fingerprint includes our code, so that one version of the simulator marks the whole class
     digest = hashlib.sha256(repr(built).encode())
-    with contextlib.suppress(UnreadableFileError, OSError):  # marking reports too many or missing files
+    # marking itself reports missing files and too many files
+    with contextlib.suppress(UnreadableFileError, OSError):
         for file in walk(path) if path.is_dir() else [path]:
             status = file.stat()
             line = f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n"
@@ -231,19 +237,21 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
             return None
         result = load_result(out / RESULT)
         is_as_before = not (out / WORKSPACE).exists()
-        with contextlib.suppress(HuskyError):  # otherwise the rules of the earlier judgement are unknown
+        # if the old job cannot be read, the rules of the old result are unknown
+        with contextlib.suppress(HuskyError):
             before = load(Job, out / JOB)
             same = ("name", "config", "override")
             is_as_before |= all(getattr(before, field) == getattr(job, field) for field in same)
         judged = result if is_as_before else judge_again(job)
     except PointsError:
         raise
-    except Exception:  # any error, because it is marked again, and then the error is its result
+    except Exception:
+        # after any error the submission is marked again, and the result of that attempt reports the error
         return None
     try:
         if judged != result:
             write_result(judged, out)
-        write_whole(out / JOB, to_json(job))  # the class may have moved since
+        write_whole(out / JOB, to_json(job))  # the job has new paths if the folder of the class was moved
     except OSError:  # the submission is marked again
         return None
     return judged
@@ -303,7 +311,7 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     try:
         in_time = wait(lambda: not process.running, deadline)
     except StoppedError:
-        process.interrupt()  # the program ends its own programs
+        process.interrupt()  # the marking program then ends the programs that it has started
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.popen.wait(CLEANUP_DEADLINE)
         raise
@@ -316,7 +324,8 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-            (out / WORKSPACE).unlink(missing_ok=True)  # otherwise its runs so far would be judged
+            # without this file, the recorded runs of the unfinished submission are not judged
+            (out / WORKSPACE).unlink(missing_ok=True)
             write_whole(out / FINGERPRINT, job.fingerprint)
         result = unmarked(job, problem)
         write_result(result, out)
@@ -333,7 +342,7 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, NOT_RETURNED):
-            with contextlib.suppress(UnreadableFileError):  # the file may be too large
+            with contextlib.suppress(UnreadableFileError):  # a file that is too large is left out
                 files[file.relative_to(out).as_posix()] = read_regular(file, MAX_RETURNED)
         return files
 
@@ -350,5 +359,6 @@ def write_outputs(files: Files, job: Job) -> MarkingResult:
         path = out / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    write_whole(out / JOB, to_json(job))  # the job with the paths of this machine
+    # the job was written on another machine, so it is written again with the paths of this machine
+    write_whole(out / JOB, to_json(job))
     return load_result(out / RESULT)

@@ -124,7 +124,7 @@ def grade(options: argparse.Namespace) -> int:
     The code is 0 for full marks, 1 if points are lost, and 2 if a submission could not be graded.
     """
     if options.review:
-        # imported only here, because it draws by matplotlib, which takes long to load
+        # imported only here, because the review page needs matplotlib, which takes long to load
         from husky_grading.review import write_review
 
         print(f"open this page in a browser: {write_review(options.review.resolve()).as_uri()}")
@@ -160,6 +160,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
     if not options.cluster:
-        stop_on_signals()  # an interruption ends all programs
+        stop_on_signals()  # Ctrl-C ends all programs that `grade` has started
     with exit_codes("grade"):
         raise SystemExit(grade(options))

@@ -32,20 +32,20 @@ class RvizDisplay:
 class RvizConfig:
     """Configuration with which a submission would start RViz."""
 
-    source: str = ""  # name of its source in sentences; empty if there is none
+    source: str = ""  # name of `source` in sentences; empty if the display has no source
     fixed_frame: str = ""
     displays: Tuple[RvizDisplay, ...] = ()
     off: Tuple[RvizDisplay, ...] = ()  # displays that are switched off, transparent, or without a size
-    problem: str = ""  # reason why there is nothing to look at
+    problem: str = ""  # reason why the configuration cannot be read; empty if it can be read
     started: bool = False  # the launch file starts RViz
-    missing: str = ""  # path that its launch file names, and that was not handed in
+    missing: str = ""  # path of an RViz file that the launch file names, but that was not handed in
 
 
 @dataclass(frozen=True)
 class RvizView(RvizConfig):
     """A configuration, and the displays that the submission's RViz shows with it."""
 
-    topics: Tuple[str, ...] = ()  # topics of its displays of scans and markers
+    topics: Tuple[str, ...] = ()  # topics of the visible displays of scans and markers
     tf: bool = False  # frames are visible
     robot: bool = False  # the robot model is visible
     scan: bool = False  # the laser's points are visible
@@ -62,7 +62,7 @@ class FrameTree:
     """Frames and robot descriptions of a run."""
 
     parents: Mapping[str, str] = field(default_factory=dict)  # parent of each frame
-    descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames
+    descriptions: Tuple[str, ...] = ()  # parameters with a robot description whose links are frames of TF
 
     def connects(self, frame: str) -> bool:
         """Return whether transforms connect a frame with base_link."""
@@ -76,7 +76,7 @@ class FrameTree:
         return frame
 
 
-# frames of the simulator alone, for a submission that was not started
+# frames that the simulator alone publishes, for a submission that was not started
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 
@@ -180,12 +180,13 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
-        # parameter of the SMB's own launch file, which ours replaces
+        # the SMB's launch file sets this parameter; our replacement sets only /robot_description
         descriptions.add("/smb_description")
     topics = []
     for each in markers:
         topics.append(each.source)
-        if each.kind == "rviz/Marker":  # RViz also subscribes to arrays, on a second topic
+        # a Marker display of RViz also subscribes to arrays, on a second topic
+        if each.kind == "rviz/Marker":
             topics.append(f"{each.source}_array")
     return replace(
         view,

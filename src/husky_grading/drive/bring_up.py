@@ -15,7 +15,7 @@ from husky_grading.submission import SIMULATOR_NODES
 from husky_highlevel_controller.paths import share_folder
 
 SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
-START_PERIOD = 0.05  # [s] wall time between two looks at a program of ours that starts
+START_PERIOD = 0.05  # [s] wall time between two checks whether a started program is ready
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that the simulator offers
 # parameters and arguments of the simulator for each tuple of launch arguments that was used before
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
@@ -50,7 +50,7 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
     set_parameters(network.uri, simulator_values)
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
     once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
-    # a submission could infer the pillar's position from these parameters
+    # set to 0, because a submission could infer the pillar's position from the start pose
     set_parameters(network.uri, {f"{SIMULATOR_NODES[0]}/{name}": 0 for name in start})
     return simulator
 

@@ -18,8 +18,8 @@ ARROW, LINE_STRIP, LINE_LIST, CUBE_LIST, SPHERE_LIST, POINTS = 0, 4, 5, 6, 7, 8
 TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
-MAX_POINTS = 1000  # points of one marker that are looked at
-MAX_SPREAD = 0.5  # [m] median distance from their mean beyond which the mean does not represent points
+MAX_POINTS = 1000  # largest number of points of one marker that are evaluated
+MAX_SPREAD = 0.5  # [m] if the points are farther from their mean (median), the mean does not represent them
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
@@ -27,7 +27,9 @@ class Drawn(NamedTuple):
     """Marker in the world, seen from a vertical axis."""
 
     position: Vector3  # [m] an arrow's tip, a solid's centre, a list's mean or its line's end
-    reach: float  # [m] horizontal distance from the axis to the nearest drawn point; 0 if it covers the axis
+    # [m] horizontal distance from the pillar's axis to the nearest drawn point; 0 if the marker covers the
+    # axis
+    reach: float
     low: float  # [m] height of the lowest drawn point
     high: float  # [m] height of the highest drawn point
 
@@ -57,7 +59,7 @@ def _shape(
     """Return reference points, of which the best counts, and points whose convex hull is drawn."""
     if kind == ARROW and len(points) >= 2:
         return [points[1]], [points[1]]
-    if kind == ARROW:  # along x of its pose, as long as scale.x
+    if kind == ARROW:  # an arrow points along the x axis of its pose, and has the length scale.x
         tip = (float(scale[0]), 0.0, 0.0)
         return [tip], [tip]
     if kind in LISTS and len(points):
@@ -65,7 +67,8 @@ def _shape(
         ends = [measured[0], measured[-1]] if kind in LINES else []
         middle = _middle(np.array(measured, dtype=float))
         return [middle, *ends], [middle, *ends]
-    if kind in (TEXT, MESH):  # a text turns to the camera; a mesh's size is in its file
+    # a text always faces the camera, and the size of a mesh is known only from its file
+    if kind in (TEXT, MESH):
         return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
     return [(0.0, 0.0, 0.0)], (_CORNERS * np.asarray(scale, dtype=float)).tolist()
 
@@ -85,7 +88,7 @@ def hull_distance(points: np.ndarray) -> float:
     gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
     if len(points) > 2 and gaps.max() < pi - 1e-9:
         return 0.0
-    # outside, the nearest point lies on a segment between two of the points
+    # if the axis is outside of the shape, the nearest point lies on a segment between two of the points
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
     length = np.maximum((along**2).sum(axis=1), 1e-12)

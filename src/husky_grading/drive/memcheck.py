@@ -35,13 +35,13 @@ from husky_grading.submission import SIMULATOR_NODES, Submission
 
 VALGRIND = "valgrind"
 LOG = "memcheck."  # name of valgrind's log, before the process id; `nodes/submission.py` uses the same name
-# [s] CPU time under valgrind after the node has subscribed; longest wall time for this
+# [s] CPU time for which a node runs under valgrind after it has subscribed; longest wall time for this test
 CPU, WALL = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # nested parentheses
 IN_PARENTHESES = "\0"  # character that replaces parentheses and their content
-DEPTH = 4  # frames of the standard library between the read and the submission's line
+DEPTH = 4  # largest number of stack frames of the standard library above the submission's own frame
 
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
 _PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
@@ -74,7 +74,8 @@ def is_worth_checking(submission: Submission) -> bool:
     root = submission.root
     return (
         root is not None
-        and not submission.parts.by_submission  # otherwise its nodes are not the student's
+        # with packages in `by_submission`, the nodes are not the student's code
+        and not submission.parts.by_submission
         and shutil.which(VALGRIND) is not None
         and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
         and any(map(may_be_unwritten, _texts(root / "src").values()))
@@ -114,7 +115,8 @@ def find_unwritten_variable(
         if joined:
             _, before = state_of_tree(process.popen.pid)
             wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - before > CPU, WALL)
-        # read before the node is ended, because an interrupted `getParam` does not write its variable
+        # the logs are read while the node runs, because an interrupted `getParam` leaves its variable
+        # unwritten
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
     sources = (submission.root or folder) / "src"
@@ -123,7 +125,7 @@ def find_unwritten_variable(
 
 def _is_program(path: Path) -> bool:
     with contextlib.suppress(OSError):
-        if is_regular(path):  # otherwise a FIFO of the build would block
+        if is_regular(path):  # opening another kind of file, such as a FIFO, could block
             with path.open("rb") as file:
                 return file.read(len(ELF)) == ELF
     return False

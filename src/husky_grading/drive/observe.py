@@ -20,7 +20,8 @@ from husky_grading.recording import RECORDING, recording_to_json
 from husky_grading.records import MarkingConfig
 from husky_grading.submission import Submission
 
-DRIVE = "drive"  # folder of each run while it lasts, because a submission sees the path but not its start
+# name of each run's folder during the run, without a number, because the submission can see this name
+DRIVE = "drive"
 BAR = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
 
 
@@ -54,7 +55,7 @@ def observe(
         chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
-        # simulated seconds up to the deadline; the run may end earlier
+        # progress in simulated seconds, up to the deadline; the run may end earlier
         bar = tqdm(
             total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,
             disable=None, leave=False,

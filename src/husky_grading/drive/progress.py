@@ -11,8 +11,9 @@ from husky_grading.drive.ros_graph import Registered
 from husky_grading.isolation.process import Process, wait
 
 POLL_PERIOD = 0.1  # [s] wall time
-LOOK_PERIOD = 0.5  # [s] wall time between two looks at the ROS graph
-# [s] wall time without a running thread after which a program is idle, if it has subscribed and if it has not
+LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
+# [s] wall time without a running thread after which a program counts as idle: for a program that has
+# subscribed to the scans, and for another one
 IDLE, IDLE_BEFORE = 2.0, 12.0
 # A program that publishes in a loop is never idle for long. Such a program has settled if it has computed or
 # slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of these seconds.

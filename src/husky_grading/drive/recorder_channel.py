@@ -19,9 +19,9 @@ from husky_grading.recording import Recording
 class Assignment:
     """First message to the recorder: its task."""
 
-    recording: Recording  # facts that are known before the run
+    recording: Recording  # recording with the facts that are known before the run
     truth_socket: str  # path of the socket to which the simulator connects
-    exercise: int  # number of the exercise, which follows the run by its watch
+    exercise: int  # number of the exercise, whose watch follows the run
     ours: Tuple[str, ...]  # nodes that do not belong to the submission
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
 
@@ -72,7 +72,7 @@ class RecorderChannel:
         self._connection, recorder_end = Pipe()
         with recorder_end:
             self.process = network.start("recorder", [RECORDER], handed=(recorder_end,))
-        self.is_open = True  # more messages may come
+        self.is_open = True  # true while more messages of the recorder may come
         self.ready = self.joined = self.subscribed = self.over = False
         self.now = 0.0  # [s] simulated time
         self.recording: Optional[Recording] = None

@@ -18,8 +18,9 @@ from husky_grading.submission import Submission
 class RobotChoice:
     """Robot of a run, and the reason for its choice."""
 
-    config: MarkingConfig  # settings with the robot
-    why: str = ""  # reason in a sentence for the student; empty if the teacher has named the robot
+    config: MarkingConfig  # settings, with the chosen robot
+    # reason of the choice, as a sentence for the student; empty if the teacher has chosen the robot
+    why: str = ""
     is_guess: bool = False
 
     def after_hearing(self, listened: Optional[MarkingConfig]) -> RobotChoice:

@@ -20,11 +20,13 @@ from typing import (
 from husky_grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
 from husky_highlevel_controller.xml_rpc import ask
 
-ANSWER_DEADLINE = 20.0  # [s] wall time; a submission may end the master and listen in its place
+# [s] longest wait for the master, because a submission may end the master and listen on its port
+ANSWER_DEADLINE = 20.0
 CALLER = "/marking"
-MAX_CALLERS = 5  # callers of a service that are reported
+MAX_CALLERS = 5  # largest number of callers of a service that are reported
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
-TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"  # topic; namespace of the objects' markers
+# topic of the true poses; namespace of the topics with the objects' markers
+TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # nodes by topic
 
@@ -39,7 +41,8 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
 
     Each call of a service looks it up once.
     """
-    answer = _ask(uri, "countLookups", service)  # a submission may end the master and answer in its place
+    # not trusted, because a submission may end the master and answer on its port
+    answer = _ask(uri, "countLookups", service)
     counts = answer if isinstance(answer, dict) else {}
     of_others = {
         node: count for node, count in counts.items() if isinstance(count, int) and node not in our_nodes

@@ -35,8 +35,9 @@ from husky_grading.submission import (
     starter,
 )
 
-STALL_DEADLINE = 90.0  # [s] wall time in which simulated time must advance
-PROGRESS_PERIOD = 0.2  # [s] wall time between two looks at a run; each costs the ROS master milliseconds
+STALL_DEADLINE = 90.0  # [s] a run ends if simulated time has not advanced for this wall time
+# [s] wall time between two checks of a run; a check costs the ROS master some milliseconds
+PROGRESS_PERIOD = 0.2
 KEPT_OUTPUT = 20000  # characters of the submission's output that are kept
 RECORDER_NODE = "marking_recorder"  # name of the recorder's node
 
@@ -45,7 +46,8 @@ RECORDER_NODE = "marking_recorder"  # name of the recorder's node
 class Driven:
     """Result of a run."""
 
-    robot: RobotChoice  # robot that was simulated, or if there is no recording the robot to simulate instead
+    # robot that was simulated; if `recording` is None, the robot to simulate in the next attempt
+    robot: RobotChoice
     recording: Optional[Recording] = None  # None if the submission listens to another robot's scans
 
     @property

@@ -12,7 +12,8 @@ from typing import Callable, Optional
 from husky_highlevel_controller.datatypes import TrueState
 
 BUFFER = 1 << 16  # [bytes]
-READ = b"."  # answer to "ready" and to each state; the simulator waits for it, so markers get the right time
+# answer to "ready" and to each state; the simulator waits for this answer, so that markers get the right time
+READ = b"."
 
 
 class TruthFeed:
@@ -60,6 +61,6 @@ class TruthFeed:
                         self._on_event(key, str(value))
                 except Exception as error:
                     self.failure = self.failure or error
-                if key in ("truth", "ready"):  # the simulator waits for an answer
+                if key in ("truth", "ready"):  # the simulator waits for an answer to these two messages
                     with contextlib.suppress(OSError):
                         connection.sendall(READ)
