@@ -17,7 +17,7 @@ from husky_grading.hand_in.facts import Facts
 from husky_grading.recording import Recording
 from husky_grading.records import Item, Rules
 
-# arguments: recordings, RViz view, topic of the scans, rules
+# function that gives points; arguments: recordings, RViz view, topic of the scans, rules
 Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 
 
@@ -25,11 +25,11 @@ Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 class Exercise:
     """Exercise of the course."""
 
-    items: Tuple[str, ...]  # names, as a rubric file uses them
+    items: Tuple[str, ...]  # names of the items, as a rubric file uses them
     judge: Judge
     pace: float  # maximum real-time factor
-    deadline: float  # [s] time limit of a run, simulated
-    random_starts: bool = False  # several runs, each from another pose
+    deadline: float  # [s] longest simulated time of a run
+    random_starts: bool = False  # true if there are several runs, each from another start pose
     facts: Facts = field(default_factory=Facts)
     bring_up: BringUp = simulate
     watch: Callable[[Recording, RosAccess], Watch] = Watch

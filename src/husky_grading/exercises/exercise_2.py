@@ -31,9 +31,10 @@ ITEMS = (
     "RViz shows the laser scan in odom",
 )
 SAME = 0.02  # [m] tolerance between a printed number and the measured ranges
-LEAST_LINES = 5  # printed lines that must have such a number
-SPAN = 0.5  # fraction of the change of the smallest range that must be printed
-SPEED, BEGIN, SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s] motion of the robot, which the grader drives
+LEAST_LINES = 5  # least number of printed lines with a number that was the smallest range
+SPAN = 0.5  # least ratio of the change of the printed numbers to the change of the smallest range
+# motion of the robot, which the grader drives: speed [m/s], begin [s], duration [s]
+SPEED, BEGIN, SECONDS = 0.5, 2.0, 10.0
 STANDS_BY = BEGIN + SECONDS + 1.0  # [s] simulated time at which the robot stands again
 # hints
 PRINT = (
@@ -44,7 +45,7 @@ PARAMETERS = "read both as private parameters of the node, from the launch file 
 
 _QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
-# prefix of a line of a ROS log: level and times
+# prefix of a line of a ROS log, with the level and the times
 _PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?:?")
 
 
@@ -52,8 +53,8 @@ _PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?
 class ReadParameters:
     """Parameters of the submission that the exercise asks for, by their full names."""
 
-    topics: Tuple[str, ...] = ()  # parameters whose value is the topic of the scans
-    queues: Tuple[str, ...] = ()  # whole numbers whose names contain "queue"
+    topics: Tuple[str, ...] = ()  # private parameters whose value is the topic of the scans
+    queues: Tuple[str, ...] = ()  # private parameters with a whole number whose names contain "queue"
 
 
 class StraightDrive(Watch):

@@ -41,14 +41,18 @@ from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # fraction of the way to the pillar that gives all points for the approach
-# fraction of the way, and [m]; a robot that passes farther from the pillar than both gets half of the points
+# a robot that passes the pillar at a distance above both limits gets half of the points: fraction of the way,
+# and [m]
 PAST, MIN_PAST = 0.1, 1.0
 FIRST_STEPS = 0.1  # fraction of the way that gives half of the points for the approach
-ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing at which the robot must turn; fraction of turns with its sign
-TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s] least rate of a turn; fraction of turns to one side
-STOPPED = 1.0  # [s] time at rest at the end after which the robot has stopped
+# sine of the bearing above which the robot must turn; fraction of its turns that must have the sign of the
+# bearing
+ASIDE, MOSTLY = 0.1, 0.6
+# [rad/s] least rate of a turn; fraction of turns to the same side above which the robot only turns in circles
+TURNS_ON, ONE_WAY = 0.05, 0.9
+STOPPED = 1.0  # [s] time at rest at the end of a run after which the robot has stopped
 PERIOD, LATELY = 0.1, 1.0  # [s] longest time between two scans; time over which the last approach is measured
-SILENT = 2.0  # [s] simulated time after which a submission that listens must have advertised its commands
+SILENT = 2.0  # [s] simulated time in which a submission that reads scans must advertise its commands
 NEARLY = 0.1  # [m] tolerance for "at the nearest point of the run"
 ITEMS = (
     "drives towards the pillar",
@@ -101,7 +105,7 @@ class PillarWatch(Watch):
 class Explanation(NamedTuple):
     """Probable mistake behind a loss of points."""
 
-    ending: str  # words that end the sentence of the evidence; empty if there are none
+    ending: str  # last words of the sentence of the evidence; may be empty
     hint: str
 
 
@@ -238,7 +242,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
 def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: float) -> Item:
     """Return the item of a robot that touches the pillar at a time [s]: all points, unless it rams it."""
     times = recording.times
-    # the speed just before, because the touch itself slows the robot down
+    # the speed just before the touch, because the touch itself slows the robot down
     just_before = (times >= touch_time - 0.2) & (times <= touch_time)
     speed = float(np.abs(recording.speeds[just_before, 0]).max())
     if rules.rams(speed):
@@ -275,7 +279,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{behind(cause)}"
         hint = hint_on(cause) if cause else f"make a publisher of visualization_msgs/Marker, and {MEMBER}"
         return replace(item, evidence=evidence, hint=hint)
-    # after a push the pillar's position is unknown
+    # only markers before the first touch count, because a push moves the pillar to an unknown position
     placements = judge_namespaces(recording, first_touch(recording), rules)
     if not placements:
         evidence = f"nothing came on {', '.join(recording.marker_topics)}{behind(cause)}"
@@ -412,6 +416,6 @@ EXERCISE = Exercise(
     pace=5.0,
     deadline=120.0,
     random_starts=True,
-    facts=Facts(by_content=True),  # a launch file names the world with the pillar
+    facts=Facts(by_content=True),  # the launch file of exercise 3 names the world with the pillar
     watch=PillarWatch,
 )

@@ -40,22 +40,25 @@ from husky_highlevel_controller.robot import load_robot
 FILTERED, ODOMETRY = "/odometry/filtered", "nav_msgs/Odometry"  # topic of the filter's estimate, and its type
 PLAYER = "rosbag/play"  # node of a launch file that plays a bag
 TOP_VIEW_FRAME = "smb_top_view"
-MAX_FILE = 1_000_000  # [bytes] size of a configuration of rqt_multiplot
-MAX_CURVES, MAX_NAME = 100, 200  # curves of a package; characters of a topic or field
+MAX_FILE = 1_000_000  # [bytes] largest size of a configuration file of rqt_multiplot
+# largest number of curves of a package; largest length of the name of a topic or field
+MAX_CURVES, MAX_NAME = 100, 200
 MAX_ESTIMATES = 50_000
-BAG_MARGIN = 0.1  # [s] simulated time by which the last pose may precede the end of a bag
+BAG_MARGIN = 0.1  # [s] simulated time before the end of a bag at which the last true pose may come
 LAST = 1.0  # [s] time before the bag's end; an estimate from this time is among the last
-SILENCE = 10.0  # [s] wall time without an estimate after the bag's end, after which no more is awaited
-# packages of the SMB's sheet; a submission for the Husky may also name /rslidar_points and smb_top_view
+SILENCE = 10.0  # [s] wall time without an estimate after which the run ends, counted from the bag's end
+# packages that only the SMB's sheet uses; /rslidar_points and smb_top_view may also occur for the Husky
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
-# topics of our bags and of the 2018 sheet
+# topics of the point cloud in our bags and on the sheet of 2018
 CLOUD_TOPICS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}
 MIN_ESTIMATES = 10
-BEGIN, END = 5.0, 2.0  # [s] times after the bag's begin and before its end, between which estimates must come
+# [s] estimates must come from this time after the bag's begin to this time before its end
+BEGIN, END = 5.0, 2.0
 GAP = 5.0  # [s] longest time between two estimates, by their stamps
-TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] error; error as a fraction of the path; the larger counts
+# largest error of the path: [m], and as a fraction of its length; the larger of the two counts
+TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02
 ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m] position of the top view in base_link, and its tolerance
-# colouring of the cloud; size of its points [m], and its tolerance [m]
+# required colouring of the point cloud; required size of its points [m]; tolerance of this size [m]
 COLOURING, SIZE, SAME_SIZE = (
     "AxisColor Z",
     0.05,
@@ -72,7 +75,7 @@ CLOUD_HINT = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
 STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
 RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
 PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
-# fraction of the points, None if it is graded by hand; evidence; hint
+# fraction of the points, or None if the item is graded by hand; evidence; hint
 Verdict = Tuple[Optional[float], str, str]
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
 _FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # folders of a file's path
@@ -84,9 +87,10 @@ class Playback:
     """Facts of a submission, and observations while a bag was played to its filter."""
 
     top_view: np.ndarray = table("[s, m, m, m] times and positions of the frame in base_link", 4)
-    players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
-    curves: Tuple[Tuple[str, str], ...] = ()  # curves of its rqt_multiplot files: /topic/field of x and of y
-    # [m] positions of every frame in base_link at the end, if the top view never came under its own name
+    players: Tuple[str, ...] = ()  # arguments of each `rosbag play` in the launch file of the submission
+    # curves in the rqt_multiplot files of the submission: /topic/field of x and of y
+    curves: Tuple[Tuple[str, str], ...] = ()
+    # [m] position of every frame in base_link at the end of the run; empty if TF has had `smb_top_view`
     places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
 
 
@@ -135,7 +139,8 @@ def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: st
     numbers = map(str, (trial.seed, config.pace, config.deadline))
     command = [BAG_PLAYER, config.robot_name, *numbers]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
-    return once_up(player, lambda: is_published(network.uri, "/clock"))  # the player advertises it last
+    # the bag player advertises /clock after all other topics
+    return once_up(player, lambda: is_published(network.uri, "/clock"))
 
 
 class FilterWatch(Watch):
@@ -305,7 +310,7 @@ def leave_to_teacher(_recording: Recording, _playback: Playback, _view: RvizView
     return None, by_hand(), ""
 
 
-# items with their points on the Husky's and on the SMB's sheet
+# items with their points on the Husky's sheet and on the SMB's sheet
 SHEETS: Dict[str, Tuple[float, float, Subject, Callable[[Recording, Playback, RvizView], Verdict]]] = {
     "explains the filter": (0.0, 10.0, Subject.CODE, leave_to_teacher),
     "explains its topics": (0.0, 10.0, Subject.CODE, leave_to_teacher),

@@ -30,17 +30,19 @@ ITEMS = (
     "bonus: stops before a crash",
     "bonus: stops after a crash",
 )
-BEFORE = 0.5  # [s] simulated time before a call over which the speed before it is measured
-SETTLED, CALM = 1.5, 4.0  # [s] simulated times after an answer between which the speed after it is measured
-MANY = 5  # lookups of a node that show calls; fewer also come from a node that only waits for the service
+BEFORE = 0.5  # [s] the speed before a call is measured in this simulated time before the call
+# [s] the speed after a call is measured between these simulated times after the answer
+SETTLED, CALM = 1.5, 4.0
+# a node with this number of lookups calls the service; a node that only waits for it makes fewer lookups
+MANY = 5
 SLOW, FAST = 0.05, 0.1  # [m/s] speeds below which the robot stands, and above which it drives
 SET_BOOL = "std_srvs/SetBool"
 CALLS = (False, True, False, True)  # stop and start, twice; if True stops the robot, start and stop
 DRIVES = 0.1  # [m/s] speed of a robot that has begun to drive
-# [s] time of the first call after the robot drives; its time if the robot waits for a call before it drives
+# [s] time between the first motion and the first call; time of the first call if the robot never moves
 FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
-OBEYED = 0.5  # [s] simulated time after a call in which a submission that it stops may send its last command
-NO_SERVICE = 25.0  # [s] simulated time without a service, after which the run is over
+OBEYED = 0.5  # [s] a submission that a call has stopped may still send commands for this simulated time
+NO_SERVICE = 25.0  # [s] the run is over if the submission has offered no service by this simulated time
 # hints
 SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {MEMBER}"
 STOP = (
@@ -60,8 +62,9 @@ class Call:
     at: float  # [s] simulated time of the call
     data: bool  # value of the request
     success: bool
-    answer: str  # text of the answer, or the error
-    answered_at: float  # [s] simulated time of the answer; on a busy machine more than a second later
+    answer: str  # text of the service's answer, or the error of the call
+    # [s] simulated time of the answer; on a busy machine, it may be more than a second after the call
+    answered_at: float
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class ServiceCalls:
     services: Tuple[str, ...] = ()  # services of type std_srvs/SetBool
     other_services: Tuple[str, ...] = ()  # services of other types, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
-    # number of lookups of the service by each node of the submission; each call makes one
+    # number of times that each node of the submission has looked the service up; each call looks it up once
     callers: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -80,7 +83,7 @@ class CallPlan:
     """Plan of the calls of one run."""
 
     made: int = 0
-    answered_at: float = -inf  # [s] time of the last answer; inf while an answer is awaited
+    answered_at: float = -inf  # [s] simulated time of the last answer; inf while an answer is awaited
     drove_at: float = inf  # [s] time at which the robot first drove
 
     def due(self, now: float, speed: float) -> Optional[bool]:
@@ -113,7 +116,7 @@ class ServiceWatch(Watch):
     def __init__(self, known: Recording, ros: RosAccess) -> None:
         super().__init__(known, ros)
         self._plan = CallPlan()
-        self._made: Optional[Call] = None  # the call that waits for its answer
+        self._made: Optional[Call] = None  # call that waits for its answer; None if no call waits
         self._calls: List[Call] = []
         self._types: Dict[str, str] = {}  # types of the submission's services, by their names
 
@@ -159,8 +162,8 @@ class Effect:
     """A call, and the robot's speed before and after it."""
 
     call: Call
-    before: float  # [m/s] highest speed just before
-    after: float  # [m/s] highest speed after the robot had time to react
+    before: float  # [m/s] highest speed just before the call
+    after: float  # [m/s] highest speed after the call, when the robot had time to react
 
     @property
     def stopped(self) -> bool:

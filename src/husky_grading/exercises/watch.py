@@ -58,11 +58,11 @@ class DriveState:
     now: float  # [s] simulated time
     speed: float  # [m/s] true speed
     subscribed: bool = False  # the submission subscribes to the `input_topic` of the watch
-    listens: bool = False  # the submission subscribes to a topic that not every node has
+    listens: bool = False  # the submission subscribes to any topic that is not part of every ROS node
     advertises: bool = False  # the submission has a publisher of velocity commands
-    commands: int = 0  # number of commands so far
-    abandoned: bool = False  # none of its nodes runs any more
-    services: Tuple[str, ...] = ()  # services that it offers
+    commands: int = 0  # number of velocity commands so far
+    abandoned: bool = False  # no node of the submission runs any more
+    services: Tuple[str, ...] = ()  # services that the submission offers
 
 
 class Watch:

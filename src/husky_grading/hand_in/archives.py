@@ -26,18 +26,19 @@ from husky_highlevel_controller.datatypes import HuskyError
 PROGRAM = "husky_grading.hand_in.archives"
 
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
-UNREAD = (".7z", ".rar", ".tar.zst")  # archives that cannot be opened
-# files and bytes of all archives of a submission, or of its folder
+UNREAD = (".7z", ".rar", ".tar.zst")  # endings of archives that cannot be opened
+# largest number and size of all files in the archives of a submission, or in its folder
 MAX_FILES, MAX_BYTES = (
     20_000,
     500_000_000,
 )
 MAX_FILE = 100_000_000  # [bytes] size of one file; a larger one, such as a rosbag, is left out
-MAX_NAMED = 5  # files that a note names
+MAX_NAMED = 5  # largest number of files that a note names
 UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes]
 MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes] memory, [s] CPU and wall time, for one archive
-_Member = Tuple[str, bool, bool, Optional[IO[bytes]]]  # name, executable, to be left out, content
+# name; whether it is executable; whether it is left out; content
+_Member = Tuple[str, bool, bool, Optional[IO[bytes]]]
 
 
 class ArchiveError(HuskyError):
@@ -117,9 +118,11 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
                         target.chmod(0o755)
     except (ArchiveError, MemoryError):
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # a RuntimeError means that a password is needed
+    except (OSError, ValueError, RuntimeError) as error:
+        # RuntimeError, because the archive may need a password
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
-    except Exception as error:  # any error of zipfile, tarfile, zlib, lzma, bz2, struct
+    except Exception as error:
+        # a broken archive may raise any error of zipfile, tarfile, zlib, lzma, bz2 and struct
         raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
     return left_out, large
 

@@ -34,13 +34,14 @@ from husky_grading.isolation.ros_network import MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 
-BUILD_DEADLINE = 600.0  # [s] wall time for each attempt
+BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
 MAX_TEXT = 1_000_000  # [bytes] size of a launch file
-MAX_MISSING = 10  # attempts to build, because CMake reports missing packages one after the other
-MAX_STAND_INS = 50  # empty packages in place of missing ones, because a build can print any number of names
+MAX_MISSING = 10  # largest number of builds; CMake reports only one missing package in each build
+# largest number of empty packages in place of missing ones, because a build can print any number of names
+MAX_STAND_INS = 50
 # [kB] memory that GCC takes before it collects garbage, which saves a tenth of its time
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"
-# header before each C++ source; a repair changes it, so CMake need not run again
+# header that each C++ source includes first; repairs change only this header, so CMake need not run again
 PRELUDE = "marking_prelude.h"
 # headers with which publish(true) and the like compile, as in a Release build of Noetic and older
 PLAIN_TYPES = "\n".join(
@@ -54,7 +55,7 @@ _PLACEHOLDER = re.compile(r"\b_[1-9]\b")
 OLD_BOOST_NOTE = (
     "_1 of boost::bind was made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
-# symbol of a program: Publisher::publish of a built-in type
+# symbol of a program that calls Publisher::publish with a built-in type
 PLAIN_PUBLISH = re.compile(rb"_ZNK3ros9Publisher7publishI[abcdfhijlmstxy]EEvRKT_")
 PLAIN_PUBLISH_NOTE = (
     "publish(true) and the like were made to compile; newer versions of ROS need a message, such as "
@@ -69,7 +70,7 @@ _RETURN = re.compile(
     r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
     re.MULTILINE,
 )
-# a header is missing, perhaps because the build generates it only later
+# error of a missing header, which the build may generate only later
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
@@ -93,7 +94,7 @@ class Build:
     """Result of the build of a submission."""
 
     workspace: Workspace
-    notes: Tuple[Note, ...] = ()  # notes; a note of kind BUILD has the reason of a failed build
+    notes: Tuple[Note, ...] = ()  # notes on the build; a note of kind BUILD has the reason of a failed build
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,8 @@ class Folders:
     """A catkin workspace on disk."""
 
     root: Path
-    packages: Dict[str, Path] = field(default_factory=dict)  # sources, by the packages' names
+    # folder of each package's sources, by the name of the package
+    packages: Dict[str, Path] = field(default_factory=dict)
 
     @property
     def setup(self) -> Path:
@@ -136,7 +138,8 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
         scripts: List[str] = []
         older: List[str] = []
         target.mkdir()
-        # the size, and not the blocks on the disk, because copying fills the holes of a sparse file
+        # the size of the content, and not of the blocks on the disk, because copying fills the holes of a
+        # sparse file
         sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
         for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
             if size > min(MAX_FILE, room):
@@ -209,10 +212,10 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
 def _repair_manifest(folder: Path, package: Package) -> List[str]:
     """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes."""
     manifest = folder / "package.xml"
-    try:  # `read_manifest` has read it before, with a parser that rejects entities
+    try:  # safe, because `read_manifest` has read this file before with a parser that rejects XML entities
         parse_package(str(manifest), warnings=[])
         return []
-    except Exception as error:  # any error, because catkin's parser does not expect hostile files
+    except Exception as error:  # catkin's parser may raise any error for a hostile file
         refusal = str(error)
     depends = "".join(f"<depend>{escape(name)}</depend>" for name in sorted(package.needs) if name)
     manifest.write_text(
@@ -234,7 +237,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         NotMarkableError: the build leads out of the workspace.
         MarkingError: nothing can be built here.
     """
-    import_early()  # while the compiler waits for the disk
+    import_early()  # Python modules are loaded now, while the compiler waits for the disk
     outcome, missing = _make_with_stand_ins(folders, needed, underlay)
     (output, code), is_repaired = _make_again(folders, needed, underlay, outcome)
     if code and not _ERROR.search(output):
@@ -287,7 +290,7 @@ def _make_again(
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # the errors on _1 came only in this second build
+        repair = OLD_BOOST  # the second build may be the first one that reports the errors of an old Boost
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 
@@ -325,7 +328,7 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
     places = [folders.root / "src"]
     if folders.setup.exists():
         places.append(folders.setup)
-    # through a link the sandbox would show its target, and marking would write into it
+    # through a link, the sandbox would show the target of the link, and marking would write into the target
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
     setups = (*underlay.setups, *places[1:])
@@ -393,7 +396,7 @@ def is_built(node: str, folders: Folders) -> bool:
     """
     package, _, name = node.partition("/")
     if package not in folders.packages:
-        return True  # the node is not the submission's
+        return True  # the node does not belong to the submission
     candidates = [folders.root / "devel" / "lib" / package / name]
     candidates += [path for path in walk(folders.packages[package]) if path.name == name]
     return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
@@ -410,7 +413,8 @@ def build_error(output: str, root: Path) -> str:
         return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
-        if number and _EXECUTED.search(line):  # catkin ran a program, whose last line is the cause
+        # catkin has run a program, and the program's last line gives the cause
+        if number and _EXECUTED.search(line):
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
             place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
             return f"{place}{lines[number - 1]}"[:300]

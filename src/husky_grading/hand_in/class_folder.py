@@ -30,7 +30,7 @@ class HandIn:
 
     name: str  # printable name of the student, as pages and marking.yaml show it
     path: Path  # folder or archive
-    folder: str  # name of the folder of its results, which can be part of any path
+    folder: str  # name of the folder of results, with only characters that are safe in a path
     problem: str = ""  # reason why the submission cannot be marked, in a sentence; empty if it can be marked
 
 
@@ -47,7 +47,8 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
     """
     if is_package(folder):
         return _named({folder.name: [folder]})
-    entries: Dict[str, List[Path]] = {}  # paths by the student's name, as the file system has it
+    # paths of the entries by the student's name, with the bytes of the file system
+    entries: Dict[str, List[Path]] = {}
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)
         is_archive = bool(suffix) and path.is_file()
@@ -77,7 +78,7 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     """
     names: Dict[str, str] = {}
     as_shown = {}
-    for entry in entries:  # line feeds, changes of direction and the like become escapes
+    for entry in entries:  # characters that cannot be printed, such as line feeds, become escapes
         shown = [c if c.isprintable() else c.encode("unicode_escape").decode() for c in _decoded(entry)]
         as_shown[entry] = "".join(shown)
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
@@ -112,7 +113,7 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
     for entry, folder in plain.items():
         if counts[folder] > 1 or len(folder) > MAX_FOLDER:
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(entry)}"
-        while folder in folders.values():  # a student may have this name
+        while folder in folders.values():  # another student may have this name
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(folder)}"
         folders[entry] = folder
     return folders

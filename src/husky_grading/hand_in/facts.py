@@ -20,8 +20,9 @@ class Facts:
     """Facts that an exercise needs; the defaults fit a node that the student wrote."""
 
     parts: Parts = STUDENTS_OWN  # packages of the robot whose nodes count as the student's
-    node: str = "a node of the submission"  # node that a launch file has to start, as part of a sentence
-    by_content: bool = False  # content of a launch file counts more than the number in its name
+    node: str = "a node of the submission"  # words for the node that a launch file must start
+    by_content: bool = False  # true if the content of a launch file counts more than the number in its name
     own: Own = Own.NOTHING  # files of the grading package that its nodes may use
     robot: Callable[[Plan], NamedRobot] = named_robot
-    read: Callable[[Plan], Mapping[str, Any]] = no_facts  # reads facts for the judge from the files, by name
+    # function that reads facts for the judge from the files; it returns them by name
+    read: Callable[[Plan], Mapping[str, Any]] = no_facts

@@ -33,18 +33,20 @@ from husky_grading.records import Launchable, Override
 from husky_grading.submission import OWN_RVIZ, STUDENTS_OWN, Parts, Plan
 from husky_highlevel_controller.paths import share_folder
 
-MAX_LAUNCH = 1_000_000  # [bytes] size of a file that is read
+MAX_LAUNCH = 1_000_000  # [bytes] largest size of a file that is read
 TEMPLATE = share_folder() / "examples" / "first_node"  # package that `./dev new` copies
 TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
-BESIDE = ".beside"  # folder in a workspace's sources, with a name that no package can have
-MAX_READ = 300  # launch files of one submission
-OTHER_USE = re.compile(  # names of trials, leftovers, and the course's exercise on localization
+BESIDE = ".beside"  # folder next to the packages in a workspace; no package can have this name
+MAX_READ = 300  # largest number of launch files that are read in a submission
+# names of launch files for tests, of old copies, and of the course's exercise on localization
+OTHER_USE = re.compile(
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")
-MOTION = re.compile(r"LaserScan|PointCloud2|Twist")  # types of which a solution of an exercise names one
+# message types; a solution of an exercise names at least one of them
+MOTION = re.compile(r"LaserScan|PointCloud2|Twist")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 
 
@@ -52,14 +54,15 @@ SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 class LaunchFile:
     """A launch file of a submission, and the nodes that it starts."""
 
-    path: Path  # path of its copy in the workspace
-    place: PurePosixPath  # path in the submission
-    package: str  # package of the file, otherwise of its first node of the submission
+    path: Path  # path of the launch file's copy in the workspace
+    place: PurePosixPath  # path of the launch file in the submission
+    # package of the launch file; if it is in no package, package of the first node that it starts
+    package: str
     plan: Plan
-    nodes: Tuple[str, ...] = ()  # package/type of nodes of the submission's packages
-    scans: bool = False  # a package of its nodes names the lidar's messages
+    nodes: Tuple[str, ...] = ()  # package/type of each node of the submission that the launch file starts
+    scans: bool = False  # a package of these nodes names the lidar's messages
     able: FrozenSet[str] = frozenset()  # packages of the submission that name scans or velocities
-    is_template: bool = False  # file and node are unchanged since `./dev new` has written them
+    is_template: bool = False  # the launch file and its node are unchanged since `./dev new` has written them
 
     @property
     def able_nodes(self) -> Tuple[str, ...]:
@@ -110,7 +113,7 @@ def read_launch_files(
     able = frozenset(
         name for name in own if any(motion_texts[each] for each in with_dependencies({name}, own))
     )
-    # name of the package that holds each file; empty if the file is in none of them
+    # name of the package that contains each file; empty if no package contains the file
     holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
     launchables = [
         Launchable("launch", holder or next(iter(folders)), str(path), override.arguments)
@@ -143,7 +146,7 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
     """
     fitting = [file for file in files if file.nodes]
     able = files[0].able if files and not facts.parts.by_submission else frozenset()
-    if able:  # the node of a tutorial must not replace the controller
+    if able:  # a node that reads no scans and sends no velocities, as in a tutorial, cannot be the controller
         fitting = [file for file in fitting if file.able_nodes]
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
@@ -231,7 +234,8 @@ def _launch_files(
                     is_in_package = any(each.path in path.parents for each in contents.packages)
                     is_new = not is_in_package and not target.exists()
                     if is_new and is_below(path, top) and file_suffix(path) == ".launch":
-                        with contextlib.suppress(UnreadableFileError):  # a link or FIFO is left out
+                        # a link or FIFO cannot be read, and is left out
+                        with contextlib.suppress(UnreadableFileError):
                             target.parent.mkdir(parents=True, exist_ok=True)
                             copy(path, target)
                             yield target, launch_place

@@ -68,7 +68,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
 def _without_the_simulators(planned: Plan) -> Plan:
     """Return a plan without the rviz node of our simulator.launch, unless our own package is graded."""
     share = share_folder()
-    # compared by a file, because in the workspace of ./dev the package is a folder of links
+    # the file package.xml is compared, because the package's folder in the workspace of ./dev contains links
     if planned.package_path and is_below(planned.package_path / "package.xml", share):
         return planned
     paths = [(node, _display_config(node.args)) for node in planned.rviz]
@@ -124,7 +124,7 @@ def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[
 def _display_config(arguments: str) -> Optional[Path]:
     try:
         options = shlex.split(arguments)
-    except ValueError:  # the closing quote is missing
+    except ValueError:  # the arguments have an opening quote without a closing quote
         options = arguments.replace('"', " ").replace("'", " ").split()
     for flag, value in zip(options, options[1:]):
         if flag in ("-d", "--display-config"):
@@ -135,16 +135,17 @@ def _display_config(arguments: str) -> Optional[Path]:
 def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
-    except (UnreadableFileError, ValueError, OverflowError):  # a number may have hundreds of digits
+    except (UnreadableFileError, ValueError, OverflowError):
+        # OverflowError, because a number may have hundreds of digits
         return read_rviz_config(source, {})
 
 
-MAX_FILE = 1_000_000  # [bytes] size of a launch file
-MAX_TEXT = 200_000  # [bytes] size of another file
-# names in a package that is made for the SMB: its launch file, its frame, its sensors. As a key in an .rviz
-# file, `rslidar` is only a frame that was seen once, as in this package's own view
+MAX_FILE = 1_000_000  # [bytes] largest size of a launch file
+MAX_TEXT = 200_000  # [bytes] largest size of any other file
+# names in a package for the SMB: the SMB's launch file, its frame, its sensors. `rslidar` as a key of an
+# .rviz file does not count, because RViz writes every frame that it has seen into this file
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
-# topics of scans in a package
+# topics of scans that a package may name
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 

@@ -20,10 +20,10 @@ from husky_grading.isolation.files import (
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.dependencies import dependencies_of
 
-MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # archives and packages in one submission
+MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # largest number of archives and of packages in one submission
 MAX_MANIFEST = 1_000_000  # [bytes]
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
-# packages of courses, of Debian and of the robot; a copy of one is not the student's work
+# packages of courses, of Debian and of the robot; a copy of such a package is not the student's work
 KNOWN = frozenset({
     "teleop_twist_keyboard", "teleop_twist_joy", "ros_package_template", "rqt_multiplot", "joy",
     "husky_base", "husky_bringup", "husky_control", "husky_description", "husky_desktop", "husky_gazebo",
@@ -31,11 +31,12 @@ KNOWN = frozenset({
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
 COPIED = {"husky_gazebo", "smb_gazebo"}  # packages to which students add their own worlds and launch files
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")  # valid name of a package, because folders get it
+# valid name of a package, which also becomes the name of a folder
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
-# words for an exercise, also misspelt
+# words for an exercise in several languages, also misspelt
 _WORD = (
     r"(?:exc?er[cs]i[cs]es?|exo|exe?|course|session|uebung|\u00fcbung|aufgabe|task|homework|hw|lab|tp|sheet)"
 )
@@ -57,8 +58,9 @@ class Package:
 
     name: str
     path: Path
-    place: PurePosixPath  # path in the submission and its archives; "." is the submission itself
-    needs: FrozenSet[str] = frozenset()  # names of packages that its manifest depends on
+    # path of the package in the submission and its archives; "." is the submission itself
+    place: PurePosixPath
+    needs: FrozenSet[str] = frozenset()  # names of packages that its package.xml depends on
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Contents:
     """Packages of a submission, and notes."""
 
     packages: Tuple[Package, ...]
-    # paths in the submission of its own folder and of the folders of unpacked archives
+    # path in the submission for the submission's folder and for each folder of an unpacked archive
     places: Mapping[Path, PurePosixPath] = field(default_factory=dict)
     notes: Tuple[str, ...] = ()
 
@@ -121,7 +123,8 @@ def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Pack
         try:
             name, needs = read_manifest(manifest)
         except NotMarkableError as error:
-            # a student reads the note, so it has the path in the submission, not the path on this machine
+            # the student reads the note, so the note has the path in the submission, not the path on this
+            # machine
             notes.append(str(error).replace(str(manifest), str(package_place / "package.xml")))
             continue
         packages[path] = Package(name, path, package_place, needs)

@@ -26,8 +26,9 @@ from husky_grading.submission import (
 )
 from husky_highlevel_controller.dependencies import dependency_sentence, unknown_dependencies
 
-DEBIAN = Path("/usr/share")  # folder of Debian's packages, which need not be in ROS_PACKAGE_PATH
-LOAD_DEADLINE = 120.0  # [s] wall time in which launch files must be read
+# folder of Debian's ROS packages, which is searched even if it is not in ROS_PACKAGE_PATH
+DEBIAN = Path("/usr/share")
+LOAD_DEADLINE = 120.0  # [s] longest wall time for reading launch files
 
 
 def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
@@ -109,10 +110,12 @@ def plans(
 def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
     """Let a program write the events of launchables to a file, and return the end of its output."""
     folder = events.parent
-    nowhere = "http://127.0.0.1:1"  # no master is needed to read a launch file
+    # an address without a master, because reading a launch file needs no master
+    nowhere = "http://127.0.0.1:1"
     env = {**clean_environment(), "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
-    env["DISPLAY"] = ":0"  # a launch file may start RViz only if there is a screen; nothing is started now
+    # a launch file may contain RViz only if there is a display; nothing is started here
+    env["DISPLAY"] = ":0"
     process = Process(
         starter(events, "describe", launchables, parts, workspace.own),
         folder / "plan.log",

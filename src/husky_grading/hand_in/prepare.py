@@ -43,10 +43,11 @@ from husky_grading.records import Job, Launchable
 from husky_grading.submission import WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
-# files of this stage; the first one is written last, so it is removed first
+# files of this stage; the first file is written last and removed first
 FILES = (WORKSPACE, "plan", "build.log")
 FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # folders of this stage, for delivered files
-MAX_TRIED = 3  # attempts with another copy of a package, or another launch file, if no node is built
+# largest number of attempts with another copy of a package or another launch file, if no node builds
+MAX_TRIED = 3
 Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
 
@@ -62,7 +63,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    names = FILES if job.launchable else (*FILES, *FOLDERS)  # otherwise a folder `ws` may be the teacher's
+    # the folders exist only for delivered files; a teacher may have a folder `ws` of his own
+    names = FILES if job.launchable else (*FILES, *FOLDERS)
     for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(old_path)
     workspace = Workspace(
@@ -128,7 +130,8 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
     Raises:
         NotMarkableError: there is no such package, or no such launch file in it.
     """
-    is_read = launchable.kind == "launch" and planned.is_read  # a path may lead outside of any package
+    # a launch file that is given by its path may be in no package
+    is_read = launchable.kind == "launch" and planned.is_read
     if not planned.package_path and not is_read:
         raise NotMarkableError(
             f"there is no package '{launchable.package}'. Check the name, source its workspace, or give the "
@@ -181,7 +184,7 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
             unbuilt_choices.append(choice)
     if not unbuilt_choices:
         raise errors[0]
-    # prepared again, because the later attempts have replaced its workspace
+    # the first choice is prepared again, because later attempts have replaced its workspace
     return _prepare_choice(contents, unbuilt_choices[0], job, underlay, facts)
 
 
@@ -246,7 +249,8 @@ def _prepare_choice(
         title = " ".join([str(launch.place), *override.arguments])
         launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
     planned = launch.plan if launch else Plan()
-    if not planned.is_read:  # the launch file may need files of the build
+    # the plan is made again after the build, because the launch file may need files of the build
+    if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
     if launch:
@@ -303,6 +307,6 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
             is_in_package = any(other.path in path.parents for other in contents.packages)
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fits and not is_in_package:
-                copy(path, package / path.name)  # follows no link that the build may have made
+                copy(path, package / path.name)  # `copy` follows no link that the build may have made
                 added = True
     return added
