@@ -16,7 +16,7 @@ from enum import Enum
 from functools import lru_cache
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
+from typing import Any, Dict, List, Mapping, Sequence, Set, Type, TypeVar
 
 import numpy as np
 
@@ -65,18 +65,29 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
 
 
 def replace_parameters(record: Record, values: Mapping[str, Any], source: str = "") -> Record:
-    """A record with changed parameters by paths such as "lidar/noise"; ConfigError for a wrong value."""
-    by_field: Dict[str, Dict[str, Any]] = {}
+    """Return a record with changed parameters.
+
+    Args:
+        record: a dataclass, which stays as it is.
+        values: new values by paths such as "lidar/noise", for fields of nested records.
+        source: origin of the values for error texts, such as a namespace ending in '/'.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+    # new values of each field by the path inside it, which is empty for the field itself
+    values_by_field: Dict[str, Dict[str, Any]] = {}
     for path, value in values.items():
-        name, _, below = path.partition("/")
-        by_field.setdefault(name, {})[below] = value
+        name, _, path_inside = path.partition("/")
+        values_by_field.setdefault(name, {})[path_inside] = value
     hints, changed = _hints(typing.cast(Any, type(record))), {}
     for item in fields(record):  # type: ignore[arg-type]
-        name, new = source + item.name, by_field.get(item.name, {})
-        if "" in new:
-            changed[item.name] = _value(hints[item.name], new[""], name, item.metadata, True)
-        elif new:
-            changed[item.name] = replace_parameters(getattr(record, item.name), new, name + "/")
+        full_name, new_values = source + item.name, values_by_field.get(item.name, {})
+        if "" in new_values:
+            changed[item.name] = _value(hints[item.name], new_values[""], full_name, item.metadata, True)
+        elif new_values:
+            nested = getattr(record, item.name)
+            changed[item.name] = replace_parameters(nested, new_values, full_name + "/")
     try:
         return typing.cast(Record, replace(record, **changed))  # type: ignore[type-var]
     except ValueError as error:  # two values that do not go together
@@ -181,24 +192,15 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
     if origin is typing.Union:  # Optional
         return None if value is None else _value(args[0], value, name, metadata, parameters_only)
     if is_dataclass(kind):
-        if parameters_only and isinstance(value, abc.Mapping):
-            return read_config(value, name + "/", typing.cast(Type, kind))[0]
-        if parameters_only:
-            raise ConfigError(f"{name} = {value!r} is not a set of parameters")
-        if value is None and all(not _is_required(item) for item in fields(kind)):
-            value = {}  # YAML gives None for a key with nothing after it
-        return from_plain(
-            typing.cast(Type, kind), value, name + "/" if isinstance(value, dict) else f"{name} = "
-        )
+        return _nested_record(typing.cast(Type, kind), value, name, parameters_only)
     if hasattr(kind, "_fields"):  # a named tuple
         hints = list(_hints(kind).values())
         return kind(*_items(hints, value, name, metadata, parameters_only))
-    if origin is abc.Sequence:
-        origin, args = tuple, (*args, ...)
+    if origin is abc.Sequence or (origin is tuple and args[-1] is Ellipsis):  # any number of one kind
+        kinds: Sequence[Any] = [args[0]] * len(_checked_list(value, name, metadata))
+        return _items(kinds, value, name, metadata, parameters_only)
     if origin is tuple:
-        if args[-1] is not Ellipsis:
-            return _items(args, value, name, metadata, parameters_only)
-        return _items([args[0]] * len(_listed(value, name, metadata)), value, name, metadata, parameters_only)
+        return _items(args, value, name, metadata, parameters_only)
     if origin in (dict, abc.Mapping):
         if value is None and not parameters_only:
             value = {}  # YAML gives None for a key with nothing after it
@@ -217,10 +219,23 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
     return _plain_value(kind, value, name, metadata, parameters_only)
 
 
+def _nested_record(kind: Type[Record], value: Any, name: str, parameters_only: bool) -> Record:
+    """Return a record inside another one from its value, with the arguments of `_value`."""
+    if parameters_only:
+        if not isinstance(value, abc.Mapping):
+            raise ConfigError(f"{name} = {value!r} is not a set of parameters")
+        return typing.cast(Record, read_config(value, name + "/", kind)[0])
+    has_defaults_only = all(not _is_required(item) for item in fields(kind))  # type: ignore[arg-type]
+    if value is None and has_defaults_only:
+        value = {}  # YAML gives None for a key with nothing after it
+    return from_plain(kind, value, name + "/" if isinstance(value, dict) else f"{name} = ")
+
+
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
-    entries = _listed(value, name, metadata)
-    if len(entries) != metadata.get("length", len(kinds)) or len(entries) != len(kinds):
-        length = metadata.get("length", len(kinds))
+    """Return the entries of a list as a tuple, each as its type of `kinds`; ConfigError if one is wrong."""
+    entries = _checked_list(value, name, metadata)
+    length = metadata.get("length", len(kinds))
+    if len(entries) != length or len(entries) != len(kinds):
         raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")
     return tuple(
         _value(kind, each, f"{name}/{number}", metadata, parameters_only)
@@ -228,7 +243,8 @@ def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], param
     )
 
 
-def _listed(value: Any, name: str, metadata: Mapping[str, Any]) -> Any:
+def _checked_list(value: Any, name: str, metadata: Mapping[str, Any]) -> Any:
+    """Return a value that is a list or tuple; ConfigError if it is not."""
     if not isinstance(value, (list, tuple)):
         raise ConfigError(f"{name} = {_short(value)} is not a list{_help_text(metadata)}")
     return value
@@ -245,7 +261,7 @@ def _array(value: Any, name: str, shape: Any) -> np.ndarray:
 
 
 def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
-    """A checked number, text or truth value."""
+    """Return a number, text or truth value as its type; ConfigError if it does not fit, as for `_value`."""
     help_text = _help_text(metadata)
     if kind is Any:
         return value

@@ -62,22 +62,24 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
 
     The sentence has the command that installs them. `group` is a key of GROUPS.
     """
-    lacking: List[str] = []
+    lacking: List[str] = []  # packages as the sentence names them
     requirements: List[str] = []
     for package in GROUPS[group]:
-        try:
-            found = importlib.util.find_spec(package.module) is not None
-        except (ImportError, ValueError):
-            found = False
-        version = _version(package.module) if found and package.oldest else ""
-        if found and not (version and _numbers(version) < _numbers(package.oldest)):
+        is_found = _is_importable(package.module)
+        version = _version(package.module) if is_found and package.oldest else ""
+        is_old = bool(version) and _numbers(version) < _numbers(package.oldest)
+        if is_found and not is_old:
             continue
-        old = f"{package.module} {package.oldest} or later (there is {version})"
-        lacking.append(old if found else package.module)
-        versions = f">={package.oldest}" if package.oldest else ""
-        if version:  # compiled packages of the system, such as matplotlib, fail with a later major version
-            versions += f",<{_numbers(version)[0] + 1}"
-        requirements.append(package.requirement + versions)
+        if is_old:
+            lacking.append(f"{package.module} {package.oldest} or later (there is {version})")
+        else:
+            lacking.append(package.module)
+        requirement = package.requirement
+        if package.oldest:
+            requirement += f">={package.oldest}"
+        if is_old:  # compiled packages of the system, such as matplotlib, fail with a later major version
+            requirement += f",<{_numbers(version)[0] + 1}"
+        requirements.append(requirement)
     if not lacking:
         return None
     names = " and ".join(filter(None, (", ".join(lacking[:-1]), lacking[-1])))
@@ -102,7 +104,15 @@ def main() -> None:
     print("none")
 
 
+def _is_importable(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):  # a broken package
+        return False
+
+
 def _version(name: str) -> str:
+    """Version of an installed package; empty if it is unknown."""
     try:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
@@ -110,6 +120,7 @@ def _version(name: str) -> str:
 
 
 def _numbers(version: str) -> List[int]:
+    """First two numbers of a version, to compare it with another one."""
     return [int(number) for number in re.findall(r"\d+", version)[:2]]
 
 

@@ -58,15 +58,19 @@ class Table:
         columns = list(zip(self.header, *self.values))
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
         widths = [max(len(_text(value)) for value in column) for column in columns]
-        indent = sum(widths[:-1]) + 2 * len(widths[:-1])
+        indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # column at which the last one begins
+        last_width = max(WIDTH - indent, MIN_WRAPPED)
         lines = [self.title] if self.title else []
-        for row in [self.header, *self.values][not any(self.header) :]:
+        rows = [self.header, *self.values] if any(self.header) else self.values
+        for row in rows:
             *texts, last = map(_text, row)
-            width = max(WIDTH - indent, MIN_WRAPPED)
-            last, *more = [part for line in last.split("\n") for part in textwrap.wrap(line, width) or [""]]
-            padded = zip([*texts, last], widths, are_numbers)
-            aligned = [text.rjust(width) if right else text.ljust(width) for text, width, right in padded]
-            lines += ["  ".join(aligned).rstrip(), *(" " * indent + part for part in more)]
+            last_lines = [
+                part for line in last.split("\n") for part in textwrap.wrap(line, last_width) or [""]
+            ]
+            cells = zip([*texts, last_lines[0]], widths, are_numbers)
+            aligned = [text.rjust(width) if right else text.ljust(width) for text, width, right in cells]
+            lines.append("  ".join(aligned).rstrip())
+            lines += [" " * indent + line for line in last_lines[1:]]
         return "\n".join(lines)
 
     def to_markdown(self) -> str:

@@ -19,5 +19,5 @@ def likeness(name: str, other: str, separator: str) -> float:
 
 def nearest(name: str, others: Iterable[str], separator: str, least: float) -> Optional[str]:
     """Return the name that is most like another one, or None if none has the least likeness."""
-    found = max(((likeness(name, other, separator), other) for other in others), default=(0.0, ""))
-    return found[1] if found[0] >= least else None
+    best, likest = max(((likeness(name, other, separator), other) for other in others), default=(0.0, ""))
+    return likest if best >= least else None

@@ -26,27 +26,29 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
 
     There are none if the message lacks x, y or z as 32-bit floats, or is shorter than its header says.
     """
-    nothing = np.zeros((0, 3), np.float32)
+    no_points = np.zeros((0, 3), np.float32)
+    # bytes from the beginning of a point to each of its fields
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
-        return nothing
+        return no_points
     row_size = msg.width * msg.point_step
     row_step = msg.row_step or row_size  # some drivers leave row_step at 0
     if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step or row_step < row_size:
-        return nothing
+        return no_points
     if len(msg.data) < (msg.height - 1) * row_step + row_size:
-        return nothing
-    order = ">f4" if msg.is_bigendian else "<f4"
-    kind = np.dtype(
+        return no_points
+    number_format = ">f4" if msg.is_bigendian else "<f4"
+    point_format = np.dtype(
         {
             "names": ["x", "y", "z"],
-            "formats": [order] * 3,
+            "formats": [number_format] * 3,
             "offsets": [offsets[axis] for axis in "xyz"],
             "itemsize": msg.point_step,
         }
     )
-    rows = np.ndarray((msg.height, msg.width), kind, msg.data, strides=(row_step, msg.point_step))
-    cloud = rows.ravel()[:: -(-rows.size // max_points)]
+    rows = np.ndarray((msg.height, msg.width), point_format, msg.data, strides=(row_step, msg.point_step))
+    every = -(-rows.size // max_points)  # rounded up
+    cloud = rows.ravel()[::every]
     points = np.column_stack([cloud["x"], cloud["y"], cloud["z"]]).astype(np.float32)
     finite: np.ndarray = points[np.isfinite(points).all(axis=1)]
     return finite

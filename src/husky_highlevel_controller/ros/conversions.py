@@ -115,19 +115,20 @@ def scan_from_msg(msg: LaserScan) -> Scan:
 
 
 def _check_geometry(msg: LaserScan, beams: int) -> None:
-    """Refuse angles and limits of ranges that no lidar of so many beams has."""
-    turn, increment, problem = 2.0 * pi + TURN_TOLERANCE, abs(msg.angle_increment), ""
+    """Raise ScanError for angles or limits of ranges that no lidar of so many beams has."""
+    full_turn, increment, problem = 2.0 * pi + TURN_TOLERANCE, abs(msg.angle_increment), ""
     if not isfinite(msg.angle_min):
         problem = f"angle_min = {msg.angle_min} rad"
-    elif abs(msg.angle_min) > turn:
+    elif abs(msg.angle_min) > full_turn:
         problem = f"angle_min = {msg.angle_min:g} rad, more than a turn; check that its angles are in radians"
     elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         problem = f"angle_increment = {msg.angle_increment} rad; {limits}"
-    elif increment * (beams - 2) > turn:  # some drivers send the first beam again as the last one
-        together = f"together {increment * (beams - 1):.4g} rad, more than a turn"
+    elif increment * (beams - 2) > full_turn:  # some drivers send the first beam again as the last one
+        whole_angle = f"together {increment * (beams - 1):.4g} rad, more than a turn"
         problem = (
-            f"angle_increment = {msg.angle_increment:g} rad, {together}; check that its angles are in radians"
+            f"angle_increment = {msg.angle_increment:g} rad, {whole_angle}; "
+            "check that its angles are in radians"
         )
     elif not 0.0 <= msg.range_min < inf:
         problem = f"range_min = {msg.range_min} m"
@@ -138,7 +139,7 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
 
 
 def _check_unit(scan: Scan) -> None:
-    """Refuse ranges that can only be millimetres."""
+    """Raise ScanError for ranges that can only be millimetres."""
     measured = scan.ranges[scan.valid]
     # ranges in mm may all be beyond range_max; but a range that is the same for all beams stands for a miss
     if not len(measured):
@@ -146,8 +147,9 @@ def _check_unit(scan: Scan) -> None:
         if not len(measured) or measured.min() == measured.max():
             return
     low, high = measured.min(), measured.max()
-    in_millimetres = scan.range_max > MAX_RANGE_MAX and MILLIMETRES[0] <= low and high <= MILLIMETRES[1]
-    if low > MAX_NEAREST or in_millimetres:
+    # ranges that a lidar measures in mm, with a limit that no lidar has in metres
+    look_like_mm = scan.range_max > MAX_RANGE_MAX and MILLIMETRES[0] <= low and high <= MILLIMETRES[1]
+    if low > MAX_NEAREST or look_like_mm:
         raise ScanError(
             f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = "
             f"{scan.range_max:g} m; check that they are in metres"

@@ -37,33 +37,44 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         names: names of all parameters that are set.
         requests: whether the parameter was there, at the last request.
     """
-    in_vain: Dict[str, List[str]] = {}
+    absent_by_node: Dict[str, List[str]] = {}  # parameters that each node asked for in vain
     for request, is_found in requests.items():
         if not is_found:
-            in_vain.setdefault(request.node, []).append(request.parameter)
-    if not in_vain:
+            absent_by_node.setdefault(request.node, []).append(request.parameter)
+    if not absent_by_node:
         return
-    read = {request.parameter.rstrip("/") for request, is_found in requests.items() if is_found}
+    read_names = {request.parameter.rstrip("/") for request, is_found in requests.items() if is_found}
     for name in names:
-        owner = max((node for node in in_vain if name.startswith(f"{node}/")), key=len, default=None)
-        if owner is None or any(name == each or name.startswith(f"{each}/") for each in read):
+        # the node with the longest name, because the names of nodes may be namespaces of other nodes
+        owners = [node for node in absent_by_node if name.startswith(f"{node}/")]
+        owner = max(owners, key=len, default=None)
+        is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
+        if owner is None or is_read:
             continue
-        likes = [(_likeness(name, asked, owner), asked) for asked in in_vain[owner]]
-        best, asked = max(likes)
+        likeness_and_absent = [(_likeness(name, absent, owner), absent) for absent in absent_by_node[owner]]
+        best, likest = max(likeness_and_absent)
         if best >= MIN_LIKENESS:
-            yield UnreadParameter(owner, name, asked)
+            yield UnreadParameter(owner, name, likest)
 
 
 def _likeness(name: str, asked: str, node: str) -> float:
-    """Likeness of a parameter below a node's name and one that the node asked for there, or outside."""
-    place, _, own = name.rpartition("/")
-    asked_place, _, other = asked.rpartition("/")
-    if asked_place not in (place, node.rpartition("/")[0]):
+    """Return the likeness of a parameter that is set and one that a node asked for in vain, 0 to 1.
+
+    The names can be alike only if the node asked in the namespace of the set parameter, or in its own.
+
+    Args:
+        name: full name of the set parameter, which lies below the node's name.
+        asked: full name of the parameter that the node asked for.
+        node: full name of the node.
+    """
+    namespace, _, set_name = name.rpartition("/")
+    asked_namespace, _, asked_name = asked.rpartition("/")
+    if asked_namespace not in (namespace, node.rpartition("/")[0]):
         return 0.0
-    own, other = own.lower(), other.lower()
-    if own != other and own.strip("0123456789") == other.strip("0123456789"):
+    set_name, asked_name = set_name.lower(), asked_name.lower()
+    if set_name != asked_name and set_name.strip("0123456789") == asked_name.strip("0123456789"):
         return 0.0  # gain1 and gain2 are two parameters
-    return likeness(own, other, "_")
+    return likeness(set_name, asked_name, "_")
 
 
 class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
@@ -144,11 +155,16 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
             self._unread = None
 
     def _note(self, caller_id: Any, key: Any, is_found: bool) -> None:
+        """Keep a node's request for a parameter; any program can send these values, so they are checked.
+
+        A tool that reads the parameters of other nodes does not use them, so its requests do not count.
+        """
         if not (isinstance(caller_id, str) and isinstance(key, str) and key):
             return
         name = resolve_name(key, caller_id)
         is_own = name.startswith(f"{caller_id}/")
-        if not is_own and (TOOLS.match(caller_id) or caller_id.startswith(READERS_OF_ALL)):
+        is_tool = TOOLS.match(caller_id) or caller_id.startswith(READERS_OF_ALL)
+        if is_tool and not is_own:
             return
         request = Request(caller_id, name)
         with self._requests_lock:

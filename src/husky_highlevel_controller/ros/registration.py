@@ -46,13 +46,13 @@ class Registration:
         """
         name = rospy.get_name()
         code, uri = self._ask("lookupNode", name)
-        if code == 1 and uri == rospy.get_node_uri():
+        is_known = code == 1 and uri == rospy.get_node_uri()
+        if is_known:
             # rospy's log subscribes to a parameter, which alone makes a node's name known to a new master
             code, _ = self._ask("lookupService", f"{name}/get_loggers")
             is_known = code == 1
-        else:
-            is_known = False
-        if code == 0 or rospy.core.is_shutdown_requested():
+        has_no_answer = code == 0
+        if has_no_answer or rospy.core.is_shutdown_requested():
             return None
         self.is_lost = self.is_lost or not is_known
         return is_known

@@ -27,19 +27,23 @@ DISPLAY_TIMEOUT = 2.0  # [s] longest wait for a connection to a display on anoth
 
 
 def display_problem(display: str) -> Optional[str]:
-    """Sentence on an X display that cannot be reached; None if it answers, or if `display` names none.
+    """Return a sentence on an X display that cannot be reached; None if it answers.
 
     Args:
-        display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP; other forms are taken to answer.
+        display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP. Other forms are taken to answer, and
+            so is an empty value.
     """
-    address = re.fullmatch(r"(?:unix)?:(\d+)(?:\.\d+)?|([\w.-]+):(\d+)(?:\.\d+)?", display)
+    address = re.fullmatch(
+        r"(?:unix)?:(?P<local>\d+)(?:\.\d+)?|(?P<host>[\w.-]+):(?P<number>\d+)(?:\.\d+)?", display
+    )
     if address is None:
         return None
     try:
-        if address[2]:
-            socket.create_connection((address[2], 6000 + int(address[3])), DISPLAY_TIMEOUT).close()
+        if address["host"]:
+            port = 6000 + int(address["number"])  # X11's port of a display
+            socket.create_connection((address["host"], port), DISPLAY_TIMEOUT).close()
         else:
-            _connect_to_local_display(int(address[1]))
+            _connect_to_local_display(int(address["local"]))
     except (OSError, OverflowError) as error:
         return f"display {display} does not answer ({getattr(error, 'strerror', None) or error})"
     return None
@@ -92,16 +96,17 @@ def with_own_config(command: Sequence[str]) -> List[str]:
     """
     words = list(command)
     log = next((word[len(LOG) :] for word in words if word.startswith(LOG)), None)
-    at = words.index(CONFIG_OPTION) + 1 if CONFIG_OPTION in words[:-1] else None
-    if log is None or at is None:
+    if log is None or CONFIG_OPTION not in words[:-1]:
         return words
-    file, copy = Path(words[at]), Path(log).with_suffix(".rviz")
+    config_index = words.index(CONFIG_OPTION) + 1
+    config, copy = Path(words[config_index]), Path(log).with_suffix(".rviz")
     try:
-        shutil.copyfile(file, copy)
+        shutil.copyfile(config, copy)
     except OSError:  # RViz reports a file that is not there
         return words
-    print(f"RViz shows a copy of {file.name}; Ctrl+S saves to {copy}", file=sys.stderr)
-    return [*words[:at], str(copy), *words[at + 1 :]]
+    print(f"RViz shows a copy of {config.name}; Ctrl+S saves to {copy}", file=sys.stderr)
+    words[config_index] = str(copy)
+    return words
 
 
 def main() -> None:

@@ -72,11 +72,12 @@ class ArrivalExit:
                 )
             if rospy.get_time() > self._config.deadline:
                 raise HuskyError(
-                    f"no arrival within {self._config.deadline:g} s of simulated time; last: {self._last()}"
+                    f"no arrival within {self._config.deadline:g} s of simulated time; "
+                    f"last: {self._last_activity()}"
                 )
             time.sleep(POLL_PERIOD)
 
-    def _last(self) -> str:
+    def _last_activity(self) -> str:
         """Sentence on what the controller or the robot did last."""
         if self._status:
             return self._status
@@ -104,8 +105,9 @@ class ArrivalExit:
             self._has_driven, self._standing_since, self._clearance = True, inf, inf
             return
         self._standing_since = min(self._standing_since, stamp)
-        stands = self._has_driven and stamp - self._standing_since >= STANDING_TIME
-        if not stands or self._announcements.get_num_connections():
+        stands_after_drive = self._has_driven and stamp - self._standing_since >= STANDING_TIME
+        controller_announces = self._announcements.get_num_connections() > 0
+        if not stands_after_drive or controller_announces:
             return
         # subscribed late, because a controller that announces its arrival needs no scans
         if self._scans is None:

@@ -115,7 +115,7 @@ class Diagnostics:
 
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
-        now, was_still = rospy.get_time(), self._still_polls >= STILL_POLLS
+        now, was_paused = rospy.get_time(), self._still_polls >= STILL_POLLS
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
         if now != self._now:
@@ -123,10 +123,12 @@ class Diagnostics:
         elif not has_changed:  # a change calls this early
             self._still_polls += 1
         self._now = now
+        pauses_now = self._still_polls == STILL_POLLS
+        resumes_now = was_paused and self._still_polls == 0
+        is_due_at_once = self._new_subscribers.take() or has_changed or pauses_now or resumes_now
         # time goes back if the simulator was started again
         is_early = 0.0 <= now - self._published_at < PERIOD
-        pauses, resumes = self._still_polls == STILL_POLLS, was_still and self._still_polls == 0
-        if not (self._new_subscribers.take() or has_changed or pauses or resumes) and is_early:
+        if is_early and not is_due_at_once:
             return
         self._published_at = now
         if self._publisher.get_num_connections():

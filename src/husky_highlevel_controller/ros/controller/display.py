@@ -124,8 +124,8 @@ class Display:
             pillars = _pillar_markers(observation, output, self._ground, pillar_height)
             for each in self._with_deletions(self._marker, pillars, stamp):
                 publish(self._marker, each)
-        due = output.state is not self._state or stamp >= self._array_stamp + ARRAY_PERIOD
-        if due and self._array.get_num_connections():
+        is_due = output.state is not self._state or stamp >= self._array_stamp + ARRAY_PERIOD
+        if is_due and self._array.get_num_connections():
             top = self._ground + pillar_height
             markers = _state_markers(observation, output, stop_distance, top)
             if len(self._path) > 1:
@@ -140,12 +140,14 @@ class Display:
     ) -> List[Marker]:
         """The markers, and deletions of the markers that were shown before and are no longer there."""
         namespaces = {each.ns for each in markers}
-        header, gone = conversions.header(stamp, BASE), self._shown[publisher] - namespaces
-        deletions = [Marker(header=header, ns=namespace, action=Marker.DELETE) for namespace in gone]
+        ended = self._shown[publisher] - namespaces
+        header = conversions.header(stamp, BASE)
+        deletions = [Marker(header=header, ns=namespace, action=Marker.DELETE) for namespace in ended]
         self._shown[publisher] = namespaces
         return markers + deletions
 
     def _publish_numbers(self, stamp: float, output: ControlOutput) -> None:
+        """Publish the target's centre in base_link, and the errors of distance [m] and bearing [rad]."""
         if output.target_in_base is None:
             return
         header = conversions.header(stamp, BASE)
@@ -220,33 +222,46 @@ def next_step(viewers: Sequence[str]) -> str:
 def _state_markers(
     observation: Observation, output: ControlOutput, stop_distance: float, top: float
 ) -> List[Marker]:
-    """Markers of the estimate, of the stop point and of the state; `top` [m] of the pillar in base_link."""
+    """Return the markers of the estimate, of the stop point and of the state.
+
+    Args:
+        observation: the scan, and where its lidar was.
+        output: the answer to the scan.
+        stop_distance: distance from the lidar to the pillar's surface at the stop [m].
+        top: height of the pillar's top in base_link [m].
+    """
     stamp = observation.scan.stamp
-    text = output.state.value
     markers = []
     if output.estimate is not None:
+        # a disc around the pillar, whose rim is two standard deviations wide
         estimate = output.estimate
-        spread = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
-        size, center = (spread, spread, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
+        diameter = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
+        size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
         markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
         if output.target_in_base is not None and observation.laser_in_base is not None:
             goal = _stop_point(observation, output, stop_distance + estimate.radius)
             markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
+
+    # the state as a text above the pillar, or above the robot if the pillar's position is unknown
+    text = output.state.value
     if output.target_in_base is not None and output.state is not State.ARRIVED:
         text += f", {output.distance_error:.2f} m to go"
     x, y = output.target_in_base or (0.0, 0.0)
-    letters = TEXT_ANGLE * (CAMERA_BEHIND + hypot(x, y))  # [m], height of a line
-    above = Point(x, y, ABOVE_ROBOT if output.target_in_base is None else top + letters)
-    size = (0.0, 0.0, letters)
-    markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, size, above, text=text))
+    text_height = TEXT_ANGLE * (CAMERA_BEHIND + hypot(x, y))  # [m] equally large to the camera
+    position = Point(x, y, ABOVE_ROBOT if output.target_in_base is None else top + text_height)
+    size = (0.0, 0.0, text_height)
+    markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, size, position, text=text))
     return markers
 
 
 def _stop_point(observation: Observation, output: ControlOutput, from_center: float) -> Point:
-    """Point in base_link at which the lidar is to stand, on its way to the pillar, `from_center` m before."""
+    """Return the point in base_link at which the lidar is to stop, on the straight way to the pillar.
+
+    `from_center` is the distance of this point from the pillar's centre [m].
+    """
     assert output.target_in_base is not None
     assert observation.laser_in_base is not None
     x, y = output.target_in_base
     laser_x, laser_y, _ = observation.laser_in_base.position
-    share = from_center / max(hypot(x - laser_x, y - laser_y), 1e-6)
-    return Point(x + share * (laser_x - x), y + share * (laser_y - y), 0.0)
+    fraction = from_center / max(hypot(x - laser_x, y - laser_y), 1e-6)
+    return Point(x + fraction * (laser_x - x), y + fraction * (laser_y - y), 0.0)

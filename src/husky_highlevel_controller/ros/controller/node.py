@@ -95,8 +95,8 @@ class ControllerNode:
         self._controller_state = ControllerState()
         # held during a decision and during a stop, so that no command follows the zero of a stop
         self._deciding = threading.Lock()
-        self._arrived: Optional[bool] = None
-        self._seen, self._reason = "unknown", ""
+        self._arrived: Optional[bool] = None  # last announcement on ~arrived; None before the first
+        self._pillar_status, self._reason = "unknown", ""  # "seen", "remembered" or "unknown"; last reason
         self._range_logged_at = -inf  # [s] stamp of a scan
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
@@ -264,17 +264,20 @@ class ControllerNode:
             rospy.logwarn_throttle(
                 REPORT_PERIOD, clock_sentence("scans are", observation.ahead_of_odometry, "odometry")
             )
-        self._seen = "seen" if pillar else "remembered" if output.estimate else "unknown"
+        if pillar is not None:
+            self._pillar_status = "seen"
+        else:
+            self._pillar_status = "remembered" if output.estimate else "unknown"
         if LOG.isEnabledFor(logging.DEBUG):
             twist = output.twist
             rospy.logdebug(
                 f"scan {scan.stamp:.2f}: {state.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
-                f"{_seen(scan, pillar)}; {output.reason}"
+                f"{_scan_summary(scan, pillar)}; {output.reason}"
             )
-        changed = _stage(self._controller_state) != _stage(before)
-        changed |= state is State.WAITING and output.reason != self._reason
+        has_new_stage = _stage(self._controller_state) != _stage(before)
+        waits_for_new_reason = state is State.WAITING and output.reason != self._reason
         self._reason = output.reason
-        if changed:
+        if has_new_stage or waits_for_new_reason:
             self._log_change(observation, before, output, control)
         # the difference is negative after a restart of the simulator
         if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
@@ -287,7 +290,14 @@ class ControllerNode:
     def _log_change(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
     ) -> None:
-        """Log a new state, or a new reason to wait."""
+        """Log a new state, or a new reason to wait.
+
+        Args:
+            observation: the scan, and the poses at its stamp.
+            before: state of the controller before the scan.
+            output: answer to the scan.
+            control: gains and limits of the answer.
+        """
         scan, pillar, state = observation.scan, output.pillar, output.state
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
@@ -299,9 +309,10 @@ class ControllerNode:
             )
             rospy.loginfo(next_step(self._display.listeners))
         elif state is State.DRIVING:
-            rospy.loginfo(f"{output.reason}; {_seen(scan, pillar)}{_to_go(output)}")
+            rospy.loginfo(f"{output.reason}; {_scan_summary(scan, pillar)}{_to_go(output)}")
         elif state is State.SEARCHING:
             rospy.loginfo(output.reason)
+        # a scan without the lidar's transform is logged by ScanPlacement
         elif state is State.WAITING and observation.laser_in_base is not None:
             rospy.logwarn(output.reason)
 
@@ -313,14 +324,18 @@ class ControllerNode:
         return State.WAITING if state is State.STOPPED else state
 
     def _examine(self, paused: bool) -> Health:
-        """Figures for /diagnostics."""
+        """Return the figures for /diagnostics; `paused` says whether simulated time stands still."""
         now, stamps = rospy.get_time(), list(self._stamps)
         latest = self._placement.lookup(ODOM, BASE)
-        tf_stamp = latest.header.stamp.to_sec() if latest else now
-        if latest is None or tf_stamp == 0.0:  # a fixed transform has stamp 0
-            self._tf_time, tf_stamp = now if latest else None, now
-        elif tf_stamp != self._tf_stamp:
-            self._tf_time, self._tf_stamp = now, tf_stamp
+        tf_stamp = now
+        if latest is None:
+            self._tf_time = None
+        elif latest.header.stamp.is_zero():  # a fixed transform, which is as good as a new one
+            self._tf_time = now
+        else:
+            tf_stamp = latest.header.stamp.to_sec()
+            if tf_stamp != self._tf_stamp:
+                self._tf_time, self._tf_stamp = now, tf_stamp
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         return Health(
             paused=paused,
@@ -335,7 +350,7 @@ class ControllerNode:
             tf_age=now - tf_stamp,
             ahead=self._placement.ahead,
             state=self._state(),
-            pillar=self._seen,
+            pillar=self._pillar_status,
             reason=self._reason,
             disobeyed=self._disobeyed,
             absence=self._absence,
@@ -351,7 +366,7 @@ def _to_go(output: ControlOutput) -> str:
     return "" if isnan(output.distance_error) else f", {output.distance_error:.2f} m to go"
 
 
-def _seen(scan: Scan, pillar: Optional[Pillar]) -> str:
+def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
     summary = _smallest_range(scan)
     if pillar is not None:
         summary += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"

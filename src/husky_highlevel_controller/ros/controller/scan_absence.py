@@ -31,14 +31,16 @@ class ScanAbsence:
             now: ROS time [s]; 0 while there is none.
             scan_time: ROS time when the last scan came [s]; None before the first.
         """
-        if scan_time is not None and 0.0 <= now - scan_time < PATIENCE:
+        scans_come = scan_time is not None and 0.0 <= now - scan_time < PATIENCE
+        if scans_come:
             self._asked_at, self._sentence = None, ""
         # time goes back if the simulator was started again
         elif self._asked_at is None or now < self._asked_at:
-            self._asked_at = now or None
+            self._asked_at = now or None  # the first question comes PATIENCE later
         elif now - self._asked_at >= PATIENCE:
             graph = read_graph(rosgraph.get_master_uri())
-            self._asked_at, self._sentence = now, absence_sentence(graph, self._topic) if graph else ""
+            self._asked_at = now
+            self._sentence = absence_sentence(graph, self._topic) if graph else ""
         return self._sentence
 
 
@@ -46,13 +48,13 @@ def absence_sentence(graph: Graph, topic: str) -> str:
     """Return why no scans come on a topic, with the remedy; empty if a node publishes it."""
     if graph.publishers.get(topic):
         return ""
-    others = sorted(
+    other_scans = sorted(
         name
         for name, kind in graph.types.items()
         if kind == SCAN_TYPE and graph.publishers.get(name) and name != topic
     )
-    if others:
-        return f"no node publishes {topic}: set ~scan_topic_name to {' or '.join(others)}"
+    if other_scans:
+        return f"no node publishes {topic}: set ~scan_topic_name to {' or '.join(other_scans)}"
     nodes = {node for names in graph.publishers.values() for node in names}
     if any(node.rsplit("/", 1)[-1] == SIMULATOR for node in nodes):
         remedy = "start the simulator with laser_enabled:=true or set HUSKY_LMS1XX_ENABLED=1"

@@ -144,16 +144,18 @@ class ScanPlacement:
         frame = pending.scan.frame
         timeout = TRANSFORM_TIMEOUT if self._started else START_TIMEOUT
         overdue = self._clock() - pending.arrived_at > timeout
-        if not (self._started or overdue or (self.lookup(BASE, frame) and self.lookup(ODOM, BASE))):
-            return None
-        waiting, transform = self._base_in_odom(pending.stamp, overdue)
-        if waiting:
+        if not self._started and not overdue:
+            has_all_frames = self.lookup(BASE, frame) and self.lookup(ODOM, BASE)
+            if not has_all_frames:
+                return None
+        may_improve, transform = self._base_in_odom(pending.stamp, overdue)
+        if may_improve:
             return None
         base_in_odom = pose_to_2d(pose_from_transform(transform)) if transform else None
         return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline, self.ahead)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Return whether to wait for a better transform, and the best transform so far.
+        """Return whether to wait for a better transform of base_link in odom, and the best one so far.
 
         The best one is the transform at the stamp. The latest one takes its place if TF has passed the stamp
         without it, if the wait is overdue, or if the scans' clock is ahead of odometry, so that no better one
@@ -167,18 +169,19 @@ class ScanPlacement:
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
             return False, latest
-        passed = latest.header.stamp > stamp
-        if passed or latest.header.stamp.is_zero():  # stamp 0 is a fixed transform, or the clock's beginning
+        newest_stamp = latest.header.stamp
+        has_passed = newest_stamp > stamp
+        if has_passed or newest_stamp.is_zero():  # stamp 0 is a fixed transform, or the clock's beginning
             exact = self.lookup(ODOM, BASE, stamp)
-            if exact is not None or passed:
+            if exact is not None or has_passed:
                 return False, exact or latest
-        if overdue:
-            self._overdue_after = latest.header.stamp
         # odometry that has stopped is waited for only once; its last pose is not used after MAX_AGE, because
         # the robot would drive blindly
-        age = (stamp - latest.header.stamp).to_sec() - self.ahead
-        is_old = not latest.header.stamp.is_zero() and age > MAX_AGE
-        waits = not self.ahead and latest.header.stamp != self._overdue_after
+        if overdue:
+            self._overdue_after = newest_stamp
+        age = (stamp - newest_stamp).to_sec() - self.ahead
+        is_old = not newest_stamp.is_zero() and age > MAX_AGE
+        waits = not self.ahead and newest_stamp != self._overdue_after
         return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:

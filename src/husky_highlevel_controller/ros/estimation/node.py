@@ -87,7 +87,7 @@ class LocalizationNode:
             name: name of the input in the parameters, such as odom0.
         """
         stamp = msg.header.stamp.to_sec()
-        self._heard[name] = inf  # an input whose thread waits for the lock is not silent
+        self._heard[name] = inf  # the input is not silent while its thread waits for the lock
         with self._lock:
             # read under the lock, because a fast bag advances by seconds while this thread waits
             now = rospy.get_time()
@@ -117,8 +117,7 @@ class LocalizationNode:
         The filter waits for readings of the other inputs, except inputs that have been silent for SILENCE. At
         the start, an input without any message is silent after ABSENCE.
         """
-        now, absent_at = time.monotonic(), self._first_heard + ABSENCE - SILENCE
-        silent = {other for other in self._config.inputs if now > self._heard.get(other, absent_at) + SILENCE}
+        silent = {other for other in self._config.inputs if self._is_silent(other, time.monotonic())}
         try:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
@@ -131,21 +130,32 @@ class LocalizationNode:
                 pose, frame = conversions.pose_from_msg(msg.pose.pose), msg.header.frame_id
                 publish(self._tf, conversions.tree_to_msg([(frame, self._base, pose)], estimate.stamp))
 
+    def _is_silent(self, name: str, now: float) -> bool:
+        """Return whether an input has sent nothing for too long, at a wall time [s]."""
+        if name not in self._heard:
+            return now > self._first_heard + ABSENCE
+        return now > self._heard[name] + SILENCE
+
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
-        """Frames of a message; None, with a warning, if TF does not have them."""
+        """Return the poses of a message's frames; None, with a warning, if TF does not have one of them.
+
+        The frame of the poses of odometry matters only if the filter uses these poses as they are.
+        """
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
-        frames = [(options.base_link_frame, sensor)]
+        parents_and_children = [(options.base_link_frame, sensor)]
         if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
-            frames.append((options.odom_frame, msg.header.frame_id))
+            parents_and_children.append((options.odom_frame, msg.header.frame_id))
         poses = []
-        for parent, child in frames:
-            is_same = child.lstrip("/") in ("", parent)
-            stamped = None if is_same else lookup_transform(self._transforms, parent, child)
-            if stamped is None and not is_same:
+        for parent, child in parents_and_children:
+            if child.lstrip("/") in ("", parent):
+                poses.append(Pose())
+                continue
+            stamped = lookup_transform(self._transforms, parent, child)
+            if stamped is None:
                 self._complain(name, "transform", f"TF has no transform from '{child}' to '{parent}'")
                 return None
-            poses.append(conversions.pose_from_transform(stamped) if stamped else Pose())
+            poses.append(conversions.pose_from_transform(stamped))
         return Mounting(*poses)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
@@ -181,22 +191,26 @@ def reading_from_msg(msg: Any) -> Reading:
     stamp = msg.header.stamp.to_sec()
     if isinstance(msg, Odometry):
         pose, twist = msg.pose.pose, msg.twist.twist
-        full_pose = Pose(_numbers(pose.position), _unit(pose.orientation) or Pose().quat_xyzw)
-        velocity = np.array([*_numbers(twist.linear), *_numbers(twist.angular)])
-        covariances = _square(msg.pose.covariance), _square(msg.twist.covariance)
-        return Reading(stamp, full_pose, covariances[0], velocity, covariances[1])
-    turns, rates = msg.orientation_covariance, msg.angular_velocity_covariance
-    forces = msg.linear_acceleration_covariance
-    attitude = _unit(msg.orientation) if turns[0] != -1.0 else None
-    velocity = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
+        return Reading(
+            stamp,
+            pose=Pose(_numbers(pose.position), _unit(pose.orientation) or Pose().quat_xyzw),
+            pose_covariance=_square(msg.pose.covariance),
+            velocity=np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),
+            velocity_covariance=_square(msg.twist.covariance),
+        )
+    has_attitude = msg.orientation_covariance[0] != -1.0
+    has_rates = msg.angular_velocity_covariance[0] != -1.0
+    has_forces = msg.linear_acceleration_covariance[0] != -1.0
+    attitude = _unit(msg.orientation) if has_attitude else None
+    rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         stamp,
-        Pose(quat_xyzw=attitude) if attitude else None,
-        _of_angles(turns),
-        velocity if rates[0] != -1.0 else None,
-        _of_angles(rates),
-        np.array(_numbers(msg.linear_acceleration)) if forces[0] != -1.0 else None,
-        _square(forces),
+        pose=Pose(quat_xyzw=attitude) if attitude else None,
+        pose_covariance=_covariance_of_angles(msg.orientation_covariance),
+        velocity=rates if has_rates else None,
+        velocity_covariance=_covariance_of_angles(msg.angular_velocity_covariance),
+        specific_force=np.array(_numbers(msg.linear_acceleration)) if has_forces else None,
+        force_covariance=_square(msg.linear_acceleration_covariance),
     )
 
 
@@ -224,12 +238,13 @@ def _unit(quat: Any) -> Optional[Quaternion]:
 
 
 def _square(numbers: Sequence[float]) -> np.ndarray:
+    """Square matrix of numbers that are given row by row."""
     side = isqrt(len(numbers))
     return np.array(numbers).reshape(side, side)
 
 
-def _of_angles(numbers: Sequence[float]) -> np.ndarray:
-    """Covariance of three angles as one of a pose or a twist, (6, 6)."""
+def _covariance_of_angles(numbers: Sequence[float]) -> np.ndarray:
+    """Covariance of a pose or twist, (6, 6), from the nine numbers of its three angles or rates alone."""
     covariance = np.zeros((6, 6))
     covariance[3:, 3:] = _square(numbers)
     return covariance

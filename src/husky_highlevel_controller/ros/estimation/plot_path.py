@@ -83,14 +83,23 @@ def main() -> None:
 
 
 def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
-    """Paths (N, 2) by name; a bag's come first, so that a live one is drawn over them."""
+    """Return paths (N, 2) [m] by name, from names of bags and of topics.
+
+    Paths of bags come first, so that a path that is measured now is drawn over them. A path is named by its
+    topic, and by its source, too, if another path has the same topic.
+
+    Raises:
+        HuskyError: a bag cannot be read, or a topic had no message.
+    """
     files = [source for source in sources if source.endswith(".bag")]
     topics = [source for source in sources if source not in files]
-    found = [(*item, f"of {file}") for file in files for item in paths_of_bag(Path(file)).items()]
-    found += [(*item, "now") for item in (paths_of_topics(topics) if topics else {}).items()]
+    paths_by_source = [(f"of {file}", paths_of_bag(Path(file))) for file in files]
+    if topics:
+        paths_by_source.append(("now", paths_of_topics(topics)))
     paths: Dict[str, np.ndarray] = {}
-    for topic, path, source in found:
-        if not path:
-            raise HuskyError(f"no message arrived on {topic}")
-        paths[f"{topic} {source}" if topic in paths else topic] = np.array(path)
+    for source, paths_by_topic in paths_by_source:
+        for topic, path in paths_by_topic.items():
+            if not path:
+                raise HuskyError(f"no message arrived on {topic}")
+            paths[f"{topic} {source}" if topic in paths else topic] = np.array(path)
     return paths
