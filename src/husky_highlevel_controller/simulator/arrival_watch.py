@@ -56,27 +56,29 @@ class ArrivalWatch:
 
         `pillars` is called only when it is needed.
         """
-        if max(abs(state.speed), abs(state.yaw_rate)) > STANDS:
+        is_moving = max(abs(state.speed), abs(state.yaw_rate)) > STANDS
+        if is_moving:
             self._has_driven, self._stands_since = True, inf
             if self._arrived_at is not None and state.stamp >= self._look_due:
                 self._look_due = state.stamp + PERIOD
-                own = [each for each in pillars() if each.name == self._arrived_at]
-                if min(self._gaps(state, own), default=inf) > AWAY:
+                reached_pillars = [pillar for pillar in pillars() if pillar.name == self._arrived_at]
+                if min(self._gaps(state, reached_pillars), default=inf) > AWAY:
                     self._arrived_at = None
             return None
+
         self._stands_since = min(self._stands_since, state.stamp)
         if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
             return None
         self._has_driven = False  # each stop is checked once; the next check needs another drive
-        around = list(pillars())
-        gaps = self._gaps(state, around)
+        all_pillars = list(pillars())
+        gaps = self._gaps(state, all_pillars)
         if not gaps or min(gaps) > REACHED:
             return None
-        pillar = around[int(np.argmin(gaps))].name
-        if pillar == self._arrived_at:
+        nearest = all_pillars[int(np.argmin(gaps))].name
+        if nearest == self._arrived_at:
             return None
-        self._arrived_at = pillar
-        return Arrival(self._stands_since, pillar, max(0.0, min(gaps)))
+        self._arrived_at = nearest
+        return Arrival(self._stands_since, nearest, max(0.0, min(gaps)))
 
     def _gaps(self, state: TrueState, pillars: List[PillarPlace]) -> List[float]:
         """Gaps between the robot and pillars [m]."""

@@ -78,43 +78,69 @@ class CommandHabits:
             is_zero: whether it commands the robot to stand.
             stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
         """
-        known = self._senders.setdefault((topic, sender), _Sender(stamp, stamp))
-        gap, known.last = stamp - known.last, stamp
-        known.count += 1
+        memory = self._senders.setdefault((topic, sender), _Sender(stamp, stamp))
+        gap, memory.last = stamp - memory.last, stamp
+        memory.count += 1
         self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
-        for finding in self._findings(known, gap, topic, sender, is_zero, stronger_topic):
+        for finding in self._findings(memory, gap, topic, sender, is_zero, stronger_topic):
             if (finding.habit, sender) not in self._found:
                 self._found.add((finding.habit, sender))
                 yield finding
 
     def _findings(
-        self, known: _Sender, gap: float, topic: str, sender: str, is_zero: bool, stronger: Optional[str]
+        self,
+        memory: _Sender,
+        gap: float,
+        topic: str,
+        sender: str,
+        is_zero: bool,
+        stronger_topic: Optional[str],
     ) -> Iterator[Finding]:
-        """Update the memory of a sender by its last command, and yield all findings, also known ones."""
-        stamp = known.last
-        if (not is_zero and stronger is None and known.moves_since is None) or gap > LONGEST_GAP:
-            known.moves_since, known.moves_count = (None if is_zero else stamp), 0
-        elif known.moves_since is not None:
-            known.moves_count += 1
-            if stamp - known.moves_since >= RATE_TIME:
-                yield Finding(Habit.DRIVES, sender, topic, known.moves_count / (stamp - known.moves_since))
+        """Update the memory of a sender by its last command, and yield all findings, also earlier ones.
+
+        Args:
+            memory: memory of the sender on this topic, with the last command's stamp.
+            gap: time between the last two commands [s].
+            topic: topic of the command.
+            sender: name of the node that sent it.
+            is_zero: whether it commands the robot to stand.
+            stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
+        """
+        stamp = memory.last
+        # DRIVES: the rate is counted from the first command that moves the robot, and again after a long gap
+        begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
+        if begins_to_move or gap > LONGEST_GAP:
+            memory.moves_since, memory.moves_count = (None if is_zero else stamp), 0
+        elif memory.moves_since is not None:
+            memory.moves_count += 1
+            duration = stamp - memory.moves_since
+            if duration >= RATE_TIME:
+                yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
+
+        # SLOW: many successive commands come after the one before has expired
         is_gap_long = self._timeout < gap <= LONGEST_GAP
-        known.gaps = (*known.gaps, gap) if is_gap_long else ()
-        if len(known.gaps) >= SLOW_GAPS:
-            yield Finding(Habit.SLOW, sender, topic, len(known.gaps) / sum(known.gaps), self._timeout)
-            known.gaps = ()
-        is_long = stamp - known.first >= ZEROS_TIME and known.count >= ZEROS_COUNT
-        if known.moves_since is None and is_zero and is_long and not self._may_stand(sender):
+        memory.gaps = (*memory.gaps, gap) if is_gap_long else ()
+        if len(memory.gaps) >= SLOW_GAPS:
+            yield Finding(Habit.SLOW, sender, topic, len(memory.gaps) / sum(memory.gaps), self._timeout)
+            memory.gaps = ()
+
+        # ZEROS: the sender has never moved the robot
+        lasts = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
+        if lasts and is_zero and memory.moves_since is None and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)
-        holder = self._zero_senders.get(stronger, "") if stronger is not None else ""
-        if is_zero or not holder:
-            known.overruled_since = None
-        elif known.overruled_since is None:
-            known.overruled_since = stamp
-        elif stamp - known.overruled_since >= OVERRULED_TIME and stronger is not None:
-            yield Finding(Habit.OVERRULED, sender, topic, stronger_sender=holder, stronger_topic=stronger)
+
+        # OVERRULED: another node commands zero on the stronger topic, so the sender cannot move the robot
+        holder = "" if stronger_topic is None else self._zero_senders.get(stronger_topic, "")
+        if is_zero or stronger_topic is None or not holder:
+            memory.overruled_since = None
+        elif memory.overruled_since is None:
+            memory.overruled_since = stamp
+        elif stamp - memory.overruled_since >= OVERRULED_TIME:
+            yield Finding(
+                Habit.OVERRULED, sender, topic, stronger_sender=holder, stronger_topic=stronger_topic
+            )
 
 
 def habit_sentence(finding: Finding) -> str:

@@ -47,42 +47,57 @@ class Equipment(NamedTuple):
 def equip(
     config: SimulatorConfig, drive_config: DriveConfig, model: RobotModel, cast: CastRays, gravity: Vector3
 ) -> Equipment:
-    """Equipment of a robot; it has no lidar if the model lacks the lidar's frame.
+    """Return the equipment of a robot: that of a real Husky if `config.real` is set, otherwise Gazebo's.
+
+    Args:
+        config: rates and sensors.
+        drive_config: limits of the drive, with the wheels' distance and radius of the model.
+        model: poses of the sensors' frames; without the lidar's frame the robot has no lidar.
+        cast: measures the beams of the lidars.
+        gravity: gravity in the world [m/s^2].
 
     Raises:
         HuskyError: a period is not a multiple of the physics step, or shorter than a sweep of the lidar.
     """
     rate, real, mount = config.physics_rate, config.real, config.robot.imu_mount
     dt = 1.0 / rate
-    scan_steps, imu_steps = (
-        steps_per(config.scan_rate, rate, "scan_rate"),
-        steps_per(config.imu_rate, rate, "imu_rate"),
-    )
-    still = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
-    track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
-    imu = VibratingImu(still, real.ground.vibration, track) if real else still
+    scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
+    imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
+    ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
+    effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
+    imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
     frame, points = model.laser_frame, None
     if frame in model.fixed_poses:
-        pose = model.fixed_poses[frame]
-        if config.points_rate:
-            points = PointLidar(config.points, cast, pose)
-        lidar: Union[Lidar, Lms1xx] = Lidar(config.lidar, cast, frame, pose)
-        if real:
-            if real.lidar.sweep_time > scan_steps * dt:
-                raise HuskyError(
-                    f"scan_rate = {config.scan_rate} Hz is too fast, because a sweep of robot_profile/lidar "
-                    f"takes {1000.0 * real.lidar.sweep_time:.1f} ms; choose a lower scan_rate"
-                )
-            lidar = Lms1xx(real.lidar, cast, frame, pose, scan_steps * dt)
+        lidar = _lidar(config, model, cast, scan_steps * dt)
         sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))
+        if config.points_rate:
+            points = PointLidar(config.points, cast, model.fixed_poses[frame])
     if config.gps_rate:
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    for other_rate in (ODOMETRY_RATE, rate):  # the encoders are read with an odometry sample
+    # the encoders are read with an odometry sample, so their period is a multiple of two periods
+    for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))
     power = Power(real.power, real.ground.rolling_current)
     return Equipment(HuskyBase(drive_config, real.base, dt), imu, sensors, points, power)
+
+
+def _lidar(
+    config: SimulatorConfig, model: RobotModel, cast: CastRays, scan_time: float
+) -> Union[Lidar, Lms1xx]:
+    """Return the planar lidar; HuskyError if its sweep takes longer than `scan_time` [s]."""
+    frame = model.laser_frame
+    pose = model.fixed_poses[frame]
+    if config.real is None:
+        return Lidar(config.lidar, cast, frame, pose)
+    lidar_config = config.real.lidar
+    if lidar_config.sweep_time > scan_time:
+        raise HuskyError(
+            f"scan_rate = {config.scan_rate} Hz is too fast, because a sweep of robot_profile/lidar "
+            f"takes {1000.0 * lidar_config.sweep_time:.1f} ms; choose a lower scan_rate"
+        )
+    return Lms1xx(lidar_config, cast, frame, pose, scan_time)

@@ -57,13 +57,16 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
-    drops = _drops(scene, pose_on_ground, _WHEELS, MAX_SLAB)
-    if not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR, MAX_SLAB)):
-        heights = [MAX_SLAB + _RISE * step for step in range(1, round(MAX_RISE / _RISE))]
-        candidates = ((height, _drops(scene, pose_on_ground, _WHEELS, height)) for height in heights)
-        top, drops = next(((top, drops) for top, drops in candidates if all(drops)), (MAX_SLAB, drops))
-    else:
-        top = MAX_SLAB
+    # the floor is searched downwards, from a height above any slab
+    top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEELS, MAX_SLAB)
+    is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR, MAX_SLAB))
+    if is_in_wide_body:
+        for step in range(1, round(MAX_RISE / _RISE)):
+            height_above = MAX_SLAB + _RISE * step
+            drops_above = _drops(scene, pose_on_ground, _WHEELS, height_above)
+            if all(drops_above):  # no longer in the body
+                top, drops = height_above, drops_above
+                break
     height = top - drops[0]
     if height < 0.0:  # the hull may stand on something between the wheels
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE]
@@ -72,7 +75,10 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
 
 
 def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
-    """Distances [m] from four corners over a level pose down to the first body; 0 in a solid."""
+    """Return the distances [m] from four corners over a level pose down to the first body; 0 in a solid.
+
+    The corners are `height` m above the pose, and `reach` m from it along both of its axes.
+    """
     corners = [(x, y, height) for x in (-reach, reach) for y in (-reach, reach)]
     return [_drop(scene, transform_point(pose_on_ground, corner)) for corner in corners]
 

@@ -71,19 +71,21 @@ class Power:
         energy = voltage * current * duration / 3600.0  # [Wh]
         self._charge = max(self._charge - energy / self._config.capacity, 0.0)
         self._uptime += duration
-        share = min(duration / HEATING_TIME, 1.0)
-        a, b = self._squares
-        self._squares = a + share * (left * left - a), b + share * (right * right - b)
-        a, b = self._squares
+        # low-pass filter of the squared currents, which warm drivers and motors
+        fraction = min(duration / HEATING_TIME, 1.0)
+        left_square, right_square = self._squares
+        left_square += fraction * (left * left - left_square)
+        right_square += fraction * (right * right - right_square)
+        self._squares = left_square, right_square
         return PowerState(
-            self._uptime,
-            (left, right),
-            ELECTRONICS,
-            voltage,
-            self._charge,
-            self._config.capacity,
-            (AMBIENT + DRIVER_HEAT * a, AMBIENT + DRIVER_HEAT * b),
-            (AMBIENT + MOTOR_HEAT * a, AMBIENT + MOTOR_HEAT * b),
+            uptime=self._uptime,
+            currents=(left, right),
+            electronics_current=ELECTRONICS,
+            voltage=voltage,
+            charge=self._charge,
+            capacity=self._config.capacity,
+            driver_temperatures=(AMBIENT + DRIVER_HEAT * left_square, AMBIENT + DRIVER_HEAT * right_square),
+            motor_temperatures=(AMBIENT + MOTOR_HEAT * left_square, AMBIENT + MOTOR_HEAT * right_square),
         )
 
     def _current(self, torque: float, speed: float) -> float:

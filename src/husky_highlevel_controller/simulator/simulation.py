@@ -56,6 +56,14 @@ class Simulation:
         The search for the floor begins at `start_height` [m]. If base_link on the floor is lower than
         `start_height`, by MAX_DROP at most, the robot falls from `start_height`, as in Gazebo.
 
+        Args:
+            world: bodies and gravity.
+            robot: masses, wheels and frames.
+            config: rates, sensors and limits; the wheels' distance and radius come from `robot` instead.
+            start: first pose of base_link in the world.
+            seed: random seed of all noise.
+            start_height: height of the start pose in the world [m].
+
         Raises:
             HuskyError: a period is not a multiple of the physics step.
             PlacementError: a body cannot be simulated (a movable plane), or stands where the robot starts.
@@ -68,8 +76,8 @@ class Simulation:
         )
         if config.real:  # a real ground has its own grip; Gazebo's is in the config
             ground = config.real.ground
-            grip = {"friction": ground.friction, "lateral_grip": ground.lateral_grip}
-            config = replace(config, traction=replace(config.traction, **grip))
+            traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
+            config = replace(config, traction=traction)
         self._rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._world, self._robot, self._config = world, robot, config
@@ -109,8 +117,9 @@ class Simulation:
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
             devices.append((self._equipment.points, POINTS_STREAM))
-        keys = [() if stream is None else (stream,) for _, stream in devices]
-        seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
+        # each device has random numbers of its own; a negative seed raises here, before anything changes
+        spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
+        seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed
         self._steps_before += self._steps
         self._steps = 0
@@ -129,11 +138,15 @@ class Simulation:
         height = floor_height(self._objects.scene(), pose)
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
-    def _landing(self, wanted: Pose) -> Pose:
-        """Pose of base_link where it is wanted to be: on the floor, or up to MAX_DROP above it."""
-        on_floor, height = self._pose_on_floor(wanted), wanted.position[2]
-        x, y, z = on_floor.position
-        return Pose((x, y, height), on_floor.quat_xyzw) if z < height <= z + MAX_DROP else on_floor
+    def _landing(self, requested: Pose) -> Pose:
+        """Return the pose of base_link at a requested pose in the world: on the floor below it.
+
+        If the requested pose is up to MAX_DROP above the floor, its height is kept, and the robot falls.
+        """
+        on_floor, height = self._pose_on_floor(requested), requested.position[2]
+        x, y, floor = on_floor.position
+        is_above_floor = floor < height <= floor + MAX_DROP
+        return Pose((x, y, height), on_floor.quat_xyzw) if is_above_floor else on_floor
 
     def load_world(self, world: World) -> None:
         """Restart in another world.
@@ -195,14 +208,17 @@ class Simulation:
         return Snapshot(stamp, step, state, command, contacts, **samples)
 
     def at_start(self) -> Snapshot:
-        """Snapshot before the first step, with odometry and scan; it does not change later results."""
-        odometer, samples = copy(self._odometer), {}
+        """Return the snapshot before the first step, with odometry and scan.
+
+        Copies of the odometer and the lidar measure it, so that it does not change later results.
+        """
+        odometry = copy(self._odometer).sample(None, 0.0, 0)
+        samples = {}
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
-                lidar = copy(sensor.device)  # draws from a separate generator
-                lidar.reset(np.random.default_rng(self._seed))
+                lidar = copy(sensor.device)
+                lidar.reset(np.random.default_rng(self._seed))  # a generator of its own
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
-        odometry = odometer.sample(None, 0.0, 0)
         return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 
     def points(self) -> np.ndarray:

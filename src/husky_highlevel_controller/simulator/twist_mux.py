@@ -35,6 +35,9 @@ class CommandMux:
 
     def stronger(self, topic: str, now: float) -> Optional[str]:
         """Return the strongest input that is obeyed in place of another one at `now` [s], or None."""
-        rank = self._ranks[topic]
-        heard = (other for other, stamp in self._last_stamps.items() if now - stamp <= TIMEOUT)
-        return min((o for o in heard if self._ranks[o] < rank), key=lambda o: self._ranks[o], default=None)
+        stronger_inputs = [
+            other
+            for other, stamp in self._last_stamps.items()
+            if now - stamp <= TIMEOUT and self._ranks[other] < self._ranks[topic]
+        ]
+        return min(stronger_inputs, key=lambda other: self._ranks[other], default=None)

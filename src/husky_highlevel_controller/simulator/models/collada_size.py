@@ -78,11 +78,16 @@ def _corners(primitive: ElementTree.Element) -> int:
 
     The bound is the number of indices in all <p>, by the number of indices that each corner takes.
     """
-    texts = [child.text or "" for child in primitive if _tag(child) == "p"]
     offsets = [child.get("offset", "0") for child in primitive if _tag(child) == "input"]
-    stride = 1 + max((int(offset) for offset in offsets if offset.isdigit()), default=0)
-    indices = sum(min(sum(map(text.count, " \t\r\n")) + 1, (len(text) + 1) // 2) for text in texts)
-    return indices // stride
+    indices_per_corner = 1 + max((int(offset) for offset in offsets if offset.isdigit()), default=0)
+    indices = 0
+    for child in primitive:
+        if _tag(child) == "p":
+            text = child.text or ""
+            # two bounds of the numbers in a text; the second one counts a digit and a space for each number
+            spaces = sum(map(text.count, " \t\r\n"))
+            indices += min(spaces + 1, (len(text) + 1) // 2)
+    return indices // indices_per_corner
 
 
 def _tag(element: ElementTree.Element) -> str:

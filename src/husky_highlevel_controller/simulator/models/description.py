@@ -39,10 +39,13 @@ ARGUMENTS = {
 
 
 def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
-    """Variables of a Husky's equipment that are set, but change nothing here."""
-    known = re.compile(f"(?!HUSKY_).*|{_WITH_EFFECT}|{_OF_DRIVERS}")
-    items = sorted(environment.items())
-    return [f"{n}={v}" for n, v in items if v not in ("", "0", "false", "False") and not known.fullmatch(n)]
+    """Return NAME=VALUE of the variables of a Husky's equipment that are set, but change nothing here."""
+    without_warning = re.compile(f"(?!HUSKY_).*|{_WITH_EFFECT}|{_OF_DRIVERS}")
+    return [
+        f"{name}={value}"
+        for name, value in sorted(environment.items())
+        if value not in ("", "0", "false", "False") and not without_warning.fullmatch(name)
+    ]
 
 
 def mesh_uri() -> str:
@@ -93,20 +96,21 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
         )
     name = arguments.get("robot", "husky")
     robot = load_robot(name)
-    laser_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
-    needs = [
-        (frame, arguments.get(argument, default))
-        for frame, argument, default in (
-            (robot.lidar_mount.frame if name == "smb" else laser_frame, "laser_enabled", "true"),
-            (CAMERA_FRAME, "kinect_enabled", "false"),
-        )
-    ]
-    frames = [frame for frame, value in needs if value.lower() in ("true", "1")]
-    known = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
-    text, warning = choose_description(own, given, known, robot, frames)
+    frames = []  # frames of the sensors that the arguments enable
+    if _is_true(arguments.get("laser_enabled", "true")):
+        husky_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
+        frames.append(robot.lidar_mount.frame if name == "smb" else husky_frame)
+    if _is_true(arguments.get("kinect_enabled", "false")):
+        frames.append(CAMERA_FRAME)
+    fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
+    text, warning = choose_description(own, given, fully_equipped, robot, frames)
     if warning:
         print(f"warning: {warning}", file=sys.stderr)
     return text
+
+
+def _is_true(flag: str) -> bool:
+    return flag.lower() in ("true", "1")
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ class Choice(NamedTuple):
 
 
 def choose_description(
-    own: str, given: str, known: Iterable[str], robot: Robot, frames: Iterable[str]
+    own: str, given: str, fully_equipped: Iterable[str], robot: Robot, frames: Iterable[str]
 ) -> Choice:
     """Choose between a user's own description and the description by a launch file's arguments.
 
@@ -47,27 +47,30 @@ def choose_description(
     Args:
         own: the user's URDF text.
         given: the robot's URDF text by the arguments.
-        known: URDF texts of the robot with all its equipment.
+        fully_equipped: URDF texts of the robot with all its equipment.
         robot: the robot.
         frames: names of links that the simulator's sensors need.
     """
     try:
-        added = _parts([own]) - _parts([given, *known])
-        fixed = robot_model(own, robot).fixed_poses
+        added_parts = _parts([own]) - _parts([given, *fully_equipped])
+        fixed_links = robot_model(own, robot).fixed_poses
     except DescriptionError as error:
         return _refused(given, error.problem, robot)
-    if not added:
+    if not added_parts:
         return Choice(given, "")
-    missing = [frame for frame in frames if frame not in fixed]
+    missing = [frame for frame in frames if frame not in fixed_links]
     if missing:
         return _refused(given, f"no link '{missing[0]}' for a sensor is fixed to base_link", robot)
-    meshes = sorted(
+    _, links, _ = urdf.read_urdf(own)
+    links_with_mesh = sorted(
         name
-        for name, link in urdf.read_urdf(own)[1].items()
-        if _canonical(link) in added and link.find("collision/geometry/mesh") is not None
+        for name, link in links.items()
+        if _canonical(link) in added_parts and link.find("collision/geometry/mesh") is not None
     )
+    if not links_with_mesh:
+        return Choice(own, "")
     remedy = "collision meshes in your robot description have no effect; use a box, cylinder or sphere"
-    return Choice(own, f"{remedy}: {', '.join(meshes)}" if meshes else "")
+    return Choice(own, f"{remedy}: {', '.join(links_with_mesh)}")
 
 
 def _refused(given: str, problem: str, robot: Robot) -> Choice:
@@ -77,8 +80,11 @@ def _refused(given: str, problem: str, robot: Robot) -> Choice:
 
 def _parts(texts: Iterable[str]) -> Set[str]:
     """Return the links and joints of URDF texts, each in a form that is equal for equal content."""
-    elements = [elements for text in texts for elements in urdf.read_urdf(text)[1:]]
-    return {_canonical(part) for parts in elements for part in parts.values()}
+    parts: Set[str] = set()
+    for text in texts:
+        _, links, joints = urdf.read_urdf(text)
+        parts.update(_canonical(part) for part in (*links.values(), *joints.values()))
+    return parts
 
 
 def _canonical(element: ET.Element) -> str:

@@ -103,22 +103,24 @@ def robot_model(
     fixed = [joint for joint in joints.values() if joint.get("type") == "fixed"]
     fixed_joints = urdf.joined_links(links, fixed)
     poses = urdf.poses_of_links("base_link", fixed_joints)
+    # base_link and all links fixed to it become one body, to which the wheels are added
     physics = ET.Element("robot", name=root.get("name", "robot"))
-    cluster = [(links[name], pose) for name, pose in poses.items()]
-    body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
+    fixed_links = [(links[name], pose) for name, pose in poses.items()]
+    body = _merge([_inertial(link, pose) for link, pose in fixed_links])
+    _require_solid(body, "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
-    _write_collisions(base, cluster)
+    _write_collisions(base, fixed_links)
     wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
     left, right, *_ = wheels
     if not left.position[1] - right.position[1] >= MIN_SEPARATION:
-        places = f"y = {left.position[1]:g} and {right.position[1]:g} m"
-        raise DescriptionError(f"joint '{left.joint}' is not left of joint '{right.joint}': {places}")
+        positions = f"y = {left.position[1]:g} and {right.position[1]:g} m"
+        raise DescriptionError(f"joint '{left.joint}' is not left of joint '{right.joint}': {positions}")
     mass, com, inertia = _merge([body, *inertials])
     _write_inertial(base, (mass, com, inertia))
-
-    for name in sorted(set(links) - set(poses) - {wheel.link for wheel in wheels}):
+    other_links = set(links) - set(poses) - {wheel.link for wheel in wheels}
+    if other_links:
         raise DescriptionError(
-            f"link '{name}' is neither fixed to base_link nor a wheel; only wheels can move"
+            f"link '{min(other_links)}' is neither fixed to base_link nor a wheel; only wheels can move"
         )
     for element in physics.iter():
         element.tail = "\n"  # Bullet cuts lines after 8 kB
@@ -207,22 +209,24 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
     return mass, (x, y, z), inertia
 
 
-def _require_solid(inertial: Inertial, what: str) -> Inertial:
-    """Return the inertial itself; DescriptionError if no solid body has it, or physics cannot compute it."""
+def _require_solid(inertial: Inertial, what: str) -> None:
+    """Raise DescriptionError if no solid body has this inertial, or if physics cannot compute it.
+
+    `what` names the body for the message.
+    """
     mass, _, inertia = inertial
-    moments = np.linalg.eigvalsh(inertia)
-    low, high = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
+    moments = np.linalg.eigvalsh(inertia)  # principal moments, ascending [kg m^2]
+    smallest, largest = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:
         problem = "they must be positive"
     elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would set all three to zero
         problem = "no moment can be above the sum of the other two"
-    elif mass < MIN_MASS or moments[0] < low or moments[-1] > high:
+    elif mass < MIN_MASS or moments[0] < smallest or moments[-1] > largest:
         gyration = f"the radii of gyration must be within {MIN_GYRATION} and {MAX_GYRATION:g} m"
         problem = f"the mass must be at least {MIN_MASS} kg, and {gyration}"
     if problem:
         raise DescriptionError(f"{what}: mass {mass}, principal moments of inertia {moments}; {problem}")
-    return inertial
 
 
 def _write_inertial(link: ET.Element, inertial: Inertial) -> None:

@@ -74,14 +74,14 @@ def _included(include: Node) -> Optional[Node]:
     if pose:
         # the pose is read again for the model itself, where a broken pose would be an error
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
-    node = include.child("uri")
-    if node is None:
+    uri_node = include.child("uri")
+    if uri_node is None:
         include.note("an <include> without a <uri> is left out")
         return None
-    uri = node.text
-    fuel = _FUEL.fullmatch(unquote(uri))
-    if fuel:
-        uri = "model://" + fuel.group(1).lower().replace(" ", "_")
+    uri = uri_node.text
+    fuel_address = _FUEL.fullmatch(unquote(uri))
+    if fuel_address:
+        uri = "model://" + fuel_address.group(1).lower().replace(" ", "_")
     if uri == "model://sun":
         return None
     if uri == "model://ground_plane":
@@ -89,8 +89,8 @@ def _included(include: Node) -> Optional[Node]:
     if not uri.startswith("model://"):
         include.note("an <include> of anything but model:// is not supported and is left out", uri)
         return None
-    found, files = _find_model(uri, include.source), include.load.files
-    if found is None:
+    path, files = _find_model(uri, include.source), include.load.files
+    if path is None:
         include.load.models += 1
         include.load.lost += 1
         include.note(
@@ -98,10 +98,9 @@ def _included(include: Node) -> Optional[Node]:
             uri,
         )
         return None
-    path = str(found)
-    if path not in files:
-        files[path] = open_sdf(read_bytes(Path(path)), path, include.load)
-    root = files[path]
+    if str(path) not in files:
+        files[str(path)] = open_sdf(read_bytes(path), str(path), include.load)
+    root = files[str(path)]
     model = root.child("model")
     if model is None and not root.child("light"):  # a lamp, like model://sun, is nothing to drive against
         include.note("an <include> of a file without a <model> is left out", uri)
@@ -125,14 +124,19 @@ def _newest_file(config: Path, plain: Path) -> Path:
 
     If all are newer, it is the oldest of them. If model.config cannot be read or offers nothing, it
     is `plain`.
+
+    Raises:
+        WorldError: the model.config offers only versions of SDF that are not read.
     """
     try:
-        offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))
+        offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))  # <sdf version="1.6">FILE</sdf>
     except WorldError:
         offers = []
     if not offers:
         return plain
-    where, readable = str(config), [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
-    minors = {minor_version(where, sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers}
-    best = min(minors, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
-    return config.parent / (minors[best] or "").strip()
+    readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
+    name_by_minor_version = {
+        minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers
+    }
+    best = min(name_by_minor_version, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
+    return config.parent / (name_by_minor_version[best] or "").strip()

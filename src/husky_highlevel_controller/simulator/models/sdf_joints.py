@@ -49,10 +49,12 @@ class Assembly:
         name, so that they pass through one another, unless one of their links has <self_collide>. A joint of
         a link that does not exist is left out with a note.
         """
-        if all(body.mass == 0.0 for body in self.links.values()):
+        is_static = all(body.mass == 0.0 for body in self.links.values())
+        if is_static:
             yield from self.links.values()
             return
-        root = {name: name for name in (*self.links, _WORLD)}  # root link of each link's rigid body
+        # each link, and the world, begins as a group of its own, named by it; a joint merges two groups
+        group_of = {name: name for name in (*self.links, _WORLD)}
         for joint, scope in zip(self.joints, self.scopes):
             ends = [self._end(joint, tag, scope) for tag in ("parent", "child")]
             if "" in ends:
@@ -60,41 +62,55 @@ class Assembly:
                 continue
             if joint.element.get("type") != "fixed":
                 joint.note("joints do not move, so a movable model with joints is one rigid body", self.name)
-            kept, gone = (root[end] for end in ends)
-            root = {name: kept if above == gone else above for name, above in root.items()}
-        groups: Dict[str, List[str]] = {}
+            merged, ended = (group_of[end] for end in ends)
+            group_of = {name: merged if group == ended else group for name, group in group_of.items()}
+        links_by_group: Dict[str, List[str]] = {}
         for name in self.links:
-            groups.setdefault(root[name], []).append(name)
-        for group in groups.values():
-            body = self._rigid(group, len(groups) == 1)
-            fixed = root[group[0]] == root[_WORLD]
-            alone = len(groups) == 1 or self.self_colliding.intersection(group)
-            yield replace(body, mass=0.0 if fixed else body.mass, model="" if alone else self.name)
+            links_by_group.setdefault(group_of[name], []).append(name)
+        is_whole = len(links_by_group) == 1
+        for group, names in links_by_group.items():
+            body = self._rigid(names, is_whole)
+            is_fixed = group == group_of[_WORLD]
+            hits_other_bodies = is_whole or self.self_colliding.intersection(names)
+            yield replace(
+                body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
+            )
 
     def _end(self, joint: Node, tag: str, scope: str) -> str:
-        """Full name of the link at an end of a joint, or _WORLD; empty if there is none."""
+        """Return the full name of the link at an end of a joint, or _WORLD; empty if there is none.
+
+        Args:
+            joint: the element.
+            tag: the end, parent or child.
+            scope: full name of the joint's model.
+        """
         node = joint.child(tag)
         name = node.text if node else ""
         if name == _WORLD:
             return _WORLD
         name = f"{scope}::{name}"
-        for _ in self.frames:  # a frame may be attached to a frame
+        for _ in self.frames:  # a frame may be attached to a frame, at most as often as there are frames
             name = self.frames.get(name, name)
         return name if name in self.links else ""
 
     def _rigid(self, names: List[str], is_whole: bool) -> Body:
-        """Rigid body of several links; if one of them never moves, it never moves."""
-        first, *others = bodies = [self.links[name] for name in names]
-        if not others:
+        """Return the rigid body of several links, in the frame of the first one.
+
+        If one of the links never moves, the body never moves. The body has the name of the model if it
+        `is_whole`, which means that the model has no other body.
+        """
+        bodies = [self.links[name] for name in names]
+        first = bodies[0]
+        if len(bodies) == 1:
             return first
-        still = any(body.mass == 0.0 for body in bodies)
+        is_static = any(body.mass == 0.0 for body in bodies)
         parts = [(compose(inverse(first.pose_in_world), body.pose_in_world), body) for body in bodies]
         return Body(
             self.name if is_whole else first.name,
             first.pose_in_world,
             collisions=tuple(_moved(pose, part) for pose, body in parts for part in body.collisions),
             visuals=tuple(_moved(pose, part) for pose, body in parts for part in body.visuals),
-            mass=0.0 if still else sum(body.mass for body in bodies),
+            mass=0.0 if is_static else sum(body.mass for body in bodies),
         )
 
 

@@ -202,46 +202,55 @@ def _read_model(model: Model, parent: _Place) -> None:
     The model stands where the saved state of the world says, otherwise at its <pose>. A second model of the
     same name is left out with a note. Models inside the model are added, too.
     """
-    assembly = parent.assembly
+    assembly, node, name = parent.assembly, model.node, model.name
     assert assembly is not None
-    node, names, name = model.node, model.node.load.names, model.name
     node.note_unknown()
     if model.include and not model.include.child("name"):
         name = _free_name(name, parent, node)
     full_name = parent.scoped(name)
-    if full_name in names:
+    if full_name in node.load.names:
         (model.include or node).note("a second model of the same name is left out, as in Gazebo", name)
         return
-    names.add(full_name)
-    pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
-    static, self_collide = model.child("static"), node.child("self_collide")
-    me = _Place(
-        FrameScope(node, model.name, parent.frames, pose),
-        state,
-        full_name,
-        state.pose_in_world or compose(parent.pose_in_world, pose),
-        parent.static or bool(static and static.flag()),
-        parent.self_collides or _is_set(self_collide),
-        assembly,
-    )
-    if not parent.full_name:
-        assembly.name, assembly.pose_in_world = full_name, me.pose_in_world
+    node.load.names.add(full_name)
+    place = _place_of_model(model, name, parent)
+    is_outermost = not parent.full_name
+    if is_outermost:
+        assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
+
     links = list(node.children("link"))
     if not (links or node.child("model") or node.child("include")):
         node.note("a <model> without a <link> is left out")
+    has_one_link = len(links) == 1
     for link in links:
-        name = full_name if len(links) == 1 else _claim_link(link, me)
-        body = _read_link(link, me, name)
+        # the body of an only link has the name of its model, as a user calls it
+        body_name = full_name if has_one_link else _claim_link(link, place)
+        body = _read_link(link, place, body_name)
+        link_name = place.scoped(link.named()) if has_one_link else body_name
         if body:
-            assembly.links[me.scoped(link.named()) if len(links) == 1 else name] = body
-        if me.self_collides or _is_set(link.child("self_collide")):
-            assembly.self_colliding.add(me.scoped(link.named()))
+            assembly.links[link_name] = body
+        if place.self_collides or _is_set(link.child("self_collide")):
+            assembly.self_colliding.add(place.scoped(link.named()))
     for frame in node.children("frame"):
-        assembly.frames[me.scoped(frame.named())] = me.scoped(frame.element.get("attached_to", ""))
+        assembly.frames[place.scoped(frame.named())] = place.scoped(frame.element.get("attached_to", ""))
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
-    for _ in _bodies_in(node, me):
+    for _ in _bodies_in(node, place):
         pass  # models inside a model yield no bodies, because they add their links to the assembly
+
+
+def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
+    """Return the place of a model in its parent; `name` is its free name there."""
+    pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
+    static = model.child("static")
+    return _Place(
+        frames=FrameScope(model.node, model.name, parent.frames, pose),
+        state=state,
+        full_name=parent.scoped(name),
+        pose_in_world=state.pose_in_world or compose(parent.pose_in_world, pose),
+        static=parent.static or bool(static and static.flag()),
+        self_collides=parent.self_collides or _is_set(model.node.child("self_collide")),
+        assembly=parent.assembly,
+    )
 
 
 def _is_set(node: Optional[Node]) -> bool:
@@ -277,13 +286,9 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
         full_name: name of the body.
     """
     link.note_unknown()
-    for tag, usual in (("gravity", True), ("kinematic", False)):
+    for tag, supported in (("gravity", ("true", "1")), ("kinematic", ("false", "0"))):
         node = link.child(tag)
-        if (
-            node
-            and node.text.lower() not in (("true", "1") if usual else ("false", "0"))
-            and not model.static
-        ):
+        if node and node.text.lower() not in supported and not model.static:
             node.note(f"<{tag}> of a link is not supported and is left out", node.text)
     pose_in_model, state = model.frames.pose_of(link.child("pose")), model.state.of("link", link.named())
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
@@ -312,34 +317,43 @@ def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
 def _mass(link: Node, model: _Place) -> float:
     """Return the mass of a link [kg], within MASSES; 0 if the model is static.
 
-    It defaults to 1 kg, as in SDF. The inertia and the centre of mass are not used, so they only leave notes.
+    It defaults to 1 kg, as in SDF.
     """
     mass = 1.0
     inertial = link.child("inertial")
     if inertial:
         inertial.note_unknown()
-        for moment in (node for inertia in inertial.children("inertia") for node in inertia.children()):
-            unused: Tuple[float, ...] = ()
-            sentence = "an inertia that is not a number is left out; the simulation uses no inertia"
-            moment.unless_broken(partial(moment.numbers, 1), unused, sentence)
-        pose = inertial.unless_broken(
-            partial(_pose_in_link, inertial, link, model),
-            IDENTITY,
-            "a centre of mass that cannot be read is not used",
-        )
-        if pose.position != IDENTITY.position and not model.static:
-            inertial.note("a centre of mass (<inertial><pose>) away from the link's origin is not supported")
+        _note_unused_inertia(inertial, link, model)
         node = inertial.child("mass")
-        if node and not (model.static and node.text in ("0", "0.0")):
+        is_usual_zero = model.static and node is not None and node.text in ("0", "0.0")
+        if node and not is_usual_zero:
             mass = node.unless_broken(
                 lambda: node.positive()[0], mass, "a mass that is not greater than zero is read as 1 kg"
             )
-    if not MASSES[0] <= mass <= MASSES[1] and not model.static:
+    if model.static:
+        return 0.0
+    lightest, heaviest = MASSES
+    if not lightest <= mass <= heaviest:
         link.note(
-            f"a mass outside of {MASSES[0]:g} to {MASSES[1]:g} kg is read as the nearer limit",
-            f"{mass:g}",
+            f"a mass outside of {lightest:g} to {heaviest:g} kg is read as the nearer limit", f"{mass:g}"
         )
-    return 0.0 if model.static else min(max(mass, MASSES[0]), MASSES[1])
+    return min(max(mass, lightest), heaviest)
+
+
+def _note_unused_inertia(inertial: Node, link: Node, model: _Place) -> None:
+    """Note an inertia that cannot be read, and a centre of mass; the simulation uses neither."""
+    for inertia in inertial.children("inertia"):
+        for moment in inertia.children():
+            no_numbers: Tuple[float, ...] = ()
+            sentence = "an inertia that is not a number is left out; the simulation uses no inertia"
+            moment.unless_broken(partial(moment.numbers, 1), no_numbers, sentence)
+    pose = inertial.unless_broken(
+        partial(_pose_in_link, inertial, link, model),
+        IDENTITY,
+        "a centre of mass that cannot be read is not used",
+    )
+    if pose.position != IDENTITY.position and not model.static:
+        inertial.note("a centre of mass (<inertial><pose>) away from the link's origin is not supported")
 
 
 def _gravity(world: Node) -> Vector3:
@@ -355,14 +369,17 @@ def _gravity(world: Node) -> Vector3:
 
 
 def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
+    """Yield the shapes of a link's <collision>s or <visual>s, `tag`.
+
+    A broken <collision> is a WorldError, but the simulation can do without a <visual>.
+    """
     for node in link.children(tag):
         node.note_unknown()
         read = partial(_geometry, node, link, model)
-        geometry = (
-            read()
-            if tag == "collision"
-            else node.unless_broken(read, None, "a <visual> that cannot be read is left out")
-        )
+        if tag == "collision":
+            geometry = read()
+        else:
+            geometry = node.unless_broken(read, None, "a <visual> that cannot be read is left out")
         if geometry is not None:
             yield geometry
 

@@ -55,9 +55,9 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         mass += _mass(link, where)
     if not geometries:
         raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder, sphere or mesh")
-    static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
+    is_static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
     shapes = tuple(geometries)
-    return Body(name, pose_in_world, shapes, shapes, 0.0 if static else mass)
+    return Body(name, pose_in_world, shapes, shapes, 0.0 if is_static else mass)
 
 
 def _mass(link: ET.Element, where: str) -> float:
@@ -84,19 +84,20 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
         files: reads mesh files, each once.
     """
     shape_and_sizes = urdf.shape_of(collision, where)
-    tag, sizes = (shape_and_sizes[0].tag, shape_and_sizes[1]) if shape_and_sizes else ("", ())
-    if tag == "box":
-        x, y, z = sizes
+    if shape_and_sizes is None:
+        log.warning("%s: a <collision> that is not a box, cylinder, sphere or mesh is left out", where)
+        return None
+    element, sizes = shape_and_sizes
+    if element.tag == "cylinder":
+        return Cylinder(*sizes)
+    if element.tag == "sphere":
+        return Sphere(*sizes)
+    x, y, z = sizes
+    if element.tag == "box":
         return Box((x, y, z))
-    if tag in ("cylinder", "sphere"):
-        return Cylinder(*sizes) if tag == "cylinder" else Sphere(*sizes)
-    if shape_and_sizes is not None:
-        x, y, z = sizes
-        uri = shape_and_sizes[0].get("filename", "")
-        try:
-            return scaled_mesh(files.read(uri, ""), (x, y, z))
-        except MeshError as error:
-            log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
-            return None
-    log.warning("%s: a <collision> that is not a box, cylinder, sphere or mesh is left out", where)
-    return None
+    uri = element.get("filename", "")
+    try:
+        return scaled_mesh(files.read(uri, ""), (x, y, z))
+    except MeshError as error:
+        log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
+        return None

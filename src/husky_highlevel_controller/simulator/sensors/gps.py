@@ -51,15 +51,16 @@ class Gps:
 
     def sample(self, state: RobotState, stamp: float) -> GpsFix:
         """The fix at one instant, one period after the last."""
-        fresh = self._config.drift * sqrt(1.0 - self._kept**2)
+        # each error keeps a part of the last one; the rest is new, so that its deviation stays `drift`
+        new_part = self._config.drift * sqrt(1.0 - self._kept**2)
         draws = self._rng.standard_normal(3).tolist()
-        self._error = [self._kept * old + fresh * draw for old, draw in zip(self._error, draws)]
-        east, north, up = (at + off for at, off in zip(state.pose_in_world.position, self._error))
+        self._error = [self._kept * old + new_part * draw for old, draw in zip(self._error, draws)]
+        east, north, up = (true + error for true, error in zip(state.pose_in_world.position, self._error))
         vx, vy, vz = rotate(state.pose_in_world.quat_xyzw, state.velocity_in_base)
         return GpsFix(
             stamp,
-            self._config.latitude + degrees(north / self._north_radius),
-            self._config.longitude + degrees(east / self._east_radius),
-            up,
-            (vy, -vx, vz),
+            latitude=self._config.latitude + degrees(north / self._north_radius),
+            longitude=self._config.longitude + degrees(east / self._east_radius),
+            altitude=up,
+            velocity=(vy, -vx, vz),  # towards north, west and up; x points east
         )

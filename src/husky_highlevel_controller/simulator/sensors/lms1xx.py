@@ -82,33 +82,32 @@ class Lms1xx:
         config = self._config
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         # a moving robot is at another pose for each piece of the sweep
-        moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING
-        measured = []
-        for piece in _pieces(config, PIECES if moving else 1):
-            pose = compose(
-                _pose_before(state, piece.age) if moving else state.pose_in_world, self._pose_in_base
-            )
-            measured.append(_echoes(self._cast_rays(pose, piece.rays, FARTHEST), piece, config))
-        ranges, shares = (np.concatenate(part) for part in zip(*measured))
+        is_moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING
+        echoes = []
+        for piece in _pieces(config, PIECES if is_moving else 1):
+            base_in_world = _pose_before(state, piece.age) if is_moving else state.pose_in_world
+            depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
+            echoes.append(_echoes(depths, piece, config))
+        ranges, light_fractions = (np.concatenate(part) for part in zip(*echoes))
         # one draw per beam, hit or miss, so that the noise of a beam never depends on the other beams
         noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
         noisy = np.round(noisy / config.resolution) * config.resolution
         is_echo = (ranges > 0.0) & (noisy >= config.range_min) & (noisy <= config.range_max)
         noisy[~is_echo] = 0.0
-        intensities = np.where(is_echo, np.round(INTENSITY_SCALE * config.remission * shares), 0.0)
+        intensities = np.where(is_echo, np.round(INTENSITY_SCALE * config.remission * light_fractions), 0.0)
         for array in (noisy, intensities):
             array.setflags(write=False)
         return Scan(
-            stamp - config.sweep_time,
-            self._frame,
-            -config.angle_max,
-            config.angle_max,
-            config.range_min,
-            config.range_max,
-            noisy,
-            config.time_increment,
-            self._scan_time,
-            intensities,
+            stamp=stamp - config.sweep_time,
+            frame=self._frame,
+            angle_min=-config.angle_max,
+            angle_max=config.angle_max,
+            range_min=config.range_min,
+            range_max=config.range_max,
+            ranges=noisy,
+            time_increment=config.time_increment,
+            scan_time=self._scan_time,
+            intensities=intensities,
         )
 
 
@@ -159,24 +158,28 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     Returns:
         Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
     """
-    ranges, shares = np.zeros(piece.beams), np.zeros(piece.beams)
+    ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
+    # distances of the S rays that sample the spot of each beam, (N, S)
     spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::SAMPLES]
-    (hit,) = np.isfinite(spots).any(axis=1).nonzero()
-    depth, weights = spots[hit], _weights(spots[hit], piece.offsets, config)
+    # the loop keeps only the beams without a strong echo so far: their indices, and rows of their rays
+    (beams,) = np.isfinite(spots).any(axis=1).nonzero()
+    depth, weights = spots[beams], _weights(spots[beams], piece.offsets, config)
     depth[weights <= 0.0] = inf
     for _ in range(ECHOES):
-        if not len(hit):
+        if not len(beams):
             break
-        echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
-        light = np.where(echo, weights, 0.0)
-        share = light.sum(axis=1)
-        mean = (light * np.where(echo, depth, 0.0)).sum(axis=1) / np.maximum(share, 1e-12)
-        strong = (share > 0.0) & (share * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
-        ranges[hit[strong]], shares[hit[strong]] = mean[strong], np.minimum(share[strong], 1.0)
-        depth[echo] = inf  # too weak, so the next echo behind it counts
-        weak = ~strong & (share > 0.0)
-        hit, depth, weights = hit[weak], depth[weak], weights[weak]
-    return ranges, shares
+        in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
+        light = np.where(in_echo, weights, 0.0)
+        fraction = light.sum(axis=1)
+        mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
+        # the light that comes back falls with the square of the distance
+        is_strong = (fraction > 0.0) & (fraction * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
+        ranges[beams[is_strong]] = mean[is_strong]
+        fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
+        depth[in_echo] = inf  # too weak, so the next echo behind it counts
+        is_weak = ~is_strong & (fraction > 0.0)
+        beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
+    return ranges, fractions
 
 
 def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
@@ -188,8 +191,11 @@ def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np
         config: size and divergence of the spot.
     """
     # half the angle [rad] of the spot at each distance
-    half = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))
-    off = offsets / half
+    half_angle = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))
+    # a ray stands for a strip of the disc: its chord times the step between rays, by the disc's area
+    from_centre = offsets / half_angle  # -1 to 1 inside the disc
     step = offsets[1] - offsets[0]
-    shares: np.ndarray = np.sqrt(np.maximum(1.0 - off * off, 0.0)) * (2.0 / pi * step) / half
-    return shares
+    fractions: np.ndarray = (
+        np.sqrt(np.maximum(1.0 - from_centre * from_centre, 0.0)) * (2.0 / pi * step) / half_angle
+    )
+    return fractions

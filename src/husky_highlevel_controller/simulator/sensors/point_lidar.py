@@ -51,21 +51,25 @@ class PointLidar:
             pose_in_base: pose of the lidar in base_link.
         """
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
+        # upright planes in the lidar's frame, each with a column of the first half turn and the opposite one
         half = config.columns // 2
-        azimuths = 2.0 * pi / config.columns * np.arange(half)  # azimuths of the columns before the seam
-        self._planes: List[Pose] = [Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, a)) for a in azimuths]
+        azimuths = 2.0 * pi / config.columns * np.arange(half)
+        self._planes: List[Pose] = [
+            Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
+        ]
+        # beams of a plane, first of the column and then of the opposite one; a cast needs them in ascending
+        # order
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
-        # in an upright plane: the column itself, and the opposite one
         bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
         self._order = np.argsort(bearings)
         self._beams = beams_at(bearings[self._order])
-        columns = np.append(azimuths, azimuths + pi)
-        flat = np.cos(elevations)[:, None]
-        # unit vectors (rings, columns, 3) in the lidar's frame
+        # unit vectors of all beams in the lidar's frame, (rings, columns, 3)
+        all_azimuths = np.append(azimuths, azimuths + pi)
+        horizontal = np.cos(elevations)[:, None]
         self._directions = np.stack(
             [
-                flat * np.cos(columns),
-                flat * np.sin(columns),
+                horizontal * np.cos(all_azimuths),
+                horizontal * np.sin(all_azimuths),
                 np.sin(elevations)[:, None] * np.ones(2 * half),
             ],
             axis=-1,
@@ -82,7 +86,7 @@ class PointLidar:
         ranges = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
             ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
-        ranges = np.hstack([ranges[:rings], ranges[rings:]])
+        ranges = np.hstack([ranges[:rings], ranges[rings:]])  # the opposite columns are the second half turn
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan
         ranges += self._rng.normal(0.0, config.noise, ranges.shape)
         points: np.ndarray = ranges[:, :, None] * self._directions

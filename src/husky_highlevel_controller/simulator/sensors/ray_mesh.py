@@ -85,35 +85,38 @@ def _segments(
         axes: the laser's x and y axes in the mesh's frame.
         offset: x and y of the mesh's origin in the laser's frame [m].
     """
-    corners = mesh.faces[:, cut]
+    corners = mesh.faces[:, cut]  # (3, K)
     above = heights[corners] > 0.0
-    # the corner that is alone on its side comes first
+    # turn each triangle so that the corner that is alone on its side of the plane comes first
     lone = np.where(above[1] == above[2], 0, np.where(above[0] == above[2], 1, 2))
     corners = corners[(lone + np.arange(3)[:, None]) % 3, np.arange(len(cut))]
-    p, q, r = heights[corners]
-    x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))
-    return tuple(  # type: ignore[return-value]  # two ends
-        np.array([each[0] + share * (each[other] - each[0]) for each in (x, y)])
-        for other, share in ((1, p / (p - q)), (2, p / (p - r)))
-    )
+    first, second, third = heights[corners]
+    x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))  # (3, K) each [m]
+    # the plane cuts the two edges from this corner, at these fractions of their length
+    to_second, to_third = first / (first - second), first / (first - third)
+    start = np.array([each[0] + to_second * (each[1] - each[0]) for each in (x, y)])
+    end = np.array([each[0] + to_third * (each[2] - each[0]) for each in (x, y)])
+    return start, end
 
 
 def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: np.ndarray) -> None:
     """Shorten the distances (N,) of the beams that meet line segments of ends (2, K) [m]."""
-    one, other = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    # a segment behind the laser reaches over the seam at +-pi
-    over = high - low > pi
-    segment = np.concatenate([np.arange(len(low)), np.flatnonzero(over)])
+    # bearings between which the beams may meet each segment [rad]
+    start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
+    low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
+    # a segment behind the laser reaches over the seam at +-pi, so it has beams at both ends of the scan
+    is_over_seam = high - low > pi
+    segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_over_seam)])
     low, high = (
-        np.concatenate([np.where(over, high, low), np.full(over.sum(), -inf)]),
-        np.concatenate([np.where(over, inf, high), low[over]]),
+        np.concatenate([np.where(is_over_seam, high, low), np.full(is_over_seam.sum(), -inf)]),
+        np.concatenate([np.where(is_over_seam, inf, high), low[is_over_seam]]),
     )
     first = beams.bearings.searchsorted(low - _SLACK)
     count = beams.bearings.searchsorted(high + _SLACK, side="right") - first
     met = np.flatnonzero(count)
     if not len(met):
         return
+    # pairs of a beam and a segment; the beam meets the segment's line where both cross
     beam, segment = beams_of(first[met], count[met]), segment[met].repeat(count[met])
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]

@@ -117,8 +117,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
             continue
         x, y, z = shape.size
         kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
-        bound = size[0] if kind == SPHERE else hypot(*size[1:]) if kind == CYLINDER else hypot(*size)
-        solids.append(RaySolid(kind, size, bound, pose.position, axes_from_quat(pose.quat_xyzw)))
+        bounds = {BOX: hypot(*size), CYLINDER: hypot(*size[1:]), SPHERE: size[0]}
+        solids.append(RaySolid(kind, size, bounds[kind], pose.position, axes_from_quat(pose.quat_xyzw)))
     return RayScene(
         solids,
         tuple(planes),
@@ -263,19 +263,21 @@ def _candidates(
         For each of K ranges of beams: the solid, its first beam, and the number of beams. A solid behind the
         laser may appear twice.
     """
-    x, y, across = centers.T
-    flat, square = np.hypot(x, y), bounds * bounds - across * across  # the ball is cut by the scan plane
-    near = np.flatnonzero((square >= 0.0) & (flat - bounds <= max_range))
-    flat, radius = flat[near], np.sqrt(square[near])
-    half = np.arcsin(np.minimum(radius / flat, 1.0)) + 1e-9
-    half[flat <= radius] = pi + 1e-9  # the laser is inside the ball
+    # the scan plane cuts a ball in a circle of this squared radius, which is negative if it misses the ball
+    x, y, height = centers.T
+    distance, square = np.hypot(x, y), bounds * bounds - height * height
+    near = np.flatnonzero((square >= 0.0) & (distance - bounds <= max_range))
+    distance, radius = distance[near], np.sqrt(square[near])
+    # bearings of the two edges of each circle, seen from the laser [rad]
+    half_angle = np.arcsin(np.minimum(radius / distance, 1.0)) + 1e-9
+    half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
     middle = np.arctan2(y[near], x[near])
-    low, high = middle - half, middle + half
-    # a ball behind the laser may reach over the seam at +-pi: look there too
-    for over, round_trip in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
+    low, high = middle - half_angle, middle + half_angle
+    # a ball behind the laser may reach over the seam at +-pi, so it also counts a full turn further
+    for over, turn in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
         if len(over):
             near = np.concatenate([near, near[over]])
-            low, high = (np.concatenate([end, end[over] + round_trip]) for end in (low, high))
+            low, high = (np.concatenate([edge, edge[over] + turn]) for edge in (low, high))
     first = bearings.searchsorted(low)
     count = bearings.searchsorted(high, side="right") - first
     met = np.flatnonzero(count)

@@ -80,14 +80,10 @@ def _serve_requests(pipe: Connection) -> None:
         except (EOFError, OSError):
             return
         if request.bodies is not None:
-            # the camera sees collision shapes; it sees the visuals of a body that has none
-            bodies = {
-                name: body if body.collisions else replace(body, collisions=body.visuals, mass=0.0)
-                for name, body in request.bodies.items()
-                if body.collisions or body.visuals
-            }
-            for name in [name for name in bodies_drawn if bodies.get(name) != bodies_drawn[name]]:
-                bullet.remove_body(name)
+            bodies = _bodies_to_draw(request.bodies)
+            for name, body in bodies_drawn.items():
+                if body != bodies.get(name):
+                    bullet.remove_body(name)
             for name, body in bodies.items():
                 if body != bodies_drawn.get(name):
                     bullet.add_body(body)
@@ -104,6 +100,17 @@ def _serve_requests(pipe: Connection) -> None:
             config.far,
         )
         pipe.send(buffer)
+
+
+def _bodies_to_draw(bodies: Mapping[str, Body]) -> Dict[str, Body]:
+    """Return bodies by name whose collision shapes the camera sees: their visuals if they have none."""
+    to_draw = {}
+    for name, body in bodies.items():
+        if body.collisions:
+            to_draw[name] = body
+        elif body.visuals:
+            to_draw[name] = replace(body, collisions=body.visuals, mass=0.0)
+    return to_draw
 
 
 if __name__ == "__main__":

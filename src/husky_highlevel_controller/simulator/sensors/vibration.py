@@ -74,16 +74,21 @@ class VibratingImu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
         sample = self._imu.sample(state, stamp)
-        fresh = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
-        now = [A * x + B * y + INNOVATION * e for x, y, e in zip(self._last, self._before, fresh)]
-        self._last, self._before = now, self._last
+        # autoregressive noise of variance 1 for each axis, from its last two values
+        draws = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
+        noise = [
+            A * last + B * before + INNOVATION * draw
+            for last, before, draw in zip(self._last, self._before, draws)
+        ]
+        self._last, self._before = noise, self._last
+        # its scale grows with the mean speed of the wheels, of |linear - turning| and |linear + turning|
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
-        wheel_speed = max(abs(linear), abs(turning))  # the mean of |linear - turning| and |linear + turning|
+        wheel_speed = max(abs(linear), abs(turning))
         speed = min(wheel_speed, self._saturation)
-        shaken = [speed * scale * x for scale, x in zip(self._scale, now)]
+        vibration = [speed * scale * value for scale, value in zip(self._scale, noise)]
         (fx, fy, fz), (wx, wy, wz) = sample.specific_force, sample.angular_velocity
-        self.yaw_rate = wz + shaken[5]
+        self.yaw_rate = wz + vibration[5]
         return sample._replace(
-            specific_force=(fx + shaken[0], fy + shaken[1], fz + shaken[2]),
-            angular_velocity=(wx + shaken[3], wy + shaken[4], self.yaw_rate),
+            specific_force=(fx + vibration[0], fy + vibration[1], fz + vibration[2]),
+            angular_velocity=(wx + vibration[3], wy + vibration[4], self.yaw_rate),
         )
