@@ -19,7 +19,8 @@ from husky_grading.settings import with_override
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 
-_FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")  # folders of an absolute path
+# pattern of the folders in an absolute path
+_FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")
 
 
 def judge_again(job: Job) -> MarkingResult:
@@ -74,7 +75,8 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
 def unmarked(job: Job, problem: str) -> MarkingResult:
     """Return the result of a submission that could not be marked."""
     result = _from_known_folders(MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job)
-    # a path on this machine becomes the name of its file; a topic or a node has no folder on this machine
+    # a path on this machine is shortened to the file name; names of topics and nodes, which are not paths on
+    # this machine, stay
     shown = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
     return replace(result, problem=shown)
 

@@ -38,7 +38,8 @@ from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.datatypes import HuskyError
 
-# limits of this program and its forks: memory [bytes]; descriptors, because every connection takes a thread
+# limits of this program and its forks: memory [bytes]; file descriptors, because every connection takes a
+# thread
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 
 
@@ -63,12 +64,13 @@ def mark(job: Job) -> MarkingResult:
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
         misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
-        fingerprint = job.fingerprint + (job.installed if misses else "")  # set before marking.yaml is read
+        # known before marking.yaml is applied, because the teacher's points do not change the runs
+        fingerprint = job.fingerprint + (job.installed if misses else "")
         cause = None
         try:
             result = judge(submission, recordings, job)
             cause = result.cause
-        finally:  # written also if the teacher's points do not fit
+        finally:  # the pictures are written even if `judge` rejects the teacher's points
             write_pictures(recordings, job.name, out, cause)
     except StoppedError:
         raise
@@ -82,11 +84,12 @@ def mark(job: Job) -> MarkingResult:
         problem = failure_text(error)
         traceback.print_exc()
     if problem:
-        print(printable(problem), file=sys.stderr)  # the teacher sees the paths of this machine
+        # the teacher's terminal gets the text with the paths of this machine
+        print(printable(problem), file=sys.stderr)
         result = unmarked(job, problem)
     write_result(result, out, job.packages)
     if fingerprint:
-        # written last, because this file means that all others are complete
+        # the fingerprint is written last, because this file means that all other files are complete
         write_whole(out / FINGERPRINT, fingerprint)
     return result
 
@@ -102,14 +105,15 @@ def kept_submission(job: Job) -> Optional[Submission]:
         submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
         return None
-    root = Path(job.out, "ws")  # a copied folder, or one of another machine, has another root
+    # if the folder was copied or comes from another machine, the workspace has another root
+    root = Path(job.out, "ws")
     is_here = submission.root == root and (root / "src").is_dir()
     isolation = kind_of_sandbox(), private_network.reach()
     is_shut = (submission.sandbox, submission.network) == isolation and {*map(Path, job.hidden)} <= {
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    # prepared again, because packages that were missing may be installed now
+    # a submission that missed packages is prepared again, because they may be installed now
     misses = MISSES_PACKAGES & {note.kind for note in submission.notes}
     return submission if is_here and is_shut and is_same and not misses else None
 

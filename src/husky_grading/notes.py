@@ -6,33 +6,35 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Iterable, List, Optional
 
-MAX_NOTES = 30  # notes of a result, because a cell of a spreadsheet holds 32767 characters
+# largest number of notes of a result, because a cell of a spreadsheet holds only 32767 characters
+MAX_NOTES = 30
 
 
 class Kind(Enum):
     """Kind of a finding."""
 
-    # findings on the submission, before anything is started
-    HAND_IN = "hand-in"  # finding on its archive and packages
-    ROBOT = "robot"  # robot that is simulated
+    # findings on the submission, before any node is started
+    HAND_IN = "hand-in"  # finding on the archive and the packages of the submission
+    ROBOT = "robot"  # finding on the choice of the simulated robot
     BUILD = "build"
-    MISSING_RETURN = "missing return"  # a function without its return, in which the node may crash
-    LAUNCH_FILE = "launch file"  # the file cannot be loaded, or starts nothing
-    OWN_NODE = "own node"  # node of this package, which is not part of any submission
+    MISSING_RETURN = "missing return"  # a C++ function has no return statement, so the node may crash in it
+    LAUNCH_FILE = "launch file"  # the launch file cannot be loaded, or starts no node
+    OWN_NODE = "own node"  # the launch file starts a node of this package, which is left out
     MISSING_INCLUDE = "missing include"  # the launch file includes a file that does not exist
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
-    SKIPPED = "skipped"  # launch file of the simulator, which marking starts itself
+    # an included launch file of the simulator is left out, because marking starts the simulator itself
+    SKIPPED = "skipped"
     NO_RVIZ_FILE = "no RViz file"
-    # findings on its nodes
+    # findings on the nodes of the submission
     NOT_STARTED = "not started"
-    EXCEPTION = "exception"  # error in a callback or thread, after which the node continues
+    EXCEPTION = "exception"  # an exception in a callback or thread, after which the node continues
     NODE_FAILED = "node failed"
     NODE_CRASHED = "node crashed"  # a node ended by a signal, usually without a message
     NODE_ENDED = "node ended"  # a node ended without an error
-    OTHERS_NODE = "others' node"  # a program of another package was not started, or ended
-    LIMIT = "limit"  # limit of memory, processes or files
-    # findings on the chain from scan to command
+    OTHERS_NODE = "others' node"  # a node of another package was not started, or has ended
+    LIMIT = "limit"  # a limit of memory, processes or files was exceeded
+    # findings on the path from the scans to the commands
     SILENT_TOPIC = "silent topic"
     NO_SCANS = "no scans"
     UNREAD_COMMANDS = "unread commands"
@@ -51,14 +53,14 @@ class Kind(Enum):
     OTHER_BEAM = "other beam"
     IN_BASE_LINK = "in base_link"
     NOT_A_NUMBER = "not a number"
-    UNREADABLE = "unreadable"  # messages that are not of their topic's type
-    AT_ORIGIN = "at the origin"  # always at the origin of its frame, or on the lidar
-    NO_RETURN = "no return"  # the marker is there only while no beam has a return
+    UNREADABLE = "unreadable"  # marker messages do not have the type of their topic
+    AT_ORIGIN = "at the origin"  # the marker is always at the origin of its frame, or at the lidar
+    NO_RETURN = "no return"  # the marker is near the pillar only while no beam of the lidar measures a range
     WRONG_HEIGHT = "wrong height"
     INVISIBLE = "invisible"
     DELETED = "deleted"
-    OLD_ONES = "old ones"  # most markers are right, but earlier ones stay
-    # ends of a run
+    OLD_ONES = "old ones"  # most markers are right, but RViz still shows earlier wrong markers
+    # reasons for the end of a run
     TOUCHES = "touches"
     AT_PILLAR = "at pillar"
     NEVER_MOVED = "never moved"
@@ -67,9 +69,10 @@ class Kind(Enum):
     LEAVES = "leaves"
     DEADLINE = "deadline"
     SLOW = "slow"  # the limit of wall time ended the run
-    PLAN_DONE = "plan done"  # all calls were made, or the grader has driven the robot
+    # the run ended after its last planned action: a service call, or a motion by the grader
+    PLAN_DONE = "plan done"
     NO_SERVICE = "no service"
-    FEWER_DRIVES = "fewer drives"  # fewer runs than requested
+    FEWER_DRIVES = "fewer drives"  # `grade` made fewer runs than requested
     STALLED = "stalled"
     CUT_OFF = "cut off"
 
@@ -81,11 +84,11 @@ class Subject(Enum):
     DRIVE = "drive"
     SERVICE = "service"
     MARKER = "marker"
-    DISPLAYS = "displays"  # displays of RViz, by its configuration alone
+    DISPLAYS = "displays"  # displays of RViz, judged by the configuration file alone
     MARKER_DISPLAY = "marker display"
 
 
-# kinds of findings that a missing package may cause
+# kinds of findings whose cause may be a missing package
 MISSES_PACKAGES = frozenset(
     {
         Kind.BUILD,

@@ -33,24 +33,25 @@ class MarkerSample:
     topic: str
     namespace: str
     id: int
-    at: float  # [s] simulated time at which it came
-    stamp: float  # [s] stamp; with 0, the transforms of the moment of sending count
+    at: float  # [s] simulated time at which the marker came
+    stamp: float  # [s] stamp of the marker; 0 means that transforms at the time of sending are used
     frame: str
-    position: Tuple[float, float, float]  # [m] position in the world, see marker_shape; nan if there is none
+    # [m] position in the world, as marker_shape defines it; nan if unknown
+    position: Tuple[float, float, float]
     reach: float = inf  # [m] horizontal distance from the pillar's axis to the nearest drawn point
     low: float = nan  # [m] height in the world of the lowest drawn point
     high: float = nan  # [m] height in the world of the highest drawn point
-    until: float = inf  # [s] simulated time at which its lifetime ends
+    until: float = inf  # [s] simulated time at which the marker's lifetime ends
     action: str = ADD
-    problem: str = ""  # reason why RViz would draw nothing
-    finite: bool = True  # all numbers are finite
+    problem: str = ""  # reason why RViz would not draw the marker; empty if RViz draws it
+    finite: bool = True  # true if all numbers of the marker are finite
 
 
 @dataclass(frozen=True, eq=False)
 class EstimatedPath:
     """Path of the robot as a submission estimates it."""
 
-    topic: str = ""  # topic of its odometry
+    topic: str = ""  # topic on which the estimate is published
     points: np.ndarray = table("[s, m, m], x and y by stamps", 3)
 
 
@@ -68,37 +69,43 @@ class Recording:
     """Recording of one run of one submission; arrays are read-only."""
 
     start: Pose2D  # pose of base_link in the world
-    pillar: Tuple[float, float]  # [m] centre in the world, before the robot pushes it
-    deadline: float  # [s] time limit of the run, simulated
+    pillar: Tuple[float, float]  # [m] centre of the pillar in the world, before the robot pushes the pillar
+    deadline: float  # [s] longest simulated time of the run
     times: np.ndarray = table("(N,) [s] simulated times of the true poses")
     poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
     speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
     command_count: int = 0  # number of all commands
     zero_count: int = 0  # number of commands with all components zero
-    fastest: Optional[float] = None  # [m/s] largest size of linear.x in all commands; None if unknown
-    sharpest: Optional[float] = None  # [rad/s] largest size of angular.z in all commands; None if unknown
+    # [m/s] largest absolute value of linear.x in all commands; None if unknown
+    fastest: Optional[float] = None
+    # [rad/s] largest absolute value of angular.z in all commands; None if unknown
+    sharpest: Optional[float] = None
     nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
     hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # marker topics of the submission, with or without messages
     subscribed: bool = False  # the submission listens to the scans
     advertised: bool = True  # the submission has a publisher on a topic of velocity commands
-    silent_topics: Tuple[str, ...] = ()  # topics that the submission subscribes to and nothing publishes
-    # topics of geometry_msgs/Twist that the submission publishes and no node reads
+    # topics that the submission subscribes to, and that no node publishes
+    silent_topics: Tuple[str, ...] = ()
+    # topics of type geometry_msgs/Twist that the submission publishes, and that no node reads
     unread_topics: Tuple[str, ...] = ()
-    violations: Tuple[str, ...] = ()  # violations that lose all points, in sentences
+    violations: Tuple[str, ...] = ()  # sentences on violations of the rules, each of which costs all points
     notes: Tuple[Note, ...] = ()  # problems
     ended: Optional[Note] = None  # reason why the run ended
     output: str = ""  # shortened output of the submission
     robot: str = "husky"  # one of ROBOTS
-    simulated: str = "husky"  # a key of ROBOT_VERSIONS
+    simulated: str = "husky"  # name of the simulated robot, a key of ROBOT_VERSIONS
     scan_topic: str = "/front/scan"
-    uninitialised: str = ""  # a variable of the submission that is read before it is written, in a sentence
+    # sentence on a variable of the submission that is read before it is written; empty if unknown
+    uninitialised: str = ""
     frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
-    descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
-    estimate: Optional[EstimatedPath] = None  # None if this is not the submission's task
-    watched: Mapping[str, Any] = field(default_factory=dict)  # record of the exercise, see `watched_as`
+    descriptions: Tuple[str, ...] = ()  # parameters with a robot description whose links are frames of TF
+    # path that the submission has estimated; None if the exercise does not ask for an estimate
+    estimate: Optional[EstimatedPath] = None
+    # additional data of the exercise, which `watched_as` returns as a record
+    watched: Mapping[str, Any] = field(default_factory=dict)
 
     def watched_as(self, kind: Type[Record]) -> Record:
         """Return the record that the exercise itself keeps of the run.
@@ -130,8 +137,8 @@ class Recording:
 
 
 RECORDING = "recording.json"  # file in the folder of a run
-FLOOD = 300.0  # commands per simulated second that are too many; 50 answer the scans
-CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # reason of an end that the recorder did not cause
+FLOOD = 300.0  # number of commands per simulated second that is too high; 50 are enough to answer each scan
+CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # note for a run that the recorder did not end itself
 
 
 def drive_folders(out: Path) -> Dict[int, Path]:
@@ -193,7 +200,7 @@ def recording_to_json(recording: Recording) -> str:
 
 
 TWIST_SIZE = 48  # [bytes] size of a serialised geometry_msgs/Twist: six doubles
-NOTHING = 1e-6  # [m/s, rad/s] size of a component up to which it counts as zero
+NOTHING = 1e-6  # [m/s, rad/s] a component of a command counts as zero up to this absolute value
 
 
 def is_zero(twist: bytes) -> bool:
@@ -212,8 +219,10 @@ def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
     return ahead, turn
 
 
-MAX_ROBOT_SPEED = 4.0  # [m/s] four times the Husky's speed, because contacts may push it
-JUMP_SLACK = 0.1  # [m] allowance for the solver's corrections in one period
+# [m/s] faster motion is a jump; four times the Husky's top speed, because contacts may push the robot
+MAX_ROBOT_SPEED = 4.0
+# [m] additional motion in one period that is allowed, because the physics engine corrects contacts
+JUMP_SLACK = 0.1
 
 
 def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:

@@ -21,14 +21,16 @@ ROBOT_VERSIONS = {
 }
 ROBOT_TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic", "smb": "SMB"}
 DEFAULT_ROBOT, SMB = "husky", "smb"
-AUTO = "auto"  # the robot to whose scans the submission subscribes, or that its files name
-# [s] wall time that every run has; factor by which a run may be slower than its pace
+# choice of the robot by the topic of scans to which the submission subscribes, or by the submission's files
+AUTO = "auto"
+# limit of the wall time of a run: constant part [s]; factor by which the run may be slower than its real-time
+# factor
 WALL_BASE, WALL_SLOWNESS = (
     300.0,
     20.0,
 )
-RAMMING_MARGIN = 0.05  # [m/s] tolerance, because the speed of a robot commanded to `gentle` is not exact
-MAX_TEXT = 1000  # characters of an evidence or note
+RAMMING_MARGIN = 0.05  # [m/s] tolerance above `gentle`, because the robot does not follow a command exactly
+MAX_TEXT = 1000  # largest number of characters of an evidence or note
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,7 @@ class Launchable:
 
     kind: str  # launch or node
     package: str
-    name: str  # name of the launch file in its package, or absolute path; type of the node
+    name: str  # name of the launch file in its package, absolute path of the launch file, or type of the node
     arguments: Tuple[str, ...] = ()
     title: str = ""  # title of the result; defaults to the command line
 
@@ -146,7 +148,7 @@ class Override:
     exercise: Optional[int] = number(1, 99, "exercise number in names of files and folders", None)
     points: Mapping[str, GivenPoints] = field(default_factory=dict)  # points by item
     late: Optional[Late] = None
-    hold: bool = False  # feedback is kept back
+    hold: bool = False  # true if the student gets no feedback yet
 
     def __post_init__(self) -> None:
         """Reject settings that do not fit together."""
@@ -166,15 +168,15 @@ class Job:
     out: str  # folder for the result
     config: MarkingConfig
     launchable: Optional[Launchable] = None
-    hand_in: str = ""  # folder or archive that was delivered
+    hand_in: str = ""  # path of the delivered folder or archive
     override: Override = field(default_factory=Override)
     setups: Tuple[str, ...] = ()  # setup.bash files, sourced in this order
     packages: Tuple[str, ...] = ()  # folders of packages that need no build
-    hidden: Tuple[str, ...] = ()  # folders that the submission must not see
+    hidden: Tuple[str, ...] = ()  # folders that the sandbox must hide from the submission
     made_of: str = ""  # fingerprint of files, settings and version of this package on which the build depends
     fingerprint: str = ""  # fingerprint of everything on which the runs depend
     installed: str = ""  # fingerprint of the packages on this machine
-    time_limit: float = 0.0  # [s] wall time; 0 for the default
+    time_limit: float = 0.0  # [s] longest wall time of the submission; 0 means the default
 
 
 @dataclass(frozen=True)
@@ -182,14 +184,14 @@ class Item:
     """Line of the table."""
 
     name: str
-    points: Optional[float]  # None if it is graded by hand
+    points: Optional[float]  # points of the item; None if it is graded by hand
     max_points: float
     evidence: str
     at: Optional[float] = None  # [s] simulated time of the evidence
     hint: str = ""  # advice to the student, if points are lost
-    drive: int = 1  # number of the run of the evidence
+    drive: int = 1  # number of the run that the evidence comes from
     subject: Subject = Subject.CODE
-    reason: Optional[Kind] = None  # kind of the reason for grading by hand, if many submissions have the same
+    reason: Optional[Kind] = None  # reason for grading by hand, if several submissions may have this reason
 
     @property
     def full(self) -> bool:
@@ -210,12 +212,12 @@ class MarkingResult:
     """Result of one submission; its texts are printable, whatever names a submission has."""
 
     name: str
-    what: str  # launch file or node
+    what: str  # name of the launch file or node that was graded
     settings: Mapping[str, Any]
     items: Tuple[Item, ...]
     notes: Tuple[str, ...] = ()  # findings in sentences
     problem: str = ""  # reason why the submission could not be marked, in a sentence; empty if it was marked
-    held: bool = False  # the student's feedback is kept back
+    held: bool = False  # true if the student gets no feedback yet
 
     def __post_init__(self) -> None:
         """Make every text printable."""

@@ -39,13 +39,13 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import render
 
 PAGE = "review.html"
-KEYS = 9  # key 1 gives no points, key 9 all points
-MAX_CODE = 200_000  # [bytes] size of a source file that is searched
-MAX_SOURCES = 500  # source files of a submission that are searched
-MAX_LINE = 500  # characters of a line that are searched
-BEFORE, AFTER = 6, 18  # lines of an excerpt before and after the line that fits
+KEYS = 9  # number of keys for points; key 1 gives no points, key 9 gives all points
+MAX_CODE = 200_000  # [bytes] largest size of a source file that is searched
+MAX_SOURCES = 500  # largest number of source files of a submission that are searched
+MAX_LINE = 500  # largest number of characters of a line that are searched
+BEFORE, AFTER = 6, 18  # number of lines of an excerpt before and after the line that was found
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
-# pattern of the code for the subject of an item
+# pattern that finds the code for the subject of an item
 CODE = {
     Subject.DISPLAYS: r"pkg=.rviz|</launch>",
     Subject.MARKER_DISPLAY: r"pkg=.rviz|</launch>",
@@ -106,7 +106,7 @@ class OpenItem:
         """Return place and lines of the code for the item; empty if no line fits."""
         pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
-        with suppress(UnreadableFileError):  # the build may have made too many files
+        with suppress(UnreadableFileError):  # the folder may have too many files, which the build has made
             for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):
                 lines = [line[:MAX_LINE] for line in text.splitlines()]
                 for number, line in enumerate(lines):
@@ -130,7 +130,7 @@ def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
         except ConfigError as error:
             print(f"a result is left out: {error}", file=sys.stderr)
             continue
-        if Path(job.hand_in).exists():  # otherwise the teacher has removed the submission
+        if Path(job.hand_in).exists():  # a submission that the teacher has removed is left out
             marked.append((result, job, path.parent))
     folders = {Path(job.hand_in).parent for _, job, _ in marked}
     if len(folders) != 1:
@@ -139,13 +139,15 @@ def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
         )
     folder = folders.pop()
     for _, job, _ in marked:
-        if job.hand_in in job.hidden:  # the folder of the class is hidden, too
+        # FOLDER itself was graded as one submission, so it has no marking.yaml of a teacher
+        if job.hand_in in job.hidden:
             raise HuskyError(
                 f"{job.hand_in} is itself a package, so its {FILE} does not count; put the package into a "
                 "folder of your own, and run `grade --all` with that folder"
             )
     hand_ins = find_hand_ins(folder)
-    current = {each.folder for each in hand_ins}  # a student has a new folder if names became equal
+    # folders of the present submissions; a student's folder changes if two names have become equal
+    current = {each.folder for each in hand_ins}
     items = [
         OpenItem(result.name, item, place)
         for result, _, place in marked
@@ -164,7 +166,8 @@ def write_review(out: Path) -> Path:
         HuskyError: there are no results, or marking.yaml is wrong.
     """
     items, folder, students = open_items(out)
-    read_overrides(folder, students)  # raises errors before anything is written
+    # a fault in marking.yaml raises its error here, before the page is written
+    read_overrides(folder, students)
     path = folder / FILE
     content = read_settings(path) if path.exists() else {}
     write_whole(out / PAGE, render("review.html", items=items, content=content, path=str(path), file=FILE))

@@ -12,7 +12,7 @@ from husky_grading.isolation.files import UnreadableFileError, read_text
 from husky_grading.records import Item, MarkingResult, Override, Rules
 from husky_highlevel_controller.config import ConfigError, from_plain
 
-FILE = "marking.yaml"  # file in the folder of submissions
+FILE = "marking.yaml"  # file with the teacher's settings, in the folder of submissions
 
 
 class PointsError(ConfigError):
@@ -57,7 +57,8 @@ def read_settings(path: Path) -> Any:
     """
     try:
         return yaml.safe_load(read_text(path.resolve())) or {}
-    except (LookupError, TypeError, AttributeError) as error:  # a tag may be wrong, such as `!!bool x`
+    except (LookupError, TypeError, AttributeError) as error:
+        # YAML raises these errors for a wrong tag, such as `!!bool x`
         raise ConfigError(f"{path}: a value is not of the type that its tag names: {error}") from error
     except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from error

@@ -25,31 +25,36 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.paths import share_folder
 
 WORKSPACE = "workspace.json"
-SUBMISSION_FOLDER = "submission"  # folder in the folder of a run; the submission can write no other folder
-OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # RViz nodes of this package's launch files
-SIMULATOR_NODES = ("/husky_simulator",)  # a second node of this name would end our node
-COMPAT = share_folder() / "compat"  # folder of packages with launch files that start our simulator
-MAX_EVENTS = 10_000  # events of one run that are read, because a submission can write any number
+# folder inside the folder of a run; during a run, the submission can write only here
+SUBMISSION_FOLDER = "submission"
+OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # names of the RViz nodes in this package's launch files
+# names of the simulator's nodes; a second node of such a name would end the simulator
+SIMULATOR_NODES = ("/husky_simulator",)
+COMPAT = share_folder() / "compat"  # folder of replacement packages, whose launch files start our simulator
+# largest number of events of one run that are read, because a submission can write any number
+MAX_EVENTS = 10_000
 
 
 @dataclass(frozen=True)
 class Parts:
     """Packages of the robot: nodes of some are started by the submission, nodes of others by marking."""
 
-    by_submission: Tuple[str, ...] = ()  # packages whose nodes count as the submission's, instead of its own
-    by_marking: Tuple[str, ...] = ()  # packages whose nodes are left out
+    # packages of the robot whose nodes count as the student's, instead of the student's own nodes
+    by_submission: Tuple[str, ...] = ()
+    # packages of the robot whose nodes are left out, because marking starts them
+    by_marking: Tuple[str, ...] = ()
 
 
-STUDENTS_OWN = Parts()  # the submission starts nodes that its student wrote
+STUDENTS_OWN = Parts()  # default: only nodes of the student's own packages count
 
 
 @dataclass(frozen=True)
 class NamedRobot:
     """Robot that a submission's files name."""
 
-    version: str = ""  # a key of ROBOT_VERSIONS
+    version: str = ""  # name of the robot, a key of ROBOT_VERSIONS
     why: str = ""  # a sentence
-    is_certain: bool = False  # otherwise the topic to which the submission subscribes decides
+    is_certain: bool = False  # false if the topic of scans to which the submission subscribes decides
 
 
 @dataclass(frozen=True)
@@ -58,19 +63,21 @@ class Submission:
 
     launchable: Launchable
     workspace: Workspace = field(default_factory=Workspace)
-    root: Optional[Path] = None  # folder of its built workspace; None if it was not built here
-    nodes: Tuple[str, ...] = ()  # package/type of the nodes that it would start
-    problem: Tuple[Note, ...] = ()  # reasons why nothing of it can be started
+    # folder of the submission's built workspace; None if `grade` has not built it
+    root: Optional[Path] = None
+    nodes: Tuple[str, ...] = ()  # package/type of the nodes that the submission starts
+    problem: Tuple[Note, ...] = ()  # reasons why no node of the submission can be started
     notes: Tuple[Note, ...] = ()
     rviz: RvizConfig = field(default_factory=RvizConfig)
     robot: NamedRobot = field(default_factory=NamedRobot)
     sandbox: str = ""  # kind of sandbox
     network: str = ""
-    own: Tuple[str, ...] = ()  # packages that were delivered; empty if unknown
-    equals: Tuple[str, ...] = ()  # launch file, and others that fit as well and start something else
+    own: Tuple[str, ...] = ()  # names of the packages that the student has delivered; empty if unknown
+    # the chosen launch file, and launch files that fit equally well and start other nodes
+    equals: Tuple[str, ...] = ()
     parts: Parts = field(default_factory=Parts)
-    facts: Mapping[str, Any] = field(default_factory=dict)  # facts for its exercise, by name
-    made_of: str = ""  # fingerprint of the files and settings that it was prepared from
+    facts: Mapping[str, Any] = field(default_factory=dict)  # facts for the exercise, by name
+    made_of: str = ""  # fingerprint of the files and settings from which the submission was prepared
 
 
 @dataclass(frozen=True)
@@ -87,16 +94,17 @@ class Plan:
     """Nodes that a launchable would start."""
 
     nodes: Tuple[str, ...] = ()  # package/type
-    left_out: Tuple[str, ...] = ()  # package/type of nodes of simulators and drivers
+    left_out: Tuple[str, ...] = ()  # package/type of nodes that are left out, such as simulators and drivers
     rviz: Tuple[RvizNode, ...] = ()
-    uses: Tuple[str, ...] = ()  # packages that the launchable names
+    uses: Tuple[str, ...] = ()  # names of packages that the launch file or node refers to
     pillar: bool = False  # the launch file names the course's world
-    left_out_arguments: Tuple[Tuple[str, str], ...] = ()  # package/type and arguments of nodes left out
+    # package/type and arguments of each node that is left out
+    left_out_arguments: Tuple[Tuple[str, str], ...] = ()
     digest: str = ""  # hash of the nodes with their arguments and parameters
-    # fields that the program does not write
+    # The program that loads launch files does not write the following fields.
     is_read: bool = False  # the launch file can be loaded
-    package_path: Optional[Path] = None  # folder of the package of the launchable
-    notes: Tuple[Note, ...] = ()  # findings on the launchable
+    package_path: Optional[Path] = None  # folder of the package of the launch file or node
+    notes: Tuple[Note, ...] = ()  # findings on the launch file or node
 
 
 @dataclass(frozen=True)
@@ -125,7 +133,8 @@ def starter(
 
     Unless `own` is ALL, nodes of this package are left out, because they are not part of any submission.
     """
-    # the program has a path, because a package of the submission may have this package's name
+    # the program is started by its path, because a package of the submission may have the name of this
+    # package
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
@@ -153,7 +162,7 @@ def read_events(path: Path) -> List[Event]:
 
 
 TOO_MANY = "too many events"
-# kinds of events before the start, the worst first
+# kinds of events before the start of the nodes, with the worst kind first
 EVENTS = [
     Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
     Kind.SKIPPED,
@@ -227,7 +236,8 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
             line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
             why = f": {errors[-1][:200]}{line}" if errors and code else ""
             kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
-            if code is not None and code < 0 and code != -signal.SIGABRT:  # an abort prints its reason
+            # a node that ends by abort has printed the reason itself
+            if code is not None and code < 0 and code != -signal.SIGABRT:
                 kind = Kind.NODE_CRASHED
             if own and event.package and event.package not in own:
                 kind = Kind.OTHERS_NODE

@@ -19,9 +19,9 @@ from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-MAX_SIZE = 20_000_000  # [bytes] size of a file that is read whole
-MAX_YAML = 500_000  # [bytes] size of a YAML file; its nodes take a thousand times as much
-MAX_ENTRIES = 50_000  # files and folders of a submission that are looked at
+MAX_SIZE = 20_000_000  # [bytes] largest size of a file that is read
+MAX_YAML = 500_000  # [bytes] largest size of a YAML file; its nodes take a thousand times as much memory
+MAX_ENTRIES = 50_000  # largest number of files and folders of a submission that are read
 
 
 class UnreadableFileError(HuskyError):
@@ -41,7 +41,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
             if not stat.S_ISREG(status.st_mode):
                 raise UnreadableFileError(f"{path}: not a regular file")
             content = file.read(max_size + 1)
-    except (OSError, ValueError) as error:  # a ValueError means a NUL in the name
+    except (OSError, ValueError) as error:  # ValueError, because the name may contain a NUL character
         raise UnreadableFileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
     if len(content) > max_size:
         raise UnreadableFileError(f"{path}: larger than {max_size} bytes")
@@ -91,7 +91,7 @@ def read_xml(path: Path, max_size: int) -> Any:
     content = read_regular(path, max_size)
     try:
         return ElementTree.fromstring(content)
-    except Exception as error:  # any error, such as LookupError of an unknown encoding
+    except Exception as error:  # a parser may raise any error, such as LookupError for an unknown encoding
         raise UnreadableFileError(f"{path}: not XML that can be read: {error}") from error
 
 
@@ -114,7 +114,7 @@ def read_yaml(path: Path) -> Any:
     text = read_text(path, MAX_YAML)
     try:
         return yaml.load(text, _PlainLoader)
-    except Exception as error:  # any error, such as KeyError of `!!bool x`
+    except Exception as error:  # YAML may raise any error, such as KeyError for `!!bool x`
         raise UnreadableFileError(f"{path}: {' '.join(str(error).split())}") from error
 
 
@@ -152,7 +152,7 @@ def write_whole(path: Path, content: str) -> None:
     Raises:
         OSError: it cannot be written; an earlier file with its name stays.
     """
-    # a name of its own for each thread, because several may write the same file
+    # the name contains the thread, because several threads may write the same file
     partial = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.partial")
     try:
         with partial.open("w", encoding="utf-8", errors="backslashreplace") as file:
@@ -176,7 +176,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
         try:
             with os.scandir(waiting.pop()) as entries:
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
-        except OSError:  # the folder has gone, hides its content, or its path is too long
+        except OSError:  # the folder was deleted, cannot be read, or has a path that is too long
             continue
         count += len(inner)
         if count > MAX_ENTRIES:

@@ -23,14 +23,15 @@ from husky_grading.isolation.process import Process
 _NODES, _SIMULATOR = "husky_grading.nodes.", "husky_highlevel_controller.ros.simulator."
 MASTER, RECORDER, SIMULATOR_SETUP = (_NODES + name for name in ("master", "recorder", "simulator_setup"))
 SIMULATOR, BAG_PLAYER = _SIMULATOR + "node", _SIMULATOR + "bag_player"
-MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)  # each has a main()
-_SCRIPT_LOCK = threading.Lock()  # several threads may start programs
+# modules of the programs; each module has a function main()
+MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)
+_SCRIPT_LOCK = threading.Lock()  # held while a program is started, because several threads may start programs
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def import_early() -> None:
     """Begin to import the programs' common modules in the background."""
-    # without the player, because it imports modules that the other programs do not need
+    # the bag player is left out, because it imports modules that the other programs do not need
     _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])
     forkserver.ensure_running()
 
@@ -71,7 +72,8 @@ class _Child:
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
                 script = sys.modules["__main__"]
-                sys.modules["__main__"] = ModuleType("__main__")  # otherwise the child would run our script
+                # an empty module, because the child process would run our main script again
+                sys.modules["__main__"] = ModuleType("__main__")
                 try:
                     self._process.start()
                 finally:

@@ -16,19 +16,22 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import psutil
 
-MEMORY = 6_000_000_000  # [bytes] size of all processes of a program and of its temporary files
-TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")  # folders in memory that a sandbox of bubblewrap can write
-TEMPORARY_FILES = 500_000_000  # [bytes] size of the files in each folder for temporary files
-THREADS = 1000  # threads of all processes of a program
-# sockets in a marking's network; its own programs and a class's nodes have some hundred. The kernel keeps
-# unread data, up to 0.4 MB per socket (net.core.rmem_default and wmem_default), and counts it for no process
+# [bytes] largest size of all processes of a program and of its temporary files together
+MEMORY = 6_000_000_000
+# folders that are in memory, and that a program in bubblewrap can write
+TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")
+TEMPORARY_FILES = 500_000_000  # [bytes] largest size of all files in each of the folders in TEMPORARY
+THREADS = 1000  # largest number of threads of all processes of a program
+# largest number of sockets in the network of a submission. Our programs and the nodes of a student have some
+# hundred. Each socket may hold 0.4 MB of unread data in the kernel (net.core.rmem_default and wmem_default),
+# which count for no process
 SOCKETS = 1000
-DISK = 3_000_000_000  # [bytes] size of all files in its folder
+DISK = 3_000_000_000  # [bytes] largest size of all files in the folder of a submission
 MEMORY_POLL_PERIOD = 0.25  # [s]
-FILES = 200_000  # files and folders in its folder
+FILES = 200_000  # largest number of files and folders in the folder of a submission
 CLONE_NEWIPC = 0x08000000  # flag of setns(2)
 BLOCK = 512  # [bytes] unit of st_blocks, stat(2)
-DISK_POLLS = 8  # memory polls for each look at the folders
+DISK_POLLS = 8  # number of checks of the memory for each check of the folders
 
 
 class SizeWatch:
@@ -51,8 +54,10 @@ class SizeWatch:
     def _run(self) -> None:
         try:
             self.problem = self._watch()
-        except Exception as error:  # any error, because a program that cannot be watched must end
-            reason = getattr(error, "strerror", None) or error  # strerror has no path of 3000 folders
+        except Exception as error:
+            # after any error the program is ended, because its limits cannot be checked any more
+            # `strerror` is the reason without the path, which may have 3000 folders
+            reason = getattr(error, "strerror", None) or error
             self.problem = f"it was ended: its size cannot be watched: {reason}"
         if self.problem:
             self._end_program()
@@ -114,7 +119,8 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
             if os.readlink(f"/proc/{process.pid}/ns/mnt") != own_mounts:
                 for folder in TEMPORARY:
                     status = os.statvfs(root + folder)
-                    # while the sandbox is made, another file system may be there
+                    # only a file system of the sandbox counts; while the sandbox is made, another one is at
+                    # this path
                     if status.f_blocks <= -(-TEMPORARY_FILES // status.f_frsize):
                         size += (status.f_blocks - status.f_bfree) * status.f_frsize
                 return size
@@ -146,7 +152,8 @@ def memory_of(processes: Sequence[psutil.Process]) -> int:
     for process in processes:
         with contextlib.suppress(psutil.Error):
             resident += process.memory_info().rss
-    if resident <= MEMORY:  # an upper bound, because each process counts its shared pages
+    # an upper bound of the memory, because every process counts the pages that it shares
+    if resident <= MEMORY:
         return resident
     proportional = 0
     for process in processes:
@@ -175,7 +182,7 @@ def disk_usage(folder: Path) -> Tuple[int, int]:
                     else:
                         with contextlib.suppress(FileNotFoundError):
                             size += BLOCK * entry.stat(follow_symlinks=False).st_blocks
-        except FileNotFoundError:  # the folder has gone
+        except FileNotFoundError:  # the folder was deleted meanwhile
             continue
     return size, count
 

@@ -21,15 +21,16 @@ from husky_highlevel_controller.paths import search_path, share_folder
 class Own(Enum):
     """Files of this package that an untrusted program may use besides launch files, worlds and messages."""
 
-    NOTHING = "nothing"  # use of a submission
-    FILTER = "filter"  # use of exercise 4, because our filter replaces robot_localization
-    ALL = "all"  # use of a launch file or node of this package, which a teacher names
+    NOTHING = "nothing"  # a normal submission may use no file of this package
+    FILTER = "filter"  # a submission for exercise 4 may use our filter, which replaces robot_localization
+    ALL = "all"  # a launch file or node of this package, named by a teacher, may use all files
 
 
-MODULES = Path(paths.__file__).resolve().parent  # folder of the source tree, also in catkin's devel space
+# folder of this package's modules in the source tree, also if it is imported from catkin's devel space
+MODULES = Path(paths.__file__).resolve().parent
 NAME = MODULES.name
-BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # packages next to MODULES
-# entries of the package's folder, in the source tree or installed, that launch files and builds read
+BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # Python packages in the same folder as MODULES
+# files and folders of this package that launch files and builds of a submission may read
 DATA = ("package.xml", "cmake", "compat", "config", "launch", "msg", "rviz", "srv", "urdf", "worlds")
 CODE = ("cfg", "examples", "scripts", "src", "tools", "web")
 STARTER = Path(__file__).resolve().parents[1] / "nodes" / "submission.py"  # program that starts a submission
@@ -42,7 +43,7 @@ FILTER_PROGRAM = "planar_ekf"
 class OwnFiles:
     """Files of this package in a sandbox."""
 
-    hidden: FrozenSet[Path]  # folders that are empty except for shown files
+    hidden: FrozenSet[Path]  # folders that look empty to the program, except for the shown files
     shown: FrozenSet[Path]  # files and folders
 
 
@@ -51,7 +52,7 @@ def own_files(own: Own) -> OwnFiles:
     share = share_folder()
     entries = [*DATA, *CODE] if own is Own.ALL else [*DATA]
     shown: Set[Path] = {STARTER, IN_WORKSPACE}
-    # roots of the source tree and of the installed package, in which entries may be links
+    # folders of the source tree and of the installed package; entries of these folders may be links
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
     shown |= {(share / name).resolve() for name in entries}
     code = {MODULES, *(MODULES.parent / name for name in BESIDE), *programs()}
@@ -59,7 +60,7 @@ def own_files(own: Own) -> OwnFiles:
         shown |= code
     else:
         hidden |= code
-        # an installed package has its messages beside its modules
+        # in an installed package, the messages are in the same folder as the modules
         shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}
     if own is Own.FILTER:
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}

@@ -15,10 +15,11 @@ from pathlib import Path
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-VARIABLE = "HUSKY_GRADE_PLACE"  # set in the environment of a program with mounts of its own, to the place
+# environment variable with the path, set for a program that has mounts of its own
+VARIABLE = "HUSKY_GRADE_PLACE"
 FOLDER = "/var/tmp"
 MS_BIND = 0x1000  # flag of mount(2)
-SAFE = re.compile(r"[\w./+,=@~-]*")  # path that every program of marking accepts
+SAFE = re.compile(r"[\w./+,=@~-]*")  # path without characters that a program of marking could misread
 
 
 def make() -> str:
@@ -30,7 +31,7 @@ def make() -> str:
             folder.mkdir(mode=0o755, exist_ok=True)
             status = folder.lstat()
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-                return ""  # another user owns it, and could put other files there
+                return ""  # another user owns the folder, and could put other files into it
     except OSError:
         return ""
     return str(place)

@@ -16,7 +16,8 @@ from typing import Dict, List, Sequence, Tuple
 from husky_grading.isolation import place
 from husky_grading.isolation.sandbox import system_program, works
 
-VARIABLE = "HUSKY_GRADE_NETWORK"  # set in the environment of the program that runs inside
+# environment variable that is set for the program inside the private network
+VARIABLE = "HUSKY_GRADE_NETWORK"
 MOUNTS = "--mount"  # option of unshare
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK, IFF_RUNNING
 
@@ -25,7 +26,7 @@ def enter_network() -> None:
     """Start this program again in a network of its own; return in the new program, or if none is allowed."""
     if VARIABLE in os.environ:
         if os.environ[VARIABLE]:
-            with socket.socket() as any_socket:  # bring the loopback up
+            with socket.socket() as any_socket:  # switch the loopback interface on
                 fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack("16sH14x", b"lo", _UP_AND_RUNNING))
         return
     command, variables = inside([sys.executable, *sys.argv])

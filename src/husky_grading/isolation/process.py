@@ -23,10 +23,10 @@ from husky_grading.isolation.private_network import is_entered
 from husky_grading.isolation.sandbox import Workspace, sandboxed
 from husky_highlevel_controller.datatypes import HuskyError
 
-LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] length of the kept head and tail of a log
+LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] lengths of the beginning and the end of a log that are kept
 CHUNK = 1 << 16  # [bytes]
-END_DEADLINE = 10.0  # [s] wall time until killed programs are gone
-STOP_DEADLINE = 30.0  # [s] wall time from Ctrl-C to the end of marking
+END_DEADLINE = 10.0  # [s] longest wall time until killed programs have ended
+STOP_DEADLINE = 30.0  # [s] longest wall time from Ctrl-C to the end of marking
 _REAPER = str(Path(__file__).with_name("reaper.py"))
 
 
@@ -57,8 +57,9 @@ class Process:
         """
         self.log = log
         self._file: Optional[BinaryIO] = None
-        with contextlib.suppress(OSError):  # a full disk costs the log, not the run
-            self._file = create(log)  # made now, before the program could make a link there
+        with contextlib.suppress(OSError):  # the run continues without a log if the disk is full
+            # the log is created before the program starts, because the program could put a link at its path
+            self._file = create(log)
         self._watch: Optional[SizeWatch] = None
         if workspace is not None:
             command = sandboxed(workspace, command, folder, env)
@@ -136,7 +137,7 @@ class Process:
         """
         if self._watch:
             self._watch.end()
-        self.popen.terminate()  # the reaper kills its other processes
+        self.popen.terminate()  # the reaper then kills all other processes of the program
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -146,7 +147,7 @@ class Process:
         self._pump.join(END_DEADLINE)
 
 
-STOP_REQUESTED = threading.Event()  # Ctrl-C or SIGTERM: marking is to end
+STOP_REQUESTED = threading.Event()  # set by Ctrl-C or SIGTERM, after which marking ends
 
 
 class StoppedError(HuskyError):

@@ -50,7 +50,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
-        return STOPPED  # the parent has already ended
+        return STOPPED  # the parent process has ended before this process was ready
     child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before))
     while True:
         number = signal.sigwait(SIGNALS)

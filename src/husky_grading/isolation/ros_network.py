@@ -17,7 +17,7 @@ from husky_grading.isolation.process import Process, end_all, wait
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_highlevel_controller.datatypes import HuskyError
 
-START_DEADLINE = 600.0  # [s] wall time for the start of our own program on the busiest machine
+START_DEADLINE = 600.0  # [s] longest wall time for the start of one of our programs, on the busiest machine
 
 
 class MarkingError(HuskyError):
@@ -27,7 +27,7 @@ class MarkingError(HuskyError):
 class Network:
     """ROS master in a folder of its own, and its programs, which all end when it is closed."""
 
-    master: Tuple[str, ...] = (MASTER, "--core")  # program of the master, without its port
+    master: Tuple[str, ...] = (MASTER, "--core")  # command that starts the ROS master, without the port
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -40,7 +40,7 @@ class Network:
             raise
 
     def _start_master(self) -> None:
-        for _ in range(10):  # another program may take the port before we do
+        for _ in range(10):  # another program may take the free port before our master does
             with socket.socket() as free:
                 free.bind(("127.0.0.1", 0))
                 self.port = free.getsockname()[1]

@@ -27,25 +27,26 @@ from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_fi
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
 FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] limit of a file; limit of a process's memory
-DESCRIPTORS = 1024  # limit per process, because sockets hold memory of the kernel
+# largest number of file descriptors of a process, because sockets hold memory of the kernel
+DESCRIPTORS = 1024
 PROBE_DEADLINE = 10.0  # [s] wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
 NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
-# variables kept from marking's environment; tokens and the like stay out
+# variables of marking's environment that a submission gets; tokens and passwords are not among them
 KEPT_VARIABLES = (
     *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
     "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
     "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "CMAKE_POLICY_VERSION_MINIMUM",
 )  # fmt: skip
 
-# marking's private network makes this user uid 0, for which bubblewrap without --cap-drop leaves all
-# capabilities, and these can undo the mounts
+# In the private network, this user is root, so bubblewrap without --cap-drop would leave the submission all
+# capabilities, which can undo the mounts.
 _BUBBLEWRAP = [
     "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
     "--cap-drop", "ALL",
 ]  # fmt: skip
-_NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
+_NO_NESTED_NAMESPACES = ["--disable-userns"]  # option that only bubblewrap 0.8 and newer has
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 
 
@@ -61,7 +62,7 @@ def clean_environment() -> Dict[str, str]:
 class Workspace:
     """Environment of an untrusted program: setup files that it sources itself, and folders that it sees."""
 
-    setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
+    setups: Tuple[Path, ...] = ()  # setup.bash files that are sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that need no build
     # folders that the program must not see, such as other submissions and results
     hidden: Tuple[Path, ...] = ()
@@ -139,7 +140,7 @@ def _secrets(folder: str) -> List[Path]:
     """Return the files and folders below a folder that not every user may read."""
     secrets, waiting = [], [folder]
     while waiting:
-        # an error means that it has gone, or that this user may not read it either
+        # an error means that the folder was deleted, or that this user may not read the folder either
         with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 mode = entry.stat(follow_symlinks=False).st_mode
@@ -178,7 +179,8 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     whole = {*bound, *(Path("/", name) for name in SYSTEM)}
     for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
         around = next((each for each in (link, *link.parents) if each in whole | hidden), None)
-        if around not in whole:  # the link itself is not visible yet, but its target is
+        # only the target of the link is visible so far, so the link is made in the sandbox
+        if around not in whole:
             steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
     steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
     mounts = chain.from_iterable(options for _, _, options in sorted(steps, key=lambda step: step[:2]))
@@ -192,9 +194,10 @@ def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
     for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
-        if prefix.startswith("/"):  # the source space next to devel/ has libraries and messages
+        # the workspace's src/ next to devel/ has launch files and scripts that devel/ refers to
+        if prefix.startswith("/"):
             sources = Path(prefix).parent / "src"
             folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)
     folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
-    # os.path.exists, because Path.exists raises for a folder that this user may not enter
+    # `os.path.exists`, because `Path.exists` raises an error for a folder that this user may not enter
     return sorted(path for path in folders if os.path.exists(path))

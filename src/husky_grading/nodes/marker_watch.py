@@ -27,15 +27,16 @@ from husky_highlevel_controller.ros import conversions
 BASE = "base_link"
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
-PERIOD = 0.019  # [s] simulated time between two recorded moments of a namespace
-CROWD = 10  # markers at one moment; if there are more, the period grows in proportion to their number
-MAX_SAMPLES = 50_000  # markers of a run
-MAX_ALL_POINTS = 500_000  # points of all markers of a run
+PERIOD = 0.019  # [s] least simulated time between two recorded moments of a namespace
+CROWD = 10  # number of markers at one moment above which PERIOD grows in proportion to their number
+MAX_SAMPLES = 50_000  # largest number of recorded markers of a run
+MAX_ALL_POINTS = 500_000  # largest number of points of all recorded markers of a run
 MAX_MESSAGE = 2_000_000  # [bytes]
 MAX_TOPICS = 50
 MAX_FRAMES = 5000
-MAX_NAME = 200  # characters of a topic, namespace or frame
-RETRY_STEP, RETRY_END = 0.05, 1.0  # [s] step and end of the simulated time in which a late frame is awaited
+MAX_NAME = 200  # largest number of characters of a topic, namespace or frame
+# [s] a late frame is looked up again in these steps, for at most this simulated time
+RETRY_STEP, RETRY_END = 0.05, 1.0
 
 _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
 
@@ -45,14 +46,16 @@ class MarkerWatch:
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now
-        self._packages = packages  # folders of packages that the ROS environment does not name
-        self._samples: List[Tuple[MarkerSample, Marker]] = []  # markers that are not placed yet
+        self._packages = packages  # folders of packages that are not in ROS_PACKAGE_PATH
+        # recorded markers whose position in the world is not known yet
+        self._samples: List[Tuple[MarkerSample, Marker]] = []
         self._points_left = MAX_ALL_POINTS
         self._closed = False
         # [s] time of the last recorded moment of each topic and namespace, and its number of markers
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
-        self._unreadable: Dict[str, int] = {}  # number of messages that are not of their topic's type
+        # number of messages by topic that do not have the type of their topic
+        self._unreadable: Dict[str, int] = {}
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
         self._listener = tf2_ros.TransformListener(self._buffer)
 
@@ -99,8 +102,9 @@ class MarkerWatch:
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is a type of markers."""
         is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS
-        if kind in KINDS and is_new and len(topic) <= MAX_NAME:  # a longer name takes minutes to draw
-            # raw messages, so a large one is rejected before it is deserialised
+        # a topic with a longer name is ignored, because drawing the name could take minutes
+        if kind in KINDS and is_new and len(topic) <= MAX_NAME:
+            # the messages come as raw bytes, so that a large message is rejected before it is deserialised
             self._topics[topic] = rospy.Subscriber(
                 topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True
             )
@@ -109,13 +113,15 @@ class MarkerWatch:
         """Deserialise a message and keep its markers; one that is too large or broken leaves only a note."""
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
-            # stands for the message as an invisible marker, whose namespace is shown to the student
+            # an invisible marker replaces the large message; the student sees its namespace
             large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)
             self.add([large], topic)
             return
         try:
             message = kind().deserialize(raw._buff)
-        except Exception:  # any error, because a submission may send any bytes; a log line each is too much
+        except Exception:
+            # a submission may send any bytes, so deserialising may raise any error; a log line for each would
+            # be too much
             self._unreadable[topic] = self._unreadable.get(topic, 0) + 1
             return
         self.add(message.markers if kind is MarkerArray else [message], topic)
@@ -208,7 +214,8 @@ class MarkerWatch:
         """
         try:
             moment, frame_in_base = self._frame_in_base(sample)
-        except (tf2_ros.TransformException, ValueError) as error:  # ValueError for a frame's name with a NUL
+        except (tf2_ros.TransformException, ValueError) as error:
+            # ValueError, because the name of the frame may contain a NUL character
             return replace(sample, problem=str(error).split(". ")[0].strip())
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
@@ -238,7 +245,7 @@ class MarkerWatch:
             except tf2_ros.TransformException as error:
                 refusal = refusal or error
         latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
-        if latest < sample.at:  # the run is at its end, or the frame is no longer sent
+        if latest < sample.at:  # the run has ended, or the submission has stopped sending the frame
             return latest, self._lookup(sample.frame, latest)
         raise tf2_ros.TransformException(str(refusal))
 
@@ -249,7 +256,7 @@ class MarkerWatch:
 
 def _is_file_of(folder: Path, place: str) -> bool:
     """Return whether a path, absolute or in a folder, leads to a file below it, also through links."""
-    with suppress(OSError, ValueError):  # a path may have a loop of links or a NUL
+    with suppress(OSError, ValueError):  # the path may contain a loop of links or a NUL character
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
 
@@ -258,7 +265,7 @@ def _pose(marker: Marker) -> Pose:
     """Return a marker's pose with a quaternion of length 1."""
     p, q = marker.pose.position, marker.pose.orientation
     length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
-    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # RViz also treats zeros as no rotation
+    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # no rotation, as RViz treats a quaternion of zeros
     if length > 0.0:
         quat = (q.x / length, q.y / length, q.z / length, q.w / length)
     return Pose((p.x, p.y, p.z), quat)

@@ -13,7 +13,8 @@ from typing import Any, Dict, Tuple
 import rosmaster.master_api
 from rosmaster.main import rosmaster_main
 
-MAX_SERVICES, MAX_CALLERS = 100, 20  # services that are counted, and callers of one service
+# largest number of services that are counted, and of callers of one service
+MAX_SERVICES, MAX_CALLERS = 100, 20
 
 
 class CountingMaster(rosmaster.master_api.ROSMasterHandler):
@@ -21,7 +22,8 @@ class CountingMaster(rosmaster.master_api.ROSMasterHandler):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._lookups: Dict[str, Counter[str]] = defaultdict(Counter)  # lookups by service and caller
+        # number of lookups by service and caller
+        self._lookups: Dict[str, Counter[str]] = defaultdict(Counter)
 
     def lookupService(self, caller_id: str, service: str) -> Tuple[int, str, str]:  # noqa: N802
         """Return the URI of a service, and count the lookup of its caller."""

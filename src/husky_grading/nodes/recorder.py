@@ -56,14 +56,16 @@ from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
-LOOK_PERIOD = 0.2  # [s] wall time between two looks at the graph
-CONNECTING = 2.0  # [s] wall time for which simulated time waits for connections to the submission
-# topics of velocity commands: the input of the robot's mux, and its output, which bypasses the mux
+LOOK_PERIOD = 0.2  # [s] wall time between two queries of the ROS graph
+CONNECTING = 2.0  # [s] longest wall time for which simulated time waits for connections to the submission
+# topics of velocity commands: the input of the robot's twist_mux, and its output, which bypasses the
+# twist_mux
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
-# [bytes] memory of the recorder, of which the stacks of its threads take some hundred million
+# [bytes] largest memory of the recorder; the stacks of its threads take some hundred million bytes
 MEMORY = 2_000_000_000
-MAX_VIOLATIONS = 5  # violations that are reported
-MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000  # topics that the exercise's watch follows; messages of each
+MAX_VIOLATIONS = 5  # largest number of violations that are reported
+# largest number of topics that the watch of the exercise follows; length of their queues
+MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000
 HITS_PERIOD = 1.0  # [s] simulated time between two scans whose points are kept for a picture
 
 
@@ -83,16 +85,17 @@ class DriveRecorder:
         self._nearest: List[Tuple[float, float]] = []
         self._scans: List[Scan] = []
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
-        self._followed: Set[str] = set()  # topics whose messages the watch gets
+        self._followed: Set[str] = set()  # topics whose messages the watch of the exercise gets
         self._subscribed = self._listens = self._advertises = False
         self._joined_at = inf  # [s] wall time
-        self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic
+        self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
         self._services: Tuple[str, ...] = ()  # services of the submission
         self._is_over = self._handed_over = False
         self._types: Dict[str, str] = {}  # types by topic
         self._silent: List[str] = []
         self._unread: List[str] = []
-        self._violations: Dict[str, None] = {}  # sentences, in order and each once
+        # sentences on violations as keys, which keeps their order and each of them once
+        self._violations: Dict[str, None] = {}
         self._unanswered = ""
         self._go_on, self._abandoned = threading.Event(), threading.Event()
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
@@ -128,7 +131,7 @@ class DriveRecorder:
                 time.sleep(LOOK_PERIOD)
             self._is_over = True
             self._markers.close()
-            if cause is not None:  # otherwise the shutdown has sent the recording
+            if cause is not None:  # cause is None if the shutdown of the node has already sent the recording
                 self._send(Over())
                 self._hand_over(cause)
         except Exception:
@@ -137,7 +140,7 @@ class DriveRecorder:
 
     def _listen(self) -> None:
         """Obey messages of marking, in a thread of its own, because `run` may wait for the master."""
-        with suppress(EOFError, OSError):  # marking has ended, and this program ends with it
+        with suppress(EOFError, OSError):  # marking has ended, so nobody reads the recording
             while True:
                 message = self._channel.recv()
                 if isinstance(message, GoOn):
@@ -167,7 +170,8 @@ class DriveRecorder:
     def _on_truth(self, state: TrueState) -> None:
         """Keep a true state and pass it to the exercise's watch, unless the run is over."""
         if self._is_over or self._now >= self._known.deadline:
-            self._markers.close()  # later markers could not be placed, because the truth ends here
+            # the true poses end here, so later markers would have no position in the world
+            self._markers.close()
             return
         with self._lock:
             self._truth.append(state)
@@ -228,7 +232,7 @@ class DriveRecorder:
         try:
             published, subscribed, services = self._master.getSystemState()
             publishers, subscribers = dict(published), dict(subscribed)
-            # a topic has the type "*" while its only node subscribes to any type
+            # the type of a topic is "*" as long as its only nodes are subscribers that accept any type
             if any(self._types.get(topic, "*") == "*" for topic in publishers):
                 self._types = dict(self._master.getTopicTypes())
         except UNANSWERED:

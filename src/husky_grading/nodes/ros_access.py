@@ -23,17 +23,19 @@ from husky_grading.exercises.watch import Answer
 from husky_grading.nodes.marker_watch import MarkerWatch
 from husky_highlevel_controller.datatypes import Vector3
 
-# errors of a master that does not answer: a submission's parameter may have a value that XML-RPC cannot send,
-# and a submission may end the master and answer in its place
+# errors of a query to the ROS master. A parameter of the submission may have a value that XML-RPC cannot
+# send, and a submission may end the master and answer on its port
 UNANSWERED = (
     OSError, HTTPException, ExpatError, ValueError, TypeError, rospy.ROSException, rosgraph.MasterException,
     xmlrpc.client.Error,
 )  # fmt: skip
 ANSWER_DEADLINE = 10.0  # [s] wall time
-TYPE_CALLER = "/rosservice"  # name with which rosservice asks the master
-EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")  # services of every ROS node
-MAX_SERVICES = 100  # services of a submission that are looked at, each in a thread
-MAX_DESCRIPTION = 2_000_000  # characters of a URDF
+TYPE_CALLER = "/rosservice"  # name with which the tool rosservice queries the ROS master
+# ends of the names of services that every ROS node offers
+EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")
+# largest number of services of a submission whose type is requested, each in its own thread
+MAX_SERVICES = 100
+MAX_DESCRIPTION = 2_000_000  # largest number of characters of a URDF
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
 
@@ -45,7 +47,7 @@ class DriveAccess:
         self._velocity: Optional[rospy.Publisher] = None
         self._asked: Set[str] = set()  # services whose types were requested
         self._types: List[Tuple[str, str]] = []  # service and type; threads append while others read
-        self._answers: List[Answer] = []  # answers to the last call, at most one
+        self._answers: List[Answer] = []  # answers to the last call; the list has at most one element
         self._give_up_at = 0.0  # [s] wall time
 
     def advertise_commands(self) -> None:
@@ -70,7 +72,8 @@ class DriveAccess:
     def _ask_type(self, name: str) -> None:
         try:
             kind = rosservice.get_service_type(name)
-        except Exception:  # any error, because the submission answers; it is asked again
+        except Exception:
+            # the submission answers this request and may cause any error; the request is repeated later
             self._asked.discard(name)
         else:
             if kind:
@@ -85,7 +88,9 @@ class DriveAccess:
             try:
                 response = rospy.ServiceProxy(name, SetBool)(value)
                 answers.append(Answer(bool(response.success), str(response.message)))
-            except Exception as error:  # any error, because the submission answers, and the run waits
+            except Exception as error:
+                # the submission answers this call and may cause any error; the run waits for an answer in any
+                # case
                 answers.append(Answer(False, str(error) or type(error).__name__))
 
         threading.Thread(target=ask, daemon=True).start()

@@ -20,7 +20,8 @@ from typing import Any, Dict, List, Optional, Set
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-if sys.version_info < (3, 12):  # roslaunch imports distutils: Python's own; tools/launch.py does the same
+# roslaunch needs Python's own distutils, and not the replacement that setuptools installs
+if sys.version_info < (3, 12):
     with contextlib.suppress(ImportError, AttributeError):
         import _distutils_hack
 
@@ -36,7 +37,7 @@ import roslib.packages
 import yaml
 from rospkg import ResourceNotFound, RosPack, rospack
 
-# packages that start the robot or its world, which marking starts, or that wait for a user
+# packages of nodes that marking does not start: simulators, robots and worlds, and programs for a user
 SIMULATION = {
     "gazebo_ros", "husky_gazebo", "husky_control", "husky_description", "husky_navigation", "husky_viz",
     "smb_gazebo", "smb_control", "smb_description", "robot_state_publisher", "joint_state_publisher",
@@ -44,15 +45,15 @@ SIMULATION = {
     "interactive_marker_twist_server", "joy", "pointcloud_to_laserscan", "teleop_twist_joy",
     "teleop_twist_keyboard",
 }  # fmt: skip
-# programs that need a screen or a keyboard; a prefix with a program that is not installed is dropped, too
+# programs that need a screen or a keyboard, which are dropped from a launch-prefix
 INTERACTIVE = {
     "gnome-terminal", "xterm", "konsole", "x-terminal-emulator", "terminator", "xfce4-terminal", "lxterminal",
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
-OWN_PACKAGE = "husky_highlevel_controller"  # name of the grading package, and of many submissions
-PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # name of the course's world
-LOAD_DEADLINE = 30  # [s] wall time for a launch file
-MAX_FILES = 1000  # includes that one launch file may have
+OWN_PACKAGE = "husky_highlevel_controller"  # name of this package, which is also the name of many submissions
+PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # pattern of the name of the course's world
+LOAD_DEADLINE = 30  # [s] longest wall time for loading a launch file
+MAX_FILES = 1000  # largest number of includes of a launch file
 OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
 
 
@@ -61,7 +62,7 @@ class Reporter(roslaunch.pmon.ProcessListener):
 
     def __init__(self, path: str) -> None:
         self._file = open(path, "a", buffering=1)  # noqa: SIM115 - open as long as the process runs
-        self.packages: Dict[str, str] = {}  # packages of nodes, by the names of the nodes
+        self.packages: Dict[str, str] = {}  # package of each node, by the name of the node
 
     def close(self) -> None:
         """Close the file."""
@@ -86,7 +87,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def __init__(self, reporter: Reporter, simulator_files: List[str]) -> None:
         super().__init__()
-        self.ignore_unset_args = False  # some versions of roslaunch set it only in roslaunch-check
+        # set here, because some versions of roslaunch set this attribute only in roslaunch-check
+        self.ignore_unset_args = False
         self._reporter = reporter
         self._simulator_files = simulator_files
         self._files = 0
@@ -129,7 +131,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._files += 1
         if self._files > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
-        for argument in tag.getElementsByTagName("arg"):  # resolved also if the include is left out
+        # the arguments are resolved even if the include is left out
+        for argument in tag.getElementsByTagName("arg"):
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))
@@ -144,7 +147,9 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         except TimeoutError:
             raise
         except Exception as error:
-            if is_simulators:  # a fault in this file does no harm, because marking starts the simulator
+            # a fault in a launch file of the simulator does no harm, because marking starts the simulator
+            # itself
+            if is_simulators:
                 self._reporter.write("skipped", path=shown, error=_one_line(error))
                 return None
             if self._is_missing(tag, context):
@@ -165,7 +170,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # marking sets these two parameters; the command in a launch file may need missing programs
+            # marking sets these two parameters itself; the command for them in a launch file may need missing
+            # programs
             return None
         return self._try("param", tag, *arguments, **options)
 
@@ -235,7 +241,8 @@ def load_launchable(
     own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in ours["rviz"]]
     for node in config.nodes:
         if node.package == "rviz" and node.name in ours["rviz"] and own_rviz:
-            continue  # the submission starts its own RViz
+            # this RViz belongs to this package's launch files, and the submission starts its own RViz
+            continue
         if node.package == "rviz":
             rviz.append({"name": node.name, "args": node.args, "remap": [list(r) for r in node.remap_args]})
         elif (
@@ -287,7 +294,8 @@ def is_own(node: Any, places: List[str]) -> bool:
         found = os.path.join(RosPack().get_path(node.package), "package.xml")
         if os.path.realpath(found) == manifest:
             return True
-    # if the submission's package has no such program, roslaunch takes it from the next package of this name
+    # without such a program in the submission's package, roslaunch takes the program from the next package of
+    # this name
     found_programs = roslib.packages.find_node(node.package, node.type)
     return any(os.path.dirname(os.path.realpath(path)) in folders for path in found_programs[:1])
 
@@ -296,7 +304,7 @@ def drop_prefix(node: Any, reporter: Reporter) -> None:
     """Drop a terminal or debugger in front of a node, because with it roslaunch would start nothing."""
     try:
         program, *_ = shlex.split(node.launch_prefix or "") or [""]
-    except ValueError:  # the closing quote is missing
+    except ValueError:  # the launch-prefix has a quote without its end
         program = node.launch_prefix
     if program and (os.path.basename(program) in INTERACTIVE or shutil.which(program) is None):
         reporter.write("prefix", node=node.name, prefix=node.launch_prefix)
@@ -326,7 +334,7 @@ def tolerate_failed_nodes() -> None:
             roslaunch.pmon.FatalProcessLaunch,
             ValueError,
         ) as error:
-            # a ValueError means that `args` has an open quote
+            # a ValueError means that `args` has a quote without its end
             print(f"ERROR: cannot launch node of type [{node.package}/{node.type}]: {error}", flush=True)
             return None, False
 
@@ -350,14 +358,15 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
     reporter.write("launchable")
-    rospack.ElementTree = tolerant_manifest  # rospkg calls this for every package on the search path
+    # rospkg then reads the package.xml of every package by this parser
+    rospack.ElementTree = tolerant_manifest
     signal.alarm(LOAD_DEADLINE)
     try:
         return load_launchable(launchable, reporter, ours)
     except MissingIncludeError as error:
         reporter.write("no_include", path=str(error))
         return None
-    except Exception as error:  # any error, because the launch file is untrusted
+    except Exception as error:  # a hostile launch file may raise any error
         reporter.write("unloadable", error=_one_line(error))
         return None
     finally:
@@ -381,7 +390,8 @@ def main(arguments: List[str]) -> int:
             `describe` as JSON.
     """
     events, action, ours, *launchables = arguments
-    os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # otherwise our own launch file, if graded, would reject it
+    # without this variable, a launch file of this package would refuse to start beside the running simulator
+    os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"
     reporter = Reporter(events)
     refuse_aliases()
     signal.signal(signal.SIGALRM, _out_of_time)

@@ -17,7 +17,7 @@ from husky_grading.records import MarkingResult
 from husky_grading.reports.tables import to_markdown
 
 CLASSROOM50_SCHEMA = "classroom50/result/v1"
-# field: variable that Classroom 50's runner sets
+# fields of the result, with the environment variables of Classroom 50's runner that have their values
 CLASSROOM50_FIELDS = {
     "classroom": "CLASSROOM",
     "assignment": "ASSIGNMENT",

@@ -33,16 +33,19 @@ from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "moment.png")
-FINGERPRINT = "fingerprint"  # fingerprint of all causes of the result; its file is written last
+# file with the fingerprint of everything that the result depends on; it is written last
+FINGERPRINT = "fingerprint"
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results, with one folder for each submission
-RESULT = "result.json"  # result of a student
-JOB = "job.json"  # job of the marking program, in the folder of a student's result
-MAX_LOG = 5000  # characters of a log in the feedback
+RESULT = "result.json"  # file with the result of a student
+JOB = "job.json"  # file with the job of the marking program, in the folder of a student's results
+MAX_LOG = 5000  # largest number of characters of a log in the feedback
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # colour codes of rospy's warnings and errors
-REPLAY = "replay.html"  # file in the folder of a run
-SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
-STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
+REPLAY = "replay.html"  # file with the replay, in the folder of a run
+# keys of result.json with the sums of points, which other programs read
+SUMS = ("points", "max_points", "full")
+# environment variable with the path of the file that GitHub Actions shows
+STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ()) -> None:

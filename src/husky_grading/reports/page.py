@@ -10,8 +10,8 @@ from urllib.parse import quote
 from husky_grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.drawing.templates import render
 
-LEAD = 1.0  # [s] simulated time by which a replay begins before the moment of an evidence
-BARS = 10  # bars of the histogram
+LEAD = 1.0  # [s] a replay begins this simulated time before the moment of the evidence
+BARS = 10  # number of bars of the histogram of points
 BAR_HEIGHT = 60  # [pixels] height of the highest bar
 COLOURS = {ResultState.MARKED: "ok", ResultState.GRADED_BY_HAND: "person", ResultState.NOT_MARKED: "unmarked"}
 
@@ -21,10 +21,12 @@ class Row:
     """A result as a template sees it."""
 
     result: MarkingResult
-    cells: Tuple[Optional[Item], ...]  # one for each column
+    # items of the student, one for each column; None if the student does not have the item
+    cells: Tuple[Optional[Item], ...]
     pictures: Tuple[bytes, ...]  # PNG
     files: Tuple[Tuple[str, str], ...] = ()  # title and address
-    replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the run, HTML, and the moment it shows [s]
+    # number of the run, HTML of its replay, and time at which the replay begins [s]
+    replays: Tuple[Tuple[int, str, float], ...] = ()
 
     def replay_of(self, item: Item) -> str:
         """Return the address of the replay of an item's run at its moment; empty if there is none."""

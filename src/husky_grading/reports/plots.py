@@ -21,8 +21,9 @@ from husky_highlevel_controller.drawing.plots import (
 )
 from husky_highlevel_controller.robot import load_robot
 
-COLORS = "viridis"  # colour map of time
-REACH = 40.0  # [m] distance from the start up to which a marker is drawn, so the rest is large enough
+COLORS = "viridis"  # colour map for the time of a position
+# [m] markers farther from the start are left out, because they would make the rest of the plot too small
+REACH = 40.0
 MAX_MARKERS, MAX_RAYS = 500, 120
 SCAN = "#c2185b"
 

@@ -84,7 +84,7 @@ def to_csv(results: Sequence[MarkingResult]) -> str:
     return Table("", ["submission", *names, "total", "of", "state", "notes"], rows).to_csv()
 
 
-# name of a folder in an archive of Moodle, with student and number
+# name of a student's folder in an archive of Moodle, with the student's name and number
 MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
 
 

@@ -9,9 +9,9 @@ from husky_grading.notes import Kind, Note
 from husky_grading.recording import Recording
 from husky_grading.records import Item
 
-SILENT = 5.0  # [s] simulated time without a command, after which the submission has stopped sending
+SILENT = 5.0  # [s] simulated time without a command after which the submission has stopped sending commands
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
-MOVES_NOTHING = 1e-3  # [m/s, rad/s] size of a command up to which the robot does not move
+MOVES_NOTHING = 1e-3  # [m/s, rad/s] the robot does not move if a command is smaller than this
 LOGS = "read the output of your node, and check that your launch file starts it"
 ENDS = "the last line of its output gives the reason"
 MEMBER = "keep it in a member, because in C++ a local one ends with its function"
@@ -44,13 +44,13 @@ HINTS = {
     Kind.MISSING_INCLUDE: "hand in the file that is named, or take its <include> out of the launch file",
     Kind.MISSING_PACKAGE: "hand in the package that is named, or do without it",
 }
-# notes that are a cause only if no node of the submission runs
+# kinds of notes that explain lost points only if no node of the submission runs
 OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
-# notes that are never a cause
+# kinds of notes that never explain lost points
 HARMLESS = {
     Kind.ROBOT, Kind.UNANSWERED_SCANS, Kind.FLOOD, Kind.LAUNCH_PREFIX, Kind.SKIPPED, Kind.UNREADABLE,
 }  # fmt: skip
-# ends of a run at which another node still ran, if one had ended without an error
+# reasons for the end of a run that show that a node of the submission still ran at the end
 RAN_ON = {
     Kind.TOUCHES, Kind.AT_PILLAR, Kind.NEVER_MOVED, Kind.STOOD_STILL, Kind.SLOW, Kind.NO_PUBLISHER,
     Kind.CUT_OFF, Kind.LEAVES,

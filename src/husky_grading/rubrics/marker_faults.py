@@ -14,13 +14,16 @@ from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
 FEW = 3  # smallest number of markers or moments on which points may depend
-MOSTLY = 0.8  # fraction of the wrong markers off the axis that must have a fault
-IMAGE_SLOPE = 0.1  # [m/m] error by distance up to which a marker is at a mirrored or swapped position
+# fraction of the wrong markers that must have the same fault; only markers while the pillar is to the side
+# count
+MOSTLY = 0.8
+# largest error, as a fraction of the distance, at which a marker is at a mirrored or swapped position
+IMAGE_SLOPE = 0.1
 EXACT = 0.05  # [m] tolerance of a coordinate that is 0, or a whole number of metres
 THERE = 0.15  # [m] tolerance of "at this position"
 OUT_OF_THE_WORLD = 1e6  # [m] coordinate beyond which a number has no meaning
-HEIGHT_MARGIN = 0.3  # [m] error in height, above and below the pillar, that costs no points
-HEIGHT_FADE = 0.7  # [m] error beyond the margin that costs all points
+HEIGHT_MARGIN = 0.3  # [m] height above or below the pillar up to which a marker loses no points
+HEIGHT_FADE = 0.7  # [m] height beyond HEIGHT_MARGIN at which a marker loses all points
 FAULTS = {
     Kind.Y_IS_ZERO: "y is always 0",
     Kind.WHOLE_METRES: "its coordinates are whole metres",
@@ -51,8 +54,8 @@ HINTS = {
 class Seen(NamedTuple):
     """Wrong marker, and the pillar, seen from base_link."""
 
-    x: float  # [m] marker's coordinate ahead
-    y: float  # [m] marker's coordinate to the left
+    x: float  # [m] coordinate of the marker ahead of the robot
+    y: float  # [m] coordinate of the marker to the left of the robot
     distance: float  # [m] distance of the pillar
     bearing: float  # [rad] bearing of the pillar
     slack: float  # [m] tolerance of `is_near`
@@ -118,7 +121,7 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame
-    # in odom, the numbers that the submission sent are not the coordinates seen from the robot
+    # only in a frame that turns with the robot are the marker's numbers coordinates as seen from the robot
     turns_with_robot = frame != "odom"
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
     tests: Dict[Kind, Callable[[Seen], bool]] = {
@@ -127,11 +130,12 @@ def _find_direction_fault(
             turns_with_robot and max(_fraction(seen.x - origin_x), _fraction(seen.y)) <= EXACT
         ),
         Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
-        # in the frame of a lidar that is mounted upside down, both signs change
+        # a lidar that is mounted upside down changes both signs
         Kind.SWAPPED: lambda seen: (
             seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
         ),
-        # a marker that is right most of the time has the nearest beam, but at a wrong moment
+        # a marker that is right most of the time comes from the nearest beam, but late, so it does not count
+        # here
         Kind.OTHER_BEAM: lambda seen: (
             share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
         ),
@@ -214,7 +218,8 @@ def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
     """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0."""
     distance, bearing = pillar_from_robot(recording, at)
     mirror_error = 2.0 * distance * abs(sin(bearing))  # [m] distance of a mirrored marker from the pillar
-    zero_score_error = 2.0 * rules.marker_half - rules.marker_full  # [m] error that scores 0, without slack
+    # [m] least error with the score 0, if the slack is 0
+    zero_score_error = 2.0 * rules.marker_half - rules.marker_full
     return mirror_error > zero_score_error + slack_of(recording, distance, rules)
 
 
@@ -267,8 +272,9 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
     along = ahead * cos(bearing) + left * sin(bearing) - distance
     across = left * cos(bearing) - ahead * sin(bearing)
     parts = []
-    if 2.0 * abs(along) >= abs(across):  # a part that is less than half of the other one is not named
-        # a marker on the pillar's side is as right as one on its axis
+    # the sentence leaves out a part that is less than half of the other part
+    if 2.0 * abs(along) >= abs(across):
+        # a marker on the surface of the pillar is as right as a marker on the axis
         gap = max(abs(along) - recording.pillar_size.radius, 0.0)
         parts.append(f"{gap:.2f} m {'behind' if along > 0.0 else 'in front of'} the pillar")
     if 2.0 * abs(across) >= abs(along):

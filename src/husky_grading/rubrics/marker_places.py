@@ -32,19 +32,22 @@ from husky_grading.rubrics.marker_faults import (
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-LARGEST = 1.0  # [m] largest distance at which the middle of a shape that touches the pillar scores
-TOUCHING = 0.5  # least score of a shape that touches the pillar
-MOST = 0.5  # fraction of the markers drawn in a namespace that must be right at a moment
-MAX_SERIES = 6  # topics and namespaces that are judged separately; if there are more, all are judged as one
-ALWAYS, NEVER = 0.8, 0.2  # fractions of the time that give all points and none; linear in between
-LONGEST = 0.2  # [s] longest time that one moment counts: two scans of the slowest lidar
+# [m] a shape that touches the pillar scores only if its middle is at most this far from the axis
+LARGEST = 1.0
+TOUCHING = 0.5  # least score of a marker whose shape touches the pillar
+MOST = 0.5  # fraction of the drawn markers of a namespace that must be right at a moment
+# largest number of namespaces that are judged separately; if there are more, all are judged as one
+MAX_SERIES = 6
+# fraction of the time that gives all points, and fraction that gives none; linear in between
+ALWAYS, NEVER = 0.8, 0.2
+LONGEST = 0.2  # [s] longest time for which one moment counts, which is two periods of the slowest lidar
 
 
 class Moment(NamedTuple):
     """Moment at which a marker came."""
 
     at: float  # [s] simulated time
-    seconds: float  # [s] time until the next moment, at most LONGEST
+    seconds: float  # [s] time from this moment to the next, at most LONGEST
     score: float  # score that most drawn markers reach, 0 to 1
 
 
@@ -54,8 +57,8 @@ class Placement:
 
     score: float  # 0 to 1
     evidence: str
-    at: float  # [s] simulated time of the first wrong marker, otherwise of the first one
-    fault: Optional[Kind] = None  # fault of the wrong markers
+    at: float  # [s] simulated time of the first wrong marker; if none is wrong, of the first marker
+    fault: Optional[Kind] = None  # common fault of the wrong markers; None if unknown
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
@@ -122,7 +125,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     elif fault in FAULTS:
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
-    # RViz draws markers of different topics, namespaces or ids at the same time
+    # RViz draws two markers at the same time if their topic, namespace or id differs
     identities = {(marker.topic, marker.namespace, marker.id) for marker in added}
     if len(identities) > 1:
         are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
@@ -151,10 +154,11 @@ def _moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> Li
         drawn_scores = sorted_scores[(begins <= at) & (at < ends)]
         if len(drawn_scores):
             times.append(float(at))
-            # the fraction MOST of the drawn markers has this score, or a higher one
+            # the score that the fraction MOST of the drawn markers reaches or exceeds
             moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
     durations = np.minimum(np.diff(times), LONGEST).tolist()
-    durations.append(durations[-1] if durations else LONGEST)  # the last moment has no successor
+    # the last moment counts as long as the moment before it, because no moment comes after it
+    durations.append(durations[-1] if durations else LONGEST)
     return list(map(Moment, times, durations, moment_scores))
 
 
@@ -239,7 +243,8 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     size = recording.pillar_size
     slack = slack_of(recording, pillar_from_robot(recording, marker.at)[0], rules)
     distance = distance_to_pillar(recording, marker)
-    half_loss = max(rules.marker_half - rules.marker_full, 1e-6)  # [m] excess that costs half of the score
+    # [m] distance beyond `marker_full` that costs half of the score
+    half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
     touches = marker.reach <= size.radius
     if touches and distance <= LARGEST + size.radius - PILLAR_RADIUS:
