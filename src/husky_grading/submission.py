@@ -178,7 +178,7 @@ _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 def exceptions_in(output: str) -> List[Note]:
     """Return the exceptions in callbacks and threads, after which rospy continues, from the output."""
-    moments: Dict[str, List[Optional[float]]] = {}
+    moments: Dict[str, List[Optional[float]]] = {}  # [s] simulated times by sentence; None if unknown
     for match in _CALLBACK.finditer(output):
         places = _LINE.findall(match["lines"])
         line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
@@ -197,52 +197,71 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
 
     Nodes of packages that are not in the submission's `own` get another kind, if `own` is known.
     """
-    notes = []
-    for event in events:
-        if event.event == "unloadable":
-            notes.append(Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}"))
-        elif event.event == "no_include":
-            text = f"the launch file cannot be loaded: it includes {event.path}, which does not exist"
-            notes.append(Note(Kind.MISSING_INCLUDE, text))
-        elif event.event == "skipped":
-            text = (
-                f"the <include> of {event.path} is skipped, because the grader starts the simulator: "
-                f"{event.error}"
-            )
-            notes.append(Note(Kind.SKIPPED, text))
-        elif event.event == "missing":
-            text = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
-            notes.append(Note(Kind.MISSING_PACKAGE, text))
-        elif event.event == "own":
-            reason = "it is a node of the simulator's package, and not of the submission"
-            notes.append(Note(Kind.OWN_NODE, f"node {event.node} is left out: {reason}"))
-        elif event.event == "prefix":
-            text = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
-            notes.append(Note(Kind.LAUNCH_PREFIX, text))
+    notes = [note for note in map(_note_on_loading, events) if note]
     notes.sort(key=lambda note: EVENTS.index(note.kind))
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
         is_own = not own or node.partition("/")[0] in own
         notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
     notes += exceptions_in(output)
-    errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
-    lines = _LINE.findall(output)
+    last_error = _last_error(output)
     for event in events:
         if event.event == "died":
-            code = event.exit_code
-            how = f"exit code {code}"
-            if code is not None and code < 0:
-                how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code < 32 else "")
-            line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
-            why = f": {errors[-1][:200]}{line}" if errors and code else ""
-            kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
-            # a node that ends by abort has printed the reason itself
-            if code is not None and code < 0 and code != -signal.SIGABRT:
-                kind = Kind.NODE_CRASHED
-            if own and event.package and event.package not in own:
-                kind = Kind.OTHERS_NODE
-            notes.append(Note(kind, f"node {event.node} ends during the run ({how}){why}"))
+            notes.append(_note_on_death(event, last_error, own))
         elif event.event == TOO_MANY:
             text = f"it wrote more than {MAX_EVENTS} events; the first {MAX_EVENTS - 1} of them count"
             notes.append(Note(Kind.LIMIT, text))
     return list(dict.fromkeys(notes))
+
+
+def _note_on_loading(event: Event) -> Optional[Note]:
+    """Return the note on an event before the start of the nodes; None for any other event."""
+    if event.event == "unloadable":
+        return Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}")
+    if event.event == "no_include":
+        text = f"the launch file cannot be loaded: it includes {event.path}, which does not exist"
+        return Note(Kind.MISSING_INCLUDE, text)
+    if event.event == "skipped":
+        text = f"the <include> of {event.path} is skipped, because the grader starts the simulator"
+        return Note(Kind.SKIPPED, f"{text}: {event.error}")
+    if event.event == "missing":
+        text = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
+        return Note(Kind.MISSING_PACKAGE, text)
+    if event.event == "own":
+        reason = "it is a node of the simulator's package, and not of the submission"
+        return Note(Kind.OWN_NODE, f"node {event.node} is left out: {reason}")
+    if event.event == "prefix":
+        return Note(Kind.LAUNCH_PREFIX, f"launch-prefix '{event.prefix}' of node {event.node} is dropped")
+    return None
+
+
+def _last_error(output: str) -> str:
+    """Return the last error that Python has printed, with its file and line; empty if there is none."""
+    errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
+    lines = _LINE.findall(output)
+    place = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
+    return f"{errors[-1][:200]}{place}" if errors else ""
+
+
+def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
+    """Return the note on a node that ends during the run.
+
+    Args:
+        event: event "died".
+        last_error: last error in the output; empty if there is none.
+        own: packages of the submission; empty if unknown.
+    """
+    code = event.exit_code
+    kind, ending = Kind.NODE_FAILED, f"exit code {code}"
+    if code == 0:
+        kind = Kind.NODE_ENDED
+    elif code is not None and code < 0:  # a signal has ended the process
+        name = f", {signal.Signals(-code).name}" if -code < 32 else ""
+        ending = f"signal {-code}{name}"
+        # a node that ends by abort has printed the reason itself
+        if code != -signal.SIGABRT:
+            kind = Kind.NODE_CRASHED
+    if own and event.package and event.package not in own:
+        kind = Kind.OTHERS_NODE
+    why = f": {last_error}" if last_error and code else ""
+    return Note(kind, f"node {event.node} ends during the run ({ending}){why}")

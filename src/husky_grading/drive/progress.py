@@ -37,37 +37,59 @@ def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Calla
         done: the condition.
         graph: returns the registrations of its nodes; some sleep for 10 s before they do anything.
     """
-    idle_since = looked_at = time.monotonic()
-    polled_at, asleep = idle_since, 0.0
-    seen, cpu_at_change = Registered(), 0.0
+    activity = _Activity(process, nodes, graph)
 
-    def decided() -> bool:
+    def is_wait_over() -> bool:
         """Measure the program, and return whether the wait is over."""
-        nonlocal idle_since, looked_at, polled_at, asleep, seen, cpu_at_change
-        runs, cpu_seconds = state_of_tree(process.popen.pid)
+        activity.measure()
+        is_quiet = activity.is_idle or activity.has_settled
+        return done() or not process.running or is_quiet or activity.cpu_seconds > CPU_LIMIT
+
+    wait(is_wait_over, WALL_LIMIT, POLL_PERIOD)
+    return done()
+
+
+class _Activity:
+    """CPU time, sleep and registrations of a program, by repeated measurements; for `settles`."""
+
+    def __init__(self, process: Process, nodes: int, graph: Callable[[], Registered]) -> None:
+        self._process, self._nodes, self._graph = process, nodes, graph
+        self.cpu_seconds = 0.0  # [s] CPU time since the start
+        self._registered = Registered()
+        self._slept = 0.0  # [s] wall time without a running thread since the last change of registrations
+        self._cpu_at_change = 0.0  # [s] CPU time at this change
+        # [s] wall times of the last measurement, the last running thread, and the last look at the graph
+        self._measured_at = self._ran_at = self._looked_at = time.monotonic()
+
+    def measure(self) -> None:
+        """Measure the CPU time and the sleep, and look at the graph every LOOK_PERIOD."""
+        runs, self.cpu_seconds = state_of_tree(self._process.popen.pid)
         now = time.monotonic()
         if runs:
-            idle_since = now
+            self._ran_at = now
         else:
-            asleep += now - polled_at
-        polled_at = now
-        if now - looked_at > LOOK_PERIOD:
-            looked_at, before, seen = now, seen, graph()
-            if seen != before:
-                asleep, cpu_at_change = 0.0, cpu_seconds
-        idle = now - idle_since
-        idles = idle > IDLE_BEFORE or (idle > IDLE and bool(seen.subscribed))
-        patience = 1.0 if len(seen.nodes) >= nodes else NODE_MISSING
-        computed = cpu_seconds - cpu_at_change
-        settled = (
-            bool(seen.advertised or seen.subscribed)
-            and computed > SETTLED_CPU * patience
-            and computed + asleep > SETTLED * patience
-        )
-        return done() or not process.running or idles or settled or cpu_seconds > CPU_LIMIT
+            self._slept += now - self._measured_at
+        self._measured_at = now
+        if now - self._looked_at > LOOK_PERIOD:
+            self._looked_at, registered = now, self._graph()
+            if registered != self._registered:
+                self._registered = registered
+                self._slept, self._cpu_at_change = 0.0, self.cpu_seconds
 
-    wait(decided, WALL_LIMIT, POLL_PERIOD)
-    return done()
+    @property
+    def is_idle(self) -> bool:
+        """Return whether no thread has run for IDLE seconds, or IDLE_BEFORE if it has not subscribed."""
+        idle_seconds = self._measured_at - self._ran_at
+        return idle_seconds > (IDLE if self._registered.subscribed else IDLE_BEFORE)
+
+    @property
+    def has_settled(self) -> bool:
+        """Return whether the program has computed and slept for long without a further registration."""
+        if not self._registered.advertised and not self._registered.subscribed:
+            return False
+        patience = 1.0 if len(self._registered.nodes) >= self._nodes else NODE_MISSING
+        computed = self.cpu_seconds - self._cpu_at_change
+        return computed > SETTLED_CPU * patience and computed + self._slept > SETTLED * patience
 
 
 def state_of_tree(root: int) -> Tuple[bool, float]:

@@ -84,34 +84,22 @@ def drive_submission(
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket, packages = f"{private}/truth", tuple(map(str, submission.workspace.packages))
-        known = replace(not_begun(trial, robot.config), uninitialised=chance, watched=submission.facts)
-        task = Assignment(known, truth_socket, robot.config.exercise, SIMULATOR_NODES, packages)
+        initial = replace(not_begun(trial, robot.config), uninitialised=chance, watched=submission.facts)
+        task = Assignment(initial, truth_socket, robot.config.exercise, SIMULATOR_NODES, packages)
         recorder = RecorderChannel(network, task)
         wait(lambda: recorder.update().ready or not recorder.is_open, START_DEADLINE, START_PERIOD)
         if not recorder.ready:
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
         simulator = bring_up(network, trial, robot.config, truth_socket)
-        submitted, events = start(network, submission)
-        listened = _await_joining(network, recorder, submission, submitted, robot)
-        if listened != robot.config:
-            return Driven(robot.after_hearing(listened))
-        ended = _follow(recorder, submitted, simulator, robot.config, on_time)
+        submitted, events_file = start(network, submission)
+        heard_config = _await_joining(network, recorder, submission, submitted, robot)
+        if heard_config != robot.config:
+            return Driven(robot.after_hearing(heard_config))
+        cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
         if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
-        notes = notes_on(
-            read_events(events),
-            submitted.output,
-            (*submission.own, *submission.parts.by_submission) if submission.own else (),
-        )
-        if robot.why:
-            notes.insert(0, Note(Kind.ROBOT, robot.why))
-        if submitted.problem:
-            notes.append(Note(Kind.LIMIT, submitted.problem))
-        output, half = submitted.output, KEPT_OUTPUT // 2
-        if len(output) > KEPT_OUTPUT:
-            output = f"{output[:half]}\n[...]\n{output[-half:]}"
-        closing = Closing(tuple(notes), ended, output)
-        if ended:
+        closing = _closing(submission, submitted, events_file, robot, cut_off)
+        if cut_off:
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
     if recorder.recording is None:
@@ -119,6 +107,31 @@ def drive_submission(
     recording = closed(recorder.recording, closing)
     write_whole(folder / RECORDING, recording_to_json(recording))
     return Driven(robot, recording)
+
+
+def _closing(
+    submission: Submission, submitted: Process, events_file: Path, robot: RobotChoice, cut_off: Optional[Note]
+) -> Closing:
+    """Return marking's own observations of a run, which complete the recorder's.
+
+    Args:
+        submission: submission that was started.
+        submitted: its process.
+        events_file: file with the events of that process.
+        robot: robot that was simulated.
+        cut_off: reason why the run was cut off; None if the recorder has ended it.
+    """
+    own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
+    output = submitted.output
+    notes = notes_on(read_events(events_file), output, own_packages)
+    if robot.why:
+        notes.insert(0, Note(Kind.ROBOT, robot.why))
+    if submitted.problem:
+        notes.append(Note(Kind.LIMIT, submitted.problem))
+    if len(output) > KEPT_OUTPUT:
+        half = KEPT_OUTPUT // 2
+        output = f"{output[:half]}\n[...]\n{output[-half:]}"
+    return Closing(tuple(notes), cut_off, output)
 
 
 def _await_joining(
@@ -135,18 +148,18 @@ def _await_joining(
     begins.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
-    joined = settles(
+    has_joined = settles(
         submitted,
         len(submission.nodes),
         lambda: recorder.update().joined or not recorder.is_open,
         lambda: registered(network.uri, our_nodes),
     )
-    if joined:
+    if has_joined:
         return robot.config
     if robot.is_guess:
-        listened = robot_listened_to(network.uri, our_nodes, robot.config)
-        if listened is not None and listened != robot.config:
-            return listened
+        heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
+        if heard_config is not None and heard_config != robot.config:
+            return heard_config
     recorder.send(GoOn())
     return robot.config
 
@@ -164,19 +177,20 @@ def _follow(
     the simulator ends. `on_time` gets the simulated times [s]. If the submission ends, the recorder gets a
     message.
     """
-    reached, since, is_reported = 0.0, time.monotonic(), False
+    latest, advanced_at = 0.0, time.monotonic()  # [s] simulated time; wall time at which it last advanced
+    is_end_reported = False
 
     def is_over() -> bool:
         """Update the times, and return whether nothing more is to be waited for."""
-        nonlocal reached, since, is_reported
+        nonlocal latest, advanced_at, is_end_reported
         now = recorder.update().now
         on_time(now)
-        if now > reached:
-            reached, since = now, time.monotonic()
-        if not submitted.running and not is_reported:
+        if now > latest:
+            latest, advanced_at = now, time.monotonic()
+        if not submitted.running and not is_end_reported:
             recorder.send(Abandoned())
-            is_reported = True
-        stalled = time.monotonic() - since > STALL_DEADLINE
+            is_end_reported = True
+        stalled = time.monotonic() - advanced_at > STALL_DEADLINE
         return stalled or recorder.over or not recorder.is_open or not simulator.running
 
     if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):

@@ -60,8 +60,8 @@ class ReadParameters:
 class StraightDrive(Watch):
     """Drives the robot ahead while the submission prints."""
 
-    def __init__(self, known: Recording, ros: RosAccess) -> None:
-        super().__init__(known, ros)
+    def __init__(self, initial: Recording, ros: RosAccess) -> None:
+        super().__init__(initial, ros)
         ros.advertise_commands()
 
     def takes_part(self, state: DriveState) -> bool:
@@ -80,7 +80,7 @@ class StraightDrive(Watch):
 
     def kept(self) -> Dict[str, Any]:
         """Return the parameters at the end of the run."""
-        values, topic = sorted(self._ros.parameters().items()), self._known.scan_topic
+        values, topic = sorted(self._ros.parameters().items()), self._initial.scan_topic
         topics = [
             name for name, value in values if isinstance(value, str) and f"/{value.lstrip('/')}" == topic
         ]

@@ -82,9 +82,9 @@ SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pi
 class PillarWatch(Watch):
     """Ends the run at the pillar, or as soon as the robot will not reach it any more."""
 
-    def __init__(self, known: Recording, ros: RosAccess) -> None:
-        super().__init__(known, ros)
-        self._end = DriveEnd(known.pillar, known.robot)
+    def __init__(self, initial: Recording, ros: RosAccess) -> None:
+        super().__init__(initial, ros)
+        self._end = DriveEnd(initial.pillar, initial.robot)
 
     def on_truth(self, state: TrueState) -> None:
         """Follow the next true state."""

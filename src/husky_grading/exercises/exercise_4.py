@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -75,11 +75,17 @@ CLOUD_HINT = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
 STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
 RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
 PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
-# fraction of the points, or None if the item is graded by hand; evidence; hint
-Verdict = Tuple[Optional[float], str, str]
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
 _FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # folders of a file's path
 _POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
+
+
+class Verdict(NamedTuple):
+    """Judgement of one item, whose points depend on the exercise sheet."""
+
+    share: Optional[float]  # fraction of the points, 0 to 1; None if the item is graded by hand
+    evidence: str
+    hint: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +124,25 @@ def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
         if path.suffix == ".xml":
             with suppress(UnreadableFileError):
                 root = read_xml(path, MAX_FILE)
-                for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
-                    sides = [axes.find(side) for side in ("x_axis", "y_axis")]
-                    names = [
-                        (side.findtext("topic"), side.findtext("field")) for side in sides if side is not None
-                    ]
-                    if len(names) == 2 and all(map(all, names)):
-                        x, y = (f"/{topic.strip('/')}/{field}"[:MAX_NAME] for topic, field in names)
-                        curves.append((x, y))
+                if root.tag == "rqt_multiplot":
+                    both_axes = [_quantities(axes) for axes in root.iter("axes")]
+                    curves += [quantities for quantities in both_axes if quantities]
     return tuple(curves[:MAX_CURVES])
+
+
+def _quantities(axes: Any) -> Optional[Tuple[str, str]]:
+    """Return the quantities of a curve on x and on y, /topic/field; None if one of them is missing.
+
+    `axes` is the XML element of the curve's two axes.
+    """
+    quantities = []
+    for tag in ("x_axis", "y_axis"):
+        axis = axes.find(tag)
+        topic, field_name = (axis.findtext("topic"), axis.findtext("field")) if axis is not None else ("", "")
+        if not topic or not field_name:
+            return None
+        quantities.append(f"/{topic.strip('/')}/{field_name}"[:MAX_NAME])
+    return quantities[0], quantities[1]
 
 
 def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
@@ -149,8 +165,8 @@ class FilterWatch(Watch):
     follows = frozenset({ODOMETRY})
     reads_scans = False
 
-    def __init__(self, known: Recording, ros: RosAccess) -> None:
-        super().__init__(known, ros)
+    def __init__(self, initial: Recording, ros: RosAccess) -> None:
+        super().__init__(initial, ros)
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
         self._top_view: List[Tuple[float, ...]] = []
         self._came_at = time.monotonic()
@@ -158,7 +174,7 @@ class FilterWatch(Watch):
     @property
     def input_topic(self) -> str:
         """Return the topic of the bag's wheel odometry."""
-        return f"/{load_robot(self._known.robot).topics.wheel_odometry}"
+        return f"/{load_robot(self._initial.robot).topics.wheel_odometry}"
 
     def takes_part(self, state: DriveState) -> bool:
         """Return whether the submission subscribes to the bag's odometry; it sends no command."""
@@ -180,7 +196,7 @@ class FilterWatch(Watch):
             self._top_view.append((state.now, *place))
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
-        end = self._known.deadline - BAG_MARGIN
+        end = self._initial.deadline - BAG_MARGIN
         if state.now < end or not self._is_complete(end):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")
@@ -210,13 +226,14 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
     Without a configuration of rqt_multiplot it is graded by hand.
     """
     if not playback.curves:
-        return None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT
-    xs = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
-    topics = [match["topic"] for match in xs if match]
+        return Verdict(None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT)
+    # the path is the curve of one topic's y over the x of the same topic
+    matches = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
+    topics = [match["topic"] for match in matches if match]
     evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in playback.curves[:3])
     if FILTERED in topics:
-        return 1.0, evidence, PLOT
-    return 0.5 if topics else 0.0, evidence, PLOT
+        return Verdict(1.0, evidence, PLOT)
+    return Verdict(0.5 if topics else 0.0, evidence, PLOT)
 
 
 def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
@@ -226,21 +243,22 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     """
     estimate = recording.estimate or EstimatedPath()
     path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
-    estimates = len(path)
-    if estimates < MIN_ESTIMATES or not len(recording.times):
+    if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
-        evidence = f"{estimates} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        return 0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS
+        evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
+        return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS)
     stamps, end = path[:, 0], float(recording.times[-1])
-    true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]
-    off = float(np.hypot(*(path[:, 1:].T - true)).max())
-    length = float(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T).sum())
-    gap = float(np.diff(np.sort(stamps)).max())
-    is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and gap <= GAP
-    is_accurate = off <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
+    true_positions = recording.poses[:, :2]
+    true_at_stamps = [np.interp(stamps, recording.times, column) for column in true_positions.T]
+    largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
+    length = float(np.hypot(*np.diff(true_positions, axis=0).T).sum())
+    largest_gap = float(np.diff(np.sort(stamps)).max())
+    is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and largest_gap <= GAP
+    is_accurate = largest_error <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
     evidence = f"{estimate.topic}: estimates from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
-    evidence += f"at most {gap:.1f} s apart, up to {off:.2f} m from the true path of {length:.1f} m"
-    return 1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS
+    evidence += f"at most {largest_gap:.1f} s apart, up to {largest_error:.2f} m from the true path of "
+    evidence += f"{length:.1f} m"
+    return Verdict(1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS)
 
 
 def _cause_of_no_estimate(recording: Recording) -> Note:
@@ -248,8 +266,8 @@ def _cause_of_no_estimate(recording: Recording) -> Note:
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent and not causes(recording):
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
-    nothing = Note(Kind.NO_SCANS, "no node subscribes to the bag's wheel odometry")
-    return (causes(recording) or [nothing])[0]
+    no_subscriber = Note(Kind.NO_SCANS, "no node subscribes to the bag's wheel odometry")
+    return (causes(recording) or [no_subscriber])[0]
 
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
@@ -257,35 +275,35 @@ def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> V
     topics = [cloud.source for cloud in view.clouds]
     evidence = view.problem or f"{view.source}: point cloud of {', '.join(topics) or 'no topic'}"
     is_shown = not view.problem and not CLOUD_TOPICS.isdisjoint(topics)
-    return float(is_shown), evidence, CLOUD_HINT
+    return Verdict(float(is_shown), evidence, CLOUD_HINT)
 
 
 def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
     """Grade whether the cloud's points are coloured by z, and 0.05 m large: half of the points each."""
-    styles = [
-        (
-            0.5 * (cloud.colouring == COLOURING) + 0.5 * (abs(cloud.size - SIZE) <= SAME_SIZE),
-            f"{cloud.colouring}, {cloud.size:g} m",
-        )
-        for cloud in view.clouds
-    ]
+    styles = []
+    for cloud in view.clouds:
+        is_coloured = cloud.colouring == COLOURING
+        is_sized = abs(cloud.size - SIZE) <= SAME_SIZE
+        styles.append((0.5 * is_coloured + 0.5 * is_sized, f"{cloud.colouring}, {cloud.size:g} m"))
     share, style = max(styles, default=(0.0, "no point cloud"))
-    return share, f"{view.source}: {style}", STYLE
+    return Verdict(share, f"{view.source}: {style}", STYLE)
 
 
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the top view is 2 m above base_link at three moments of the run."""
     rows = playback.top_view
     if len(rows) < 3:
-        other = next((frame for frame, place in sorted(playback.places.items()) if _is_above(place)), "")
+        frames_above = [frame for frame, place in sorted(playback.places.items()) if _is_above(place)]
         evidence = "no transform from base_link to smb_top_view"
-        if other:
-            return 0.0, f"{evidence}, but {other} is 2 m above it", RENAME.format(other)
-        return 0.0, evidence, TOP_VIEW
-    moments = rows[np.linspace(0, len(rows) - 1, 5).astype(int)[1:4]]
+        if frames_above:
+            evidence += f", but {frames_above[0]} is 2 m above it"
+            return Verdict(0.0, evidence, RENAME.format(frames_above[0]))
+        return Verdict(0.0, evidence, TOP_VIEW)
+    quarters = np.linspace(0, len(rows) - 1, 5).astype(int)
+    moments = rows[quarters[1:4]]  # rows without the first and the last one
     is_there = all(_is_above(place) for place in moments[:, 1:])
     places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
-    return float(is_there), f"in base_link: {places}", TOP_VIEW
+    return Verdict(float(is_there), f"in base_link: {places}", TOP_VIEW)
 
 
 def _is_above(place: Sequence[float]) -> bool:
@@ -296,18 +314,18 @@ def _is_above(place: Sequence[float]) -> bool:
 def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the launch file plays a bag."""
     calls = "; ".join(_FOLDERS.sub("", player) for player in playback.players)
-    return float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS
+    return Verdict(float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS)
 
 
 def judge_half_speed(recording: Recording, playback: Playback, view: RvizView) -> Verdict:
     """Grade whether the launch file plays a bag at half speed."""
     rates = [float(rate) for player in playback.players for rate in _RATE.findall(player)]
-    return float(0.5 in rates), *judge_player(recording, playback, view)[1:]
+    return judge_player(recording, playback, view)._replace(share=float(0.5 in rates))
 
 
 def leave_to_teacher(_recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
     """Leave an item to be graded by hand."""
-    return None, by_hand(), ""
+    return Verdict(None, by_hand(), "")
 
 
 # items with their points on the Husky's sheet and on the SMB's sheet
@@ -331,8 +349,9 @@ def judge_exercise_4(
     """Return the items of the exercise sheet of the robot whose bag was played."""
     recording, items = recordings[0], []
     playback = recording.watched_as(Playback)
-    for name, (husky, smb, subject, judge) in SHEETS.items():
-        item = Item(name, 0.0, smb if recording.robot == "smb" else husky, "", subject=subject)
+    for name, (husky_points, smb_points, subject, judge) in SHEETS.items():
+        max_points = smb_points if recording.robot == "smb" else husky_points
+        item = Item(name, 0.0, max_points, "", subject=subject)
         if subject is Subject.DISPLAYS and not view.source:
             items.append(without_config(item, view, rules))
         else:

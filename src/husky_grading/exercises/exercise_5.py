@@ -113,10 +113,10 @@ class CallPlan:
 class ServiceWatch(Watch):
     """Calls the submission's service by the plan."""
 
-    def __init__(self, known: Recording, ros: RosAccess) -> None:
-        super().__init__(known, ros)
+    def __init__(self, initial: Recording, ros: RosAccess) -> None:
+        super().__init__(initial, ros)
         self._plan = CallPlan()
-        self._made: Optional[Call] = None  # call that waits for its answer; None if no call waits
+        self._waiting_call: Optional[Call] = None  # call that waits for its answer; None if no call waits
         self._calls: List[Call] = []
         self._types: Dict[str, str] = {}  # types of the submission's services, by their names
 
@@ -127,26 +127,27 @@ class ServiceWatch(Watch):
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
         """Take the answer of the last call, or make the next one; return why the plan is done, if it is."""
         self._types.update(self._ros.service_types(state.services))
-        if self._made:
+        if self._waiting_call:
             answer = self._ros.answer()
             if answer is None:
                 return None
-            made = replace(self._made, success=answer.success, answer=answer.text, answered_at=state.now)
-            self._calls.append(made)
+            self._calls.append(
+                replace(self._waiting_call, success=answer.success, answer=answer.text, answered_at=state.now)
+            )
             self._plan.answered(state.now)
-            self._made = None
+            self._waiting_call = None
         names = [name for name, kind in self._types.items() if kind == SET_BOOL]
         value = self._plan.due(state.now, state.speed) if names else None
         if value is None:
             return self._plan.reason(state.now, bool(names))
-        self._made = Call(state.now, value, False, "", state.now)
+        self._waiting_call = Call(state.now, value, False, "", state.now)
         self._ros.call(min(names), value)
         return None
 
     def has_silenced(self, last_command: float) -> bool:
         """Return whether a call came just before the last command [s, simulated], or after it."""
-        made = [*self._calls, self._made] if self._made else self._calls
-        return any(call.at >= last_command - OBEYED for call in made)
+        calls = [*self._calls, self._waiting_call] if self._waiting_call else self._calls
+        return any(call.at >= last_command - OBEYED for call in calls)
 
     def kept(self) -> Dict[str, Any]:
         """Return the services and calls of the run."""
@@ -166,9 +167,14 @@ class Effect:
     after: float  # [m/s] highest speed after the call, when the robot had time to react
 
     @property
+    def drove_before(self) -> bool:
+        """Return whether the robot drove before the call."""
+        return self.before >= FAST
+
+    @property
     def stopped(self) -> bool:
         """Return whether the robot drove before the call and stands after it."""
-        return self.before >= FAST and self.after <= SLOW
+        return self.drove_before and self.after <= SLOW
 
 
 def judge_calls(recording: Recording) -> List[Item]:
@@ -179,40 +185,46 @@ def judge_calls(recording: Recording) -> List[Item]:
     """
     stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
     start = replace(stop, name=ITEMS[1], hint=START)
-    made = recording.watched_as(ServiceCalls)
-    if not made.calls:
-        why = f"{made.services[0]} was not called" if made.services else "no std_srvs/SetBool service"
-        if not made.services and made.other_services:
-            why = by_hand(f"{why}, but {', '.join(made.other_services)}")
-            return [replace(item, points=None, evidence=why) for item in (stop, start)]
-        cause = next(iter(causes(recording)), None)
-        hint = SERVICE
-        if cause:
-            why, hint = f"{why}: {cause.text}", hint_on(cause)
-        return [replace(item, evidence=why, hint=hint) for item in (stop, start)]
-    name = made.services[0] if made.services else "its service"
-    effects = _effects(recording, made.calls)
+    offered = recording.watched_as(ServiceCalls)
+    if not offered.calls:
+        return _judge_no_calls([stop, start], recording, offered)
+    name = offered.services[0] if offered.services else "its service"
+    effects = _effects(recording, offered.calls)
     if not effects:
-        why = by_hand(f"{name}: the run ended before the effect of a call could be seen")
-        return [replace(item, points=None, evidence=why) for item in (stop, start)]
-    driven = [effect for effect in effects if effect.before >= FAST]
-    if driven and not any(effect.stopped for effect in driven):
-        return _neither_stops(stop, start, name, driven, made.callers)
-    stops = _stopping_value(effects)
-    stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stops])
-    if not any(effect.before >= FAST for effect in effects):
+        evidence = by_hand(f"{name}: the run ended before the effect of a call could be seen")
+        return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
+    calls_while_driving = [effect for effect in effects if effect.drove_before]
+    if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
+        return _judge_no_stop(stop, start, name, calls_while_driving, offered.callers)
+    stop_value = _stopping_value(effects)
+    stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stop_value])
+    if not calls_while_driving:
         return [stop, _judge_starts_from_rest(start, name, recording, effects)]
-    # a start counts only if the robot stood because an earlier call had stopped it
+    # a start counts only if the robot stood because the call before had stopped it
     starts = [
         effect
-        for number, effect in enumerate(effects)
-        if effect.call.data is not stops and number and effects[number - 1].stopped
+        for previous, effect in zip(effects, effects[1:])
+        if effect.call.data is not stop_value and previous.stopped
     ]
     return [stop, _judge_starts(start, name, starts)]
 
 
-def _neither_stops(
-    stop: Item, start: Item, name: str, driven: Sequence[Effect], callers: Mapping[str, int]
+def _judge_no_calls(items: Sequence[Item], recording: Recording, offered: ServiceCalls) -> List[Item]:
+    """Return the items of a submission whose service was never called, most often because it has none."""
+    evidence = "no std_srvs/SetBool service"
+    if offered.services:
+        evidence = f"{offered.services[0]} was not called"
+    elif offered.other_services:
+        evidence = by_hand(f"{evidence}, but {', '.join(offered.other_services)}")
+        return [replace(item, points=None, evidence=evidence) for item in items]
+    hint, reasons = SERVICE, causes(recording)
+    if reasons:
+        evidence, hint = f"{evidence}: {reasons[0].text}", hint_on(reasons[0])
+    return [replace(item, evidence=evidence, hint=hint) for item in items]
+
+
+def _judge_no_stop(
+    stop: Item, start: Item, name: str, effects: Sequence[Effect], callers: Mapping[str, int]
 ) -> List[Item]:
     """Return both items of a robot that drives on after every call, whichever value the call has.
 
@@ -220,31 +232,35 @@ def _neither_stops(
         stop: item on stops, without evidence.
         start: item on starts, without evidence.
         name: name of the service.
-        driven: effects of the calls to a driving robot, at least one.
+        effects: effects of the calls to a driving robot, at least one.
         callers: lookups of the service by each node; a node with MANY of them also calls the service.
     """
-    speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in driven[:2]]
+    speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
     evidence, hint = f"{name}: neither value stops it: {', '.join(speeds)}", NEITHER
-    if driven[0].call.answer and not driven[0].call.success:
-        evidence += f" ({driven[0].call.answer})"
-    others = [f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY]
-    if others:
-        evidence += f"; {', '.join(others)}, as each call of it does"
+    first_call = effects[0].call
+    if first_call.answer and not first_call.success:
+        evidence += f" ({first_call.answer})"
+    other_callers = [
+        f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY
+    ]
+    if other_callers:
+        evidence += f"; {', '.join(other_callers)}, as each call of it does"
         hint = OTHER_CALLER
-    stop = replace(stop, evidence=evidence, at=driven[0].call.at, hint=hint)
     return [
-        stop,
+        replace(stop, evidence=evidence, at=first_call.at, hint=hint),
         replace(start, evidence=f"{name}: no call had stopped it, so none could start it", hint=hint),
     ]
 
 
 def _stopping_value(effects: Sequence[Effect]) -> bool:
     """Return the value after which a driving robot is slower; the submission chooses which one stops it."""
-    mean = {
-        data: np.mean([e.after for e in effects if e.call.data is data and e.before >= FAST] or [np.inf])
-        for data in (False, True)
-    }
-    return bool(mean[True] < mean[False])
+    speeds_after: Dict[bool, List[float]] = {False: [], True: []}
+    for effect in effects:
+        if effect.drove_before:
+            speeds_after[effect.call.data].append(effect.after)
+    # a value without a call to a driving robot has no mean, so the other value counts as the stopping one
+    means = {value: np.mean(speeds or [np.inf]) for value, speeds in speeds_after.items()}
+    return bool(means[True] < means[False])
 
 
 def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
@@ -261,19 +277,20 @@ def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
 
 def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
     """Return the item on stops, by the effects of the calls with the value that stops the robot."""
-    driving = [effect for effect in effects if effect.before >= FAST]
-    if not driving:
+    while_driving = [effect for effect in effects if effect.drove_before]
+    if not while_driving:
         evidence = by_hand(f"{name}: the robot already stood before each call")
         return replace(item, points=None, evidence=evidence)
-    wrong = [effect for effect in driving if not effect.stopped]
-    return _judged(item, f"{name}: stands", driving, wrong)
+    failures = [effect for effect in while_driving if not effect.stopped]
+    return _with_points(item, f"{name}: stands", while_driving, failures)
 
 
 def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
     """Return the item on starts, by the effects of calls to a robot that an earlier call had stopped."""
     if not effects:
         return replace(item, evidence=f"{name}: no call had stopped it, so none could start it again")
-    return _judged(item, f"{name}: drives", effects, [effect for effect in effects if effect.after < FAST])
+    failures = [effect for effect in effects if effect.after < FAST]
+    return _with_points(item, f"{name}: drives", effects, failures)
 
 
 def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects: Sequence[Effect]) -> Item:
@@ -287,24 +304,27 @@ def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects
     return replace(item, points=None, evidence=evidence)
 
 
-def _judged(item: Item, effect: str, effects: Sequence[Effect], wrong: Sequence[Effect]) -> Item:
-    """Return an item with points by the number of calls that worked.
+def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures: Sequence[Effect]) -> Item:
+    """Return an item with all, half or none of its points if all, some or none of the calls worked.
 
     Args:
-        item: the item.
-        effect: beginning of the evidence, such as "/start_stop: stands".
+        item: item without evidence.
+        reaction: beginning of the evidence, such as "/start_stop: stands".
         effects: all calls that count, at least one.
-        wrong: the calls among them that did not work.
+        failures: the calls among them that did not work.
     """
-    good = len(effects) - len(wrong)
-    evidence = f"{effect} after {good} of {len(effects)} calls"
+    successes = len(effects) - len(failures)
+    evidence = f"{reaction} after {successes} of {len(effects)} calls"
     at = effects[0].call.at
-    if wrong:
-        call, speed, at = wrong[0].call, wrong[0].after, wrong[0].call.at
+    if failures:
+        call, speed = failures[0].call, failures[0].after
+        at = call.at
         evidence += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
         if call.answer and not call.success:
             evidence += f" ({call.answer})"
-    points = item.max_points if good == len(effects) else item.max_points / 2.0 if good else 0.0
+    points = item.max_points / 2.0 if successes else 0.0
+    if not failures:
+        points = item.max_points
     return replace(item, points=points, evidence=evidence, at=at)
 
 
@@ -312,9 +332,10 @@ def judge_exercise_5(
     recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Return the items of exercise 5: 50 and 50 points, and two bonuses by hand."""
-    items, made = judge_calls(recordings[0]), recordings[0].watched_as(ServiceCalls)
+    items, offered = judge_calls(recordings[0]), recordings[0].watched_as(ServiceCalls)
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
-    if not drives and (made.services or not made.other_services):
+    has_only_other_types = bool(offered.other_services) and not offered.services  # left to a person
+    if not drives and not has_only_other_types:
         stop, start = (replace(item, points=0.0) for item in items)
         stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recordings[0]))
         items = [stop, replace(start, hint=stop.hint)]

@@ -71,14 +71,14 @@ class Watch:
     follows: FrozenSet[str] = frozenset()  # types of the submission's messages that `on_message` gets
     reads_scans = True  # the recorder subscribes to the scans, too
 
-    def __init__(self, known: Recording, ros: RosAccess) -> None:
-        """Prepare for a run; `known` has the facts that are known before it begins."""
-        self._known, self._ros = known, ros
+    def __init__(self, initial: Recording, ros: RosAccess) -> None:
+        """Prepare for a run; `initial` is its recording before it begins, with pillar, robot and deadline."""
+        self._initial, self._ros = initial, ros
 
     @property
     def input_topic(self) -> str:
         """Return the topic to which the submission has to subscribe."""
-        return self._known.scan_topic
+        return self._initial.scan_topic
 
     def takes_part(self, state: DriveState) -> bool:
         """Return whether the submission is ready, because simulated time begins only then."""
@@ -98,8 +98,8 @@ class Watch:
 
         The recorder calls it several times per second.
         """
-        if state.now >= self._known.deadline:
-            return Note(Kind.DEADLINE, f"the deadline of {self._known.deadline:g} s")
+        if state.now >= self._initial.deadline:
+            return Note(Kind.DEADLINE, f"the deadline of {self._initial.deadline:g} s")
         return None
 
     def has_silenced(self, last_command: float) -> bool:

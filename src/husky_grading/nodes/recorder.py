@@ -76,14 +76,14 @@ class DriveRecorder:
         """Wait for the assignment, which is the first message of marking on the channel."""
         self._channel, self._channel_lock = channel, threading.Lock()  # several threads send
         self._task: Assignment = channel.recv()
-        self._known = self._task.recording
+        self._initial = self._task.recording  # facts that are known before the run
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []
-        self._commands: List[float] = []
-        self._command_count = self._zero_count = 0
-        self._fastest = self._sharpest = 0.0
-        self._nearest: List[Tuple[float, float]] = []
-        self._scans: List[Scan] = []
+        self._commands: List[float] = []  # [s] simulated times of commands, each once
+        self._command_count = self._zero_count = 0  # number of all commands, and of commands to stand
+        self._fastest = self._sharpest = 0.0  # [m/s], [rad/s] largest commanded speeds
+        self._nearest: List[Tuple[float, float]] = []  # [s], [m] time and smallest range of each scan
+        self._scans: List[Scan] = []  # some of the scans, for a picture
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
         self._followed: Set[str] = set()  # topics whose messages the watch of the exercise gets
         self._subscribed = self._listens = self._advertises = False
@@ -92,12 +92,12 @@ class DriveRecorder:
         self._services: Tuple[str, ...] = ()  # services of the submission
         self._is_over = self._handed_over = False
         self._types: Dict[str, str] = {}  # types by topic
-        self._silent: List[str] = []
-        self._unread: List[str] = []
+        self._silent: List[str] = []  # topics that the submission subscribes to and nothing publishes
+        self._unread: List[str] = []  # topics of its commands that no node reads
         # sentences on violations as keys, which keeps their order and each of them once
         self._violations: Dict[str, None] = {}
-        self._unanswered = ""
-        self._go_on, self._abandoned = threading.Event(), threading.Event()
+        self._unanswered = ""  # sentence on scans that the submission did not answer by a command
+        self._go_on, self._abandoned = threading.Event(), threading.Event()  # messages of marking have come
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
         self._our_nodes = {*self._task.ours, rospy.get_name()}
@@ -106,7 +106,7 @@ class DriveRecorder:
             for topic in VELOCITY_TOPICS
         ]
         self._access = DriveAccess(self._our_nodes, self._markers)
-        self._watch = EXERCISES[self._task.exercise].watch(self._known, self._access)
+        self._watch = EXERCISES[self._task.exercise].watch(self._initial, self._access)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         threading.Thread(target=self._listen, daemon=True).start()
         self._send(Ready())
@@ -121,9 +121,9 @@ class DriveRecorder:
         cause: Optional[Note] = None
         try:
             while cause is None and not rospy.is_shutdown():
-                joined_at = self._joined_at
+                joined_at = self._joined_at  # time before this look, see _begin_when_connected
                 self._look_at_graph()
-                self._begin(joined_at)
+                self._begin_when_connected(joined_at)
                 self._send(Now(self._now, self._subscribed))
                 if self._feed.failure is not None:
                     raise self._feed.failure
@@ -135,7 +135,9 @@ class DriveRecorder:
                 self._send(Over())
                 self._hand_over(cause)
         except Exception:
-            self._handed_over = self._handed_over or not rospy.core.is_shutdown_requested()
+            # the end of this program must not send the recording, except if a shutdown has caused the error
+            if not rospy.core.is_shutdown_requested():
+                self._handed_over = True
             raise
 
     def _listen(self) -> None:
@@ -169,7 +171,7 @@ class DriveRecorder:
 
     def _on_truth(self, state: TrueState) -> None:
         """Keep a true state and pass it to the exercise's watch, unless the run is over."""
-        if self._is_over or self._now >= self._known.deadline:
+        if self._is_over or self._now >= self._initial.deadline:
             # the true poses end here, so later markers would have no position in the world
             self._markers.close()
             return
@@ -226,8 +228,9 @@ class DriveRecorder:
         """Ask the master for the ROS graph, and keep the parts that the rubric needs.
 
         New topics of the submission are subscribed to, if they have markers or types that the exercise
-        follows. Forged topics and readers of true poses become violations. In the end the recorder joins, if
-        it is time. Without an answer of the master nothing changes, because the next look comes soon.
+        follows. Forged topics and readers of true poses become violations. In the end the recorder joins if
+        the submission is ready. Without an answer of the master nothing changes, because the next look comes
+        soon.
         """
         try:
             published, subscribed, services = self._master.getSystemState()
@@ -254,48 +257,56 @@ class DriveRecorder:
             self._violate(f"node {node} subscribes to {topic}, which has the true poses of the simulator")
         self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
-        topics = map(rospy.resolve_name, VELOCITY_TOPICS)
-        sends = any(set(publishers.get(topic, ())) - self._our_nodes for topic in topics)
-        self._advertises = self._advertises or sends
+        velocity_topics = map(rospy.resolve_name, VELOCITY_TOPICS)
+        velocity_nodes = {node for topic in velocity_topics for node in publishers.get(topic, ())}
+        self._advertises = self._advertises or bool(velocity_nodes - self._our_nodes)
         self._join()
 
     def _follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic if the exercise's watch follows its type."""
-        is_new = topic not in self._followed and len(self._followed) < MAX_FOLLOWED
-        message = roslib.message.get_message_class(kind) if kind in self._watch.follows and is_new else None
-        if message is not None:
+        if kind not in self._watch.follows or topic in self._followed or len(self._followed) >= MAX_FOLLOWED:
+            return
+        message_class = roslib.message.get_message_class(kind)
+        if message_class is not None:
             self._followed.add(topic)
             self._subscribers.append(
-                rospy.Subscriber(topic, message, self._on_message, topic, queue_size=FOLLOWED_QUEUE)
+                rospy.Subscriber(topic, message_class, self._on_message, topic, queue_size=FOLLOWED_QUEUE)
             )
 
     def _join(self) -> None:
         """Take part as soon as the submission does, or in its place, because lockstep waits for commands."""
         is_ready = self._watch.takes_part(self._state)
-        if self._joined_at == inf and (is_ready or self._go_on.is_set()):
-            self._joined_at = time.monotonic()
-            self._send(Joined())
-            if not self._watch.reads_scans:
-                return
-            if not is_ready:
-                self._access.advertise_commands()
-                self._watch.on_scan(0.0)
-            scans = self._known.scan_topic
-            self._subscribers.append(
-                rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
-            )
+        has_joined = self._joined_at < inf
+        if has_joined or not (is_ready or self._go_on.is_set()):
+            return
+        self._joined_at = time.monotonic()
+        self._send(Joined())
+        if not self._watch.reads_scans:
+            return
+        if not is_ready:
+            self._access.advertise_commands()
+            self._watch.on_scan(0.0)
+        scans = self._initial.scan_topic
+        self._subscribers.append(
+            rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
+        )
 
-    def _begin(self, joined_at: float) -> None:
+    def _begin_when_connected(self, joined_at: float) -> None:
         """Let simulated time begin after all recorded topics have connected, so a run repeats from its start.
 
-        `joined_at` [s] is the time of an earlier look, so topics that were advertised just after the commands
-        are known by now. After CONNECTING time begins without a connection.
+        A topic that the submission advertises just after its commands is seen only at the next look at the
+        graph. So time begins at a later look than the one at which the recorder joined.
+
+        Args:
+            joined_at: wall time [s] at which the recorder joined before the latest look; inf if it had not.
+                CONNECTING seconds after this time, simulated time begins without connections.
         """
-        connected = all(
+        subscribers = (*self._subscribers, *self._markers.subscribers)
+        is_connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
-            for each in (*self._subscribers, *self._markers.subscribers)
+            for each in subscribers
         )
-        if joined_at < inf and (connected or time.monotonic() > joined_at + CONNECTING):
+        if joined_at < inf and (is_connected or time.monotonic() > joined_at + CONNECTING):
             self._feed.begin()
 
     def _send(self, message: Any) -> None:
@@ -306,33 +317,35 @@ class DriveRecorder:
     def _hand_over(self, cause: Optional[Note]) -> None:
         """Send the recording to marking, once; further calls do nothing.
 
-        `cause` is the reason why the run is over.
+        `run` calls this at the end of the run, and rospy calls it at a shutdown. `cause` is the reason why
+        the run is over.
         """
         with self._lock:
             if self._handed_over:
                 return
             self._handed_over = True
-        truth = list(self._truth)
-        table = np.array(
-            [(row.stamp, *pose_to_2d(row.pose_in_world), row.speed, row.yaw_rate) for row in truth]
-        ).reshape(-1, 6)
-        times, poses = table[:, 0], table[:, 1:4]
+        states = list(self._truth)  # a copy, because a thread of the feed appends
+        rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
+        table = np.array(rows).reshape(-1, 6)  # the shape also without a row
+        times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
         frames, notes = self._markers.frames, [*self._markers.notes]
         if self._unanswered and self._command_count:
             notes.insert(0, Note(Kind.UNANSWERED_SCANS, self._unanswered))
         recording = replace(
-            self._known,
+            self._initial,
             times=times,
             poses=poses,
-            speeds=table[:, 4:6],
+            speeds=speeds,
             commands=np.array(self._commands),
             command_count=self._command_count,
             zero_count=self._zero_count,
             fastest=self._fastest,
             sharpest=self._sharpest,
             nearest=np.array(self._nearest).reshape(-1, 2),
-            hits=scan_hits(self._scans, times, poses, self._known.robot),
-            markers=self._markers.samples(times, [row.pose_in_world for row in truth], self._known.pillar),
+            hits=scan_hits(self._scans, times, poses, self._initial.robot),
+            markers=self._markers.samples(
+                times, [each.pose_in_world for each in states], self._initial.pillar
+            ),
             marker_topics=self._markers.topics,
             subscribed=self._subscribed,
             advertised=self._advertises,
@@ -344,7 +357,7 @@ class DriveRecorder:
             frames=frames,
             descriptions=self._access.descriptions(frames),
             estimate=self._watch.estimate,
-            watched={**self._known.watched, **self._watch.kept()},
+            watched={**self._initial.watched, **self._watch.kept()},
         )
         self._send(recording)
 
