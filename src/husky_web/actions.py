@@ -34,6 +34,7 @@ class Actions:
         self._waiting.put((work, client, title))
 
     def _run(self) -> None:
+        """Work through the queue, in the thread of the calls."""
         while True:
             work, client, title = self._waiting.get()
             try:

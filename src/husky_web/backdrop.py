@@ -7,7 +7,7 @@ calculates a grid takes as long as both, and so does a texture. Shadows would ta
 from __future__ import annotations
 
 from math import cos, pi, radians, sin
-from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import trimesh
@@ -66,7 +66,8 @@ class Backdrop:
 
     def update(self, ground: float, robot: Optional[Vector3]) -> None:
         """Put the ground at a height [m], around the robot [m]."""
-        x, y = (0.0, 0.0) if robot is None else (STEP * round(value / STEP) for value in robot[:2])
+        x, y = (0.0, 0.0) if robot is None else robot[:2]
+        x, y = STEP * round(x / STEP), STEP * round(y / STEP)
         for node in self._scenery:
             place(node, Pose((x, y, ground)))
 
@@ -88,9 +89,9 @@ def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], cent
 
 def _fade(length: float) -> np.ndarray:
     """Return the opacity along a side of the shadow [m]: 0 at its ends, 1 from twice the blur inwards."""
-    from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))
-    t = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
-    smooth: np.ndarray = t * t * (3.0 - 2.0 * t)
+    from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))  # [m]
+    linear = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
+    smooth: np.ndarray = linear * linear * (3.0 - 2.0 * linear)
     return smooth
 
 
@@ -114,18 +115,20 @@ def scenery(look: Look) -> bytes:
 
 
 def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
-    """Return quads and colours of the ground near the robot, because farther away a checker would flicker."""
-    edges = np.unique(
-        [
-            metre + side
-            for metre in range(-CHECKER, CHECKER + 1)
-            for side in ((0.0,) if metre % SECTION else (-LINE, LINE))
-        ]
-    )
-    (x0, y0), (x1, y1) = (np.reshape(np.meshgrid(side, side), (2, -1)) for side in (edges[:-1], edges[1:]))
+    """Return quads (N, 4, 3) [m] and colours (N, 4, 3) of the ground near the robot, with the checker.
+
+    Farther away a checker would flicker.
+    """
+    edges: List[float] = []  # [m] x or y of the quads' sides; a line is a narrow quad
+    for metre in range(-CHECKER, CHECKER + 1):
+        edges += [metre] if metre % SECTION else [metre - LINE, metre + LINE]
+    low, high = np.array(edges[:-1]), np.array(edges[1:])
+    x0, y0 = np.reshape(np.meshgrid(low, low), (2, -1))
+    x1, y1 = np.reshape(np.meshgrid(high, high), (2, -1))
     x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
-    squares = CONTRAST * (1.0 - 2.0 * ((np.floor(x) + np.floor(y)) % 2.0))
-    shade = np.where(np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE, look.line, squares)
+    is_odd = (np.floor(x) + np.floor(y)) % 2.0
+    is_line = np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE
+    shade = np.where(is_line, look.line, CONTRAST * (1.0 - 2.0 * is_odd))
     fade = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
     colors = (1.0 + shade * fade)[:, None] * np.array(look.ground)
     corners = np.array([(x0, y0, 0.0 * x), (x1, y0, 0.0 * x), (x1, y1, 0.0 * x), (x0, y1, 0.0 * x)])
@@ -133,26 +136,35 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
-    """Return quads and colours of the ground from the checker to the horizon, and of the sky."""
+    """Return quads (N, 4, 3) [m] and colours (N, 4, 3) of the ground beyond the checker, and of the sky.
+
+    They lie between rings of SIDES points: two on the ground, one at the horizon, and the others on the dome.
+    """
     angles = np.linspace(0.0, 2.0 * pi, SIDES + 1)
-    around = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
-    up = np.array((0.0, 0.0, RADIUS))
-    near = (CHECKER - 0.5) * around / np.abs(around).max(axis=1, keepdims=True) - (0.0, 0.0, 0.01)
-    rings = [(near, look.ground), (120.0 * around, _mix(look.ground, look.haze, 0.75))]
-    rings.append((RADIUS * around, look.haze))
+    circle = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    # the innermost ring is a square below the checker's rim, so no gap is visible
+    square = circle / np.abs(circle).max(axis=1, keepdims=True)
+    rings = [((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground)]
+    rings.append((120.0 * circle, _mix(look.ground, look.haze, 0.75)))
+    rings.append((RADIUS * circle, look.haze))
+    # elevation [deg] of a ring of the sky, and the zenith's share of its colour
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
-        ring = RADIUS * cos(angle) * around + sin(angle) * up
+        ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))
         rings.append((ring, _mix(look.horizon, look.zenith, share)))
     points = np.array([ring for ring, _ in rings])
     colors = np.array([np.broadcast_to(color, ring.shape) for ring, color in rings])
-    quads, of_quads = (
-        np.stack([each[:-1, :-1], each[:-1, 1:], each[1:, 1:], each[1:, :-1]], axis=2).reshape(-1, 4, 3)
-        for each in (points, colors)
-    )
-    return quads, of_quads
+    return _quads_between(points), _quads_between(colors)
+
+
+def _quads_between(rings: np.ndarray) -> np.ndarray:
+    """Return the values at the corners of the quads between rings (R, P, 3) of points, (N, 4, 3)."""
+    inner, outer = rings[:-1], rings[1:]
+    corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]
+    return np.stack(corners, axis=2).reshape(-1, 4, 3)
 
 
 def _mix(a: Colour, b: Colour, share: float) -> Colour:
+    """Return the mixture of two colours; `share` is the fraction of the second one, 0 to 1."""
     x, y, z = ((1.0 - share) * p + share * q for p, q in zip(a, b))
     return (x, y, z)

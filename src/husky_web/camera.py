@@ -30,10 +30,12 @@ class Camera:
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
-        self._name, self._is_placed, self._is_settled = FOLLOW, False, False
-        self._at: Vector3 = (0.0, 0.0, 0.0)  # [m] target of the camera
-        self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]  # [rad], [m]
-        self._sent: Deque[Vector3] = deque(maxlen=SENT)
+        self._name = FOLLOW
+        self._is_placed = False  # the camera is at the offset of its name
+        self._is_settled = False  # the page has reported a position that was sent to it after the last jump
+        self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
+        self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]  # [rad], [m] from the target, in a frame turned by yaw
+        self._sent: Deque[Vector3] = deque(maxlen=SENT)  # [m] last positions that were sent to the page
 
     def choose(self, name: str) -> None:
         """Choose one of CAMERAS."""
@@ -42,15 +44,16 @@ class Camera:
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Move with the robot or the pillar, both in the fixed frame [m]."""
         robot = None if base is None else base.position
-        looked_at = pillar if self._name == PILLAR else robot
+        subject = pillar if self._name == PILLAR else robot
         camera = self._client.camera
-        if looked_at is None or self._name == FREE or camera.update_timestamp == 0.0:
+        has_reported = camera.update_timestamp != 0.0
+        if subject is None or self._name == FREE or not has_reported:
             return
-        target = (looked_at[0], looked_at[1], looked_at[2] + AIM)
+        target = (subject[0], subject[1], subject[2] + AIM)
         yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
-        if self._is_placed and dist(target, self._at) < JUMP:
+        if self._is_placed and dist(target, self._target) < JUMP:
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
-            if dist(target, self._at) < STILL and abs(turn) < STILL_ANGLE:
+            if dist(target, self._target) < STILL and abs(turn) < STILL_ANGLE:
                 return
             self._yaw += turn
             self._take_over(camera)
@@ -66,7 +69,7 @@ class Camera:
                 camera.up_direction = (0.0, 0.0, 1.0)
             look(camera, position, target)
         self._sent.append(position)
-        self._is_placed, self._at = True, target
+        self._is_placed, self._target = True, target
 
     def _take_over(self, camera: Any) -> None:
         """Keep the offset that the page's mouse has given the camera.
@@ -80,7 +83,7 @@ class Camera:
             self._is_settled |= is_sent
             return
         w, x, y, z = camera.wxyz.tolist()
-        away = rotate((x, y, z, w), (0.0, 0.0, -1.0))
+        from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))  # direction, because a camera looks along its z
         distance = dist(position, camera.look_at.tolist())
-        x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), away)
+        x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), from_target)
         self._offset = (distance * x, distance * y, distance * z)

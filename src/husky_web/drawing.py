@@ -76,7 +76,7 @@ _KINDS: Any = {  # function that adds a piece, and type that it returns
 
 
 def _properties(piece: Any) -> Dict[str, Any]:
-    """Properties of a piece's node."""
+    """Return the properties of the viser node of a piece, by name."""
     if isinstance(piece, Solid):
         (vertices, faces), opacity = piece.mesh, None if piece.rgba[3] >= 1.0 else piece.rgba[3]
         looks: Any = {"color": rgb(piece.rgba), "opacity": opacity, "scale": piece.scale, "side": "double"}
@@ -91,6 +91,7 @@ def _properties(piece: Any) -> Dict[str, Any]:
 
 
 def _is_alike(node: Any, piece: Piece) -> bool:
+    """Return whether a node can be changed to this piece."""
     return type(piece) in _KINDS and isinstance(node, _KINDS[type(piece)][1]) and _is_visible(piece)
 
 
@@ -121,9 +122,9 @@ def rgb(rgba: Rgba) -> Tuple[int, int, int]:
 
 def dashes(start: Vector3, end: Vector3) -> np.ndarray:
     """Return segments (N, 2, 3) of a dashed line [m], which stay in place while only its end moves."""
-    way = np.array(end) - np.array(start)
-    length = float(np.linalg.norm(way))
+    line = np.array(end) - np.array(start)
+    length = float(np.linalg.norm(line))
     count = int(min(length, MAX_DASHES) / DASH + 1.0) // 2
-    marks = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
-    segments: np.ndarray = (np.array(start) + marks * way / max(length, DASH)).astype(np.float32)
+    distances = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)  # [m] begin and end of each dash
+    segments: np.ndarray = (np.array(start) + distances * line / max(length, DASH)).astype(np.float32)
     return segments

@@ -149,6 +149,11 @@ class DriveTab:
         return self._state, level, sentence if level > 0 else ""
 
     def _start_stop(self, starts: bool) -> str:
+        """Start or stop the controller by its service, and return the service's sentence.
+
+        Raises:
+            HuskyError: the emergency stop is on, or the service fails.
+        """
         if starts and self._teleop.is_locked:
             raise HuskyError("the emergency stop is on; release it first")
         name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
@@ -158,6 +163,7 @@ class DriveTab:
         return sentence
 
     def _on_simulation(self, event: Any) -> None:
+        """Call the simulator's service of the pressed button."""
         name, timeout, *request = SERVICES[event.target.value]
         service = f"{self._simulator}/{name}"
 
@@ -179,5 +185,5 @@ def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str
         f"{escape(name)}: {escape(text)}</div>"
         for name, level, text in lights
     )
-    none = '<div><span class="husky-light"></span>no diagnostics</div>'
-    return f'<div class="husky-block">{lamps or none}<dl class="husky-status">{table}</dl></div>'
+    no_lamps = '<div><span class="husky-light"></span>no diagnostics</div>'
+    return f'<div class="husky-block">{lamps or no_lamps}<dl class="husky-status">{table}</dl></div>'

@@ -30,36 +30,41 @@ class Command(NamedTuple):
         return self.name != INPUTS[-1]
 
     def counts(self, time: Optional[float], now: float) -> bool:
-        """Return whether the robot still obeys it, at `time` and `now` as above."""
+        """Return whether the robot still obeys it, at `time` and `now` as above.
+
+        Simulated time decides, as in twist_mux. If it is unknown, wall time decides.
+        """
         if time is not None and self.time is not None and 0.0 <= time - self.time <= TIMEOUT:
             return True
-        return now - self.now < (TIMEOUT if time is None else MIN_WALL_TIME)
+        wall_limit = TIMEOUT if time is None else MIN_WALL_TIME
+        return now - self.now < wall_limit
 
 
 class Drivers:
     """The last command of each sender."""
 
     def __init__(self) -> None:
-        self._last: Dict[Tuple[str, str], Command] = {}  # last command by input and sender
+        self._last_commands: Dict[Tuple[str, str], Command] = {}  # key: input and sender; newest last
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:
         """Take in commands by input, which came at `time` and `now`, see `Command`."""
         for name, msg in received:
             sender = msg._connection_header["callerid"]
-            self._last.pop((name, sender), None)
+            self._last_commands.pop((name, sender), None)
             if msg.linear.x != 0.0 or msg.angular.z != 0.0:
-                self._last[name, sender] = Command(name, sender, time, now)
-        while len(self._last) > MAX_SENDERS:
-            self._last.pop(next(iter(self._last)))
+                self._last_commands[name, sender] = Command(name, sender, time, now)
+        while len(self._last_commands) > MAX_SENDERS:
+            self._last_commands.pop(next(iter(self._last_commands)))
 
     def command(self, time: Optional[float], now: float) -> Optional[Command]:
         """Return the newest command of the strongest input that counts at `time` and `now`, if any."""
-        living = [command for command in self._last.values() if command.counts(time, now)]
-        return min(reversed(living), key=lambda command: INPUTS.index(command.name), default=None)
+        obeyed = [command for command in self._last_commands.values() if command.counts(time, now)]
+        # `min` returns the first one of equals, so the newest command comes first
+        return min(reversed(obeyed), key=lambda command: INPUTS.index(command.name), default=None)
 
     def forget(self) -> None:
         """Drop all commands."""
-        self._last.clear()
+        self._last_commands.clear()
 
 
 def short_name(node: str) -> str:

@@ -64,10 +64,14 @@ class Frames:
 
 
 def _nearest(poses: Deque[Tuple[float, Pose]], stamp: Optional[float]) -> Pose:
-    nearest = poses[-1]
+    """Return the pose with the stamp nearest to `stamp` [s], or the latest pose if `stamp` is None.
+
+    `poses` has stamps [s] and poses, the oldest first.
+    """
+    nearest_stamp, nearest = poses[-1]
     if stamp is not None:
-        for item in reversed(poses):  # the drawn moment is among the newest
-            if abs(item[0] - stamp) > abs(nearest[0] - stamp):
+        for pose_stamp, pose in reversed(poses):  # the drawn moment is among the newest
+            if abs(pose_stamp - stamp) > abs(nearest_stamp - stamp):
                 break
-            nearest = item
-    return nearest[1]
+            nearest_stamp, nearest = pose_stamp, pose
+    return nearest

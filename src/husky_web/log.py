@@ -77,8 +77,9 @@ class LogBuffer:
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
         """Put the last EARLIER lines of a file before the lines of messages, each line once."""
-        known = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
-        earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in known]
+        # the file has stamps with six digits
+        received = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
+        earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in received]
         earlier = earlier[-EARLIER:]
         self._lines.extendleft(reversed(earlier[: CAPACITY - len(self._lines)]))
         self.count += len(earlier)
@@ -90,15 +91,16 @@ class LogBuffer:
         searched.
         """
         counts: Counter[Any] = Counter()
-        passing: Dict[Any, Line] = {}
+        newest_lines: Dict[Any, Line] = {}  # newest line of each row
         for number, line in enumerate(reversed(list(self._lines))):
             if condition.passes(line):
-                key = number if condition.text else (line.level, line.node, _NUMBER.sub("#", line.text))
-                passing.setdefault(key, line)
-                counts[key] += 1
-        rows = [Counted(line, counts[key]) for key, line in passing.items()][:SHOWN]
-        letters = accumulate(len(row.line.text) for row in rows)
-        return [row for row, total in zip(rows, letters) if total <= SHOWN_LETTERS]
+                without_numbers = (line.level, line.node, _NUMBER.sub("#", line.text))
+                row = number if condition.text else without_numbers
+                newest_lines.setdefault(row, line)
+                counts[row] += 1
+        rows = [Counted(line, counts[row]) for row, line in newest_lines.items()][:SHOWN]
+        total_letters = accumulate(len(row.line.text) for row in rows)
+        return [row for row, total in zip(rows, total_letters) if total <= SHOWN_LETTERS]
 
 
 def lines_of_rosout(text: str) -> List[Line]:
@@ -115,6 +117,7 @@ def lines_of_rosout(text: str) -> List[Line]:
 
 
 def _cut(text: str) -> str:
+    """Return the text of a line, with MAX_LETTERS at most."""
     text = shorten(text)
     return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ..."
 

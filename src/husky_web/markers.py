@@ -53,8 +53,9 @@ def primitives(marker: Marker) -> List[Piece]:
     if kind == Marker.POINTS and len(points):
         return [Points(points, _bytes(colors[:, :3]), max(size[0], size[1]))]
     if kind == Marker.TRIANGLE_LIST:
-        whole = 3 * (len(points) // 3)
+        whole = 3 * (len(points) // 3)  # points of complete triangles
         corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
+        # a triangle has the colour of its first corner
         return _by_color(corners, colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group)))
     if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
         unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
@@ -190,6 +191,10 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
 
 
 def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> List[Piece]:
+    """Return the lines of a LINE_LIST, which join pairs of points, or of a LINE_STRIP, which join all points.
+
+    `points` is (N, 3) [m], `colors` is (N, 4) from 0 to 1, and `width` is in m.
+    """
     starts = np.arange(0, max(len(points) - 1, 0), 2 if kind == Marker.LINE_LIST else 1)
     if not len(starts):
         return []
@@ -198,12 +203,18 @@ def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> L
 
 
 def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
-    """Return solids of the parts, one for each colour."""
-    groups: Dict[Rgba, List[Any]] = {}
+    """Return one solid for each colour, because a browser draws few large meshes faster than many small ones.
+
+    Args:
+        parts: parts of the solids, such as the positions of spheres.
+        colors: colour of each part, (N, 4) from 0 to 1.
+        make: function that returns the mesh of a list of parts.
+    """
+    parts_by_color: Dict[Rgba, List[Any]] = {}
     for part, color in zip(parts, colors):
         r, g, b, a = (float(value) for value in color)
-        groups.setdefault((r, g, b, a), []).append(part)
-    return [Solid(make(group), rgba) for rgba, group in groups.items()]
+        parts_by_color.setdefault((r, g, b, a), []).append(part)
+    return [Solid(make(members), rgba) for rgba, members in parts_by_color.items()]
 
 
 def _colors(marker: Marker, count: int) -> np.ndarray:
@@ -218,5 +229,6 @@ def _rgba(color: Any) -> Rgba:
 
 
 def _bytes(colors: np.ndarray) -> np.ndarray:
+    """Return colours from 0 to 1 as bytes, of the same shape."""
     clipped: np.ndarray = (np.clip(np.nan_to_num(colors), 0.0, 1.0) * 255.0).round().astype(np.uint8)
     return clipped

@@ -131,7 +131,10 @@ class Drag:
         self._is_level = True
 
     def on_event(self, event: Any) -> None:
-        """Follow the mouse to the intersection of its ray with a plane through the grasp."""
+        """Follow the mouse to the intersection of its ray with a plane through the grasped point.
+
+        The plane is level. If the camera looks at it from a flat angle, the plane is upright instead.
+        """
         eye = [float(value) for value in event.client.camera.position]
         if event.phase == "start" or self._grasp is None:
             self._grasp = tuple(float(value) for value in event.start_position)
@@ -152,25 +155,33 @@ class Drag:
 
 def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:
     """Return the intersection of a ray with the plane at height `z` [m]; None if behind or too far."""
-    return _meeting(origin, direction, (0.0, 0.0, z), (0.0, 0.0, 1.0))
+    return _intersection(origin, direction, (0.0, 0.0, z), (0.0, 0.0, 1.0))
 
 
 def point_before(
     origin: Sequence[float], direction: Sequence[float], point: Sequence[float]
 ) -> Optional[Vector3]:
     """Return the intersection of a ray with the upright plane through a point [m] that faces its origin."""
-    return _meeting(origin, direction, point, (point[0] - origin[0], point[1] - origin[1], 0.0))
+    return _intersection(origin, direction, point, (point[0] - origin[0], point[1] - origin[1], 0.0))
 
 
-def _meeting(
+def _intersection(
     origin: Sequence[float], direction: Sequence[float], point: Sequence[float], normal: Sequence[float]
 ) -> Optional[Vector3]:
-    """Return the intersection of a ray with the plane through a point; None behind the origin, or too far."""
-    along = sum(a * b for a, b in zip(direction, normal))
-    if abs(along) < 1e-9:
+    """Return the intersection [m] of a ray with a plane; None if it is behind the origin or too far.
+
+    Args:
+        origin: origin of the ray [m].
+        direction: direction of the ray, of any length.
+        point: point on the plane [m].
+        normal: normal of the plane, of any length.
+    """
+    direction_along_normal = sum(a * b for a, b in zip(direction, normal))
+    if abs(direction_along_normal) < 1e-9:  # the ray is parallel to the plane
         return None
-    share = sum((p - o) * n for p, o, n in zip(point, origin, normal)) / along
-    if not 0.0 < share * hypot(*direction) < FARTHEST:
+    distance_along_normal = sum((p - o) * n for p, o, n in zip(point, origin, normal))
+    lengths = distance_along_normal / direction_along_normal  # distance in lengths of the direction
+    if not 0.0 < lengths * hypot(*direction) < FARTHEST:
         return None
-    x, y, z = (o + share * d for o, d in zip(origin, direction))
+    x, y, z = (o + lengths * d for o, d in zip(origin, direction))
     return (x, y, z)

@@ -8,7 +8,7 @@ import gc
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional
+from typing import Any, Dict, List, Optional, Tuple
 
 import rosgraph
 import rospkg
@@ -105,6 +105,7 @@ class WebNode:
         (print if has_token else rospy.loginfo)(f"open this page in a browser: {address}")
 
     def _build(self, config: WebConfig) -> None:
+        """Make the scene and the fields of the page, and connect their callbacks."""
         server = self._server
         theme(server.gui, False)
         server.initial_camera.fov = FIELD_OF_VIEW
@@ -143,7 +144,10 @@ class WebNode:
             self._recorder = Recorder(server, self._actions)
 
     def run(self) -> None:
-        """Work until the node is shut down."""
+        """Draw for the open pages until the node is shut down; without a page, only wait for one.
+
+        The view is drawn `rate` times per second. Numbers, curves and the network have longer periods.
+        """
         period = 1.0 / self._config.rate
         readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
@@ -196,17 +200,10 @@ class WebNode:
             give_memory_back()
 
     def _follow_network(self) -> None:
-        was_lost = self._registration.is_lost
-        is_known = self._registration.look()
-        published = None if is_known is None else self._ask("getPublishedTopics", "")
+        """Subscribe to the topics that the network has now, and read the robot and the world from it."""
+        published = self._published_topics()
         if published is None:
-            self._is_master_gone = self._was_master_silent = True
-            rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return
-        is_lost = self._registration.is_lost
-        if self._was_master_silent or (is_lost and not was_lost):
-            self._topics.close()  # a restarted master does not have the subscriptions
-        self._is_master_gone, self._was_master_silent = is_lost, False
         if not self._topics.is_open:
             self._topics.open()
         self._topics.follow(published)
@@ -228,12 +225,31 @@ class WebNode:
             self._recorder.robot_name = self._scene.robot_name
             self._mouse.bind_robot()
 
+    def _published_topics(self) -> Optional[List[Tuple[str, str]]]:
+        """Ask the master for all published topics, as (name, type); None if it does not answer.
+
+        If the master has restarted, the subscriptions are closed, because the new master does not have them.
+        """
+        was_lost = self._registration.is_lost
+        is_known = self._registration.look()
+        published = None if is_known is None else self._ask("getPublishedTopics", "")
+        if published is None:
+            self._is_master_gone = self._was_master_silent = True
+            rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
+            return None
+        is_lost = self._registration.is_lost
+        if self._was_master_silent or (is_lost and not was_lost):
+            self._topics.close()
+        self._is_master_gone, self._was_master_silent = is_lost, False
+        return [(name, kind) for name, kind in published]
+
     def _ask(self, method: str, *arguments: Any) -> Any:
         """Call a method of the master, and return its value, or None if it fails in a short time."""
         uri, name = rosgraph.get_master_uri(), rospy.get_name()
         return ask(uri, method, name, *arguments, deadline=MASTER_DEADLINE)
 
     def _update(self) -> None:
+        """Draw the new messages in the view, move the cameras of the pages, and record the pose."""
         self._scene.update(self._topics)
         self._objects.update(self._topics.take_all("objects"))
         base = self._scene.base
@@ -242,18 +258,25 @@ class WebNode:
         self._recorder.tick(self._numbers.time, base, self._numbers.pillar)
 
     def _update_state(self, now: float) -> None:
-        """Read what came since the last call, then show who drives the robot, and what it does and why."""
+        """Read the new messages, then show who drives the robot, and the robot's activity with its reason.
+
+        `now` is the wall time [s].
+        """
         numbers = self._numbers
         if self._is_paused:
             numbers.expect_silence(now)
         numbers.take(self._topics, self._scene, now)
         self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
-        command = self._drivers.command(numbers.time, now)
         activity, level, fault = self._drive.activity()
         # while the emergency stop is on, it is the reason
         self._reason.update(activity, None if self._teleop.is_locked else numbers.time, self._log.warning)
-        is_other = command is not None and command.sender != self._config.controller
+        is_by_hand, other_driver = self._teleop.is_held, ""
+        obeyed = self._drivers.command(numbers.time, now)
+        if obeyed is not None:
+            is_by_hand = is_by_hand or obeyed.is_by_hand
+            if obeyed.sender != self._config.controller:
+                other_driver = short_name(obeyed.sender)
         self._state_bar.update(
             RobotStatus(
                 is_locked=self._teleop.is_locked,
@@ -262,8 +285,8 @@ class WebNode:
                 is_paused=bool(self._is_paused),
                 is_silent=numbers.is_silent(now),
                 moving=self._moving.text(numbers.time, now),
-                is_by_hand=self._teleop.is_held or (command is not None and command.is_by_hand),
-                driver=short_name(command.sender) if command is not None and is_other else "",
+                is_by_hand=is_by_hand,
+                driver=other_driver,
                 level=level,
                 activity=activity,
                 fault=fault,
@@ -306,6 +329,7 @@ def give_memory_back() -> None:
 
 
 def _topic_names(config: WebConfig) -> Dict[str, str]:
+    """Return the full names of the topics that the page reads, by use."""
     names = {
         "scan": config.scan_topic,
         "cloud": config.cloud_topic,

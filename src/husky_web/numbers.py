@@ -26,7 +26,7 @@ class Numbers:
         self.scans = Curve(1, RATE_WINDOW)  # number of scans
         self.clock = Curve(1, RATE_WINDOW)  # [s] simulated time
         self._heard_at = -inf  # [s] time `now` of the last odometry
-        self._speeds: Dict[str, Tuple[float, float]] = {}
+        self._speeds: Dict[str, Tuple[float, float]] = {}  # [m/s], [rad/s] commanded and measured
         self.time: Optional[float] = None  # [s] simulated time
         self.distance: Optional[float] = None  # [m] remaining distance
         self.speed: Optional[float] = None  # [m/s] measured speed

@@ -119,6 +119,15 @@ class Objects:
         return False
 
     def _send(self, key: Key, shown: Object, pose: Pose, event: int, entry: int) -> None:
+        """Report an event on a marker to its server.
+
+        Args:
+            key: server's topic, and name of the marker.
+            shown: the marker.
+            pose: pose of the marker in its frame.
+            event: type of the event, a constant of InteractiveMarkerFeedback.
+            entry: id of the chosen entry of the menu; 0 if there is none.
+        """
         topic, name = key
         msg = InteractiveMarkerFeedback(
             client_id=rospy.get_name(),
@@ -140,6 +149,7 @@ class Objects:
         return self._feedback[server]
 
     def _insert(self, topic: str, marker: InteractiveMarker) -> None:
+        """Draw an interactive marker of the server with this topic, in place of its earlier drawing."""
         key = (topic, marker.name)
         self._erase(key)
         self._publisher(topic)  # made now, so it is connected before the first drag ends
@@ -152,8 +162,9 @@ class Objects:
             nodes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
         if nodes:
             low, high = bounds(nodes)
-            below = (*((low + high) / 2.0)[:2], low[2] + SHADOW_HEIGHT)
-            contact_shadow(self._scene, f"{path}/shadow", high - low, below)
+            x, y, _ = (low + high) / 2.0
+            center = (x, y, low[2] + SHADOW_HEIGHT)
+            contact_shadow(self._scene, f"{path}/shadow", high - low, center)
         self.shown[key] = Object(
             node,
             frame_of_message(marker),

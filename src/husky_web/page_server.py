@@ -79,15 +79,24 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     with is_behind_gate, contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     server.gate = gate
-    everywhere = host in ("0.0.0.0", "::")
-    visible_host = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
-    suffix = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
-    # other machines do not know a container's host name, but its published port is a port of this machine
-    elsewhere = f" (from another machine: http://{socket.gethostname()}{suffix})" if everywhere else ""
-    return server, f"http://{visible_host}{suffix}{elsewhere}", token is not None
+    port_and_token = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
+    has_all_interfaces = host in ("0.0.0.0", "::")
+    if has_all_interfaces:
+        # other machines do not know a container's host name, but its published port is a port of this machine
+        address = f"http://127.0.0.1{port_and_token}"
+        address += f" (from another machine: http://{socket.gethostname()}{port_and_token})"
+    else:
+        is_ipv6 = ":" in host
+        address = f"http://[{host}]{port_and_token}" if is_ipv6 else f"http://{host}{port_and_token}"
+    return server, address, token is not None
 
 
 def _is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach an address.
+
+    Raises:
+        HuskyError: this machine has no such address.
+    """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -120,6 +129,7 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
 
 
 def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
+    """Return whether a request has the token, in the query of its path or as a cookie."""
     tokens = [*parse_qs(urlsplit(path).query).get("token", [])]
     try:
         cookie = SimpleCookie(headers.get("Cookie", "")).get(COOKIE)
@@ -149,11 +159,8 @@ class Gate:
         """See `refusal` and `serve` for the arguments."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
-        # number of connections of the drive channel (True) and of viser (False)
-        self._open = {
-            True: 0,
-            False: 0,
-        }
+        # number of open connections of the drive channel (True), and of viser (False)
+        self._connections = {True: 0, False: 0}
         self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:
@@ -163,7 +170,7 @@ class Gate:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
             return None  # counted by the handler, because two may come at once
-        if self._open[False] >= MAX_PAGES:
+        if self._connections[False] >= MAX_PAGES:
             return _response(
                 http.HTTPStatus.SERVICE_UNAVAILABLE, TOO_MANY.encode(), "text/plain; charset=utf-8"
             )
@@ -179,15 +186,15 @@ class Gate:
 
         async def handle(connection: Any) -> None:
             is_drive = urlsplit(connection.request.path).path == DRIVE_PATH
-            if self._open[is_drive] >= MAX_PAGES:
+            if self._connections[is_drive] >= MAX_PAGES:
                 await connection.close(CloseCode.TRY_AGAIN_LATER, TOO_MANY)
                 return
-            self._open[is_drive] += 1
+            self._connections[is_drive] += 1
             try:
                 await (self._read_drive_channel if is_drive else handler)(connection)
             finally:
-                self._open[is_drive] -= 1
-                if not any(self._open.values()):
+                self._connections[is_drive] -= 1
+                if not any(self._connections.values()):
                     self._is_empty_again.set()
 
         return handle
@@ -199,6 +206,7 @@ class Gate:
         return has_gone
 
     async def _read_drive_channel(self, connection: Any) -> None:
+        """Pass the messages of a page on until it disconnects."""
         try:
             async for text in connection:
                 message = _parse(text)
@@ -212,6 +220,7 @@ class Gate:
 
 
 def _parse(text: Any) -> Optional[Message]:
+    """Return a message of the drive channel; None if it is too long or not a JSON object."""
     if len(text) > MAX_MESSAGE:
         return None
     try:

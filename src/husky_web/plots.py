@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from html import escape
-from math import ceil, floor, log10
+from math import ceil, floor, isnan, log10
 from typing import Any, Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -18,6 +18,7 @@ WINDOW = 30.0  # [s] time that a chart shows
 RESOLUTION = 0.4  # [s] between two points of a curve, because more are not visible but sent each time
 # size of a chart in px in a window of 1280 px, and the space for labels at its sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
+PLOT_RIGHT, PLOT_BOTTOM = WIDTH - RIGHT, HEIGHT - BOTTOM  # [px] right and lower edge of the curves
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
 SLACK = 0.02  # fraction of a step that a curve may go past the last tick: 1.003 m/s needs no tick at 1.5
 LARGEST = 1e9  # largest value that is drawn
@@ -95,84 +96,119 @@ class Plots:
         self._element.content = f'<div class="husky-charts">{"".join(charts)}</div>'
 
 
+class _Axes(NamedTuple):
+    """Axes of a chart; they convert times [s] and values to positions in its picture [px], also in arrays."""
+
+    end: float  # [s] time at the right edge
+    low: float  # value at the lower edge
+    high: float  # value at the upper edge
+
+    def x(self, time: Any) -> Any:
+        """Return the distance of a time from the left edge of the picture."""
+        return LEFT + (PLOT_RIGHT - LEFT) * (1.0 + (time - self.end) / WINDOW)
+
+    def y(self, value: Any) -> Any:
+        """Return the distance of a value from the upper edge of the picture."""
+        return TOP + (PLOT_BOTTOM - TOP) * (self.high - value) / (self.high - self.low)
+
+
 def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark] = ()) -> str:
-    """Return HTML of a chart of series over time; NaN and values from LARGEST on are gaps."""
+    """Return HTML of a chart of series over time; NaN and values from LARGEST on are gaps.
+
+    Args:
+        chart: kind of the chart.
+        arrays: times [s], and the values of each series, all (N,).
+        marks: changes of parameters.
+    """
     times, series = arrays[0], [np.where(np.abs(each) < LARGEST, each, np.nan) for each in arrays[1:]]
-    end = float(times[-1]) if len(times) else 0.0
-    values = np.concatenate([chart.least, *series])
-    finite = values[np.isfinite(values)]
+    all_values = np.concatenate([chart.least, *series])
+    finite = all_values[np.isfinite(all_values)]
     ticks = nice_ticks(float(finite.min()), float(finite.max()))
-    low, high = ticks[0], ticks[-1]
-    right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
-
-    def x_of(time: Any) -> Any:
-        return LEFT + (right - LEFT) * (1.0 + (time - end) / WINDOW)
-
-    def y_of(value: Any) -> Any:
-        return TOP + (bottom - TOP) * (high - value) / (high - low)
-
-    parts = [
-        f'<path class="{"grid" if tick else "zero"}" d="M{LEFT:.0f},{y_of(tick):.1f}H{right:.0f}"/>'
-        f'<text x="{LEFT - 4.0:.0f}" y="{y_of(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
-        for tick in ticks
-    ]
-    if chart.zero:
-        parts.append(
-            f'<text class="stop" x="{right - 3.0:.0f}" y="{y_of(0.0) - 3.0:.1f}" text-anchor="end">'
-            f"{chart.zero}</text>"
-        )
-    for age, name, anchor in TIME_TICKS:
-        x = x_of(end - age)
-        parts.append(
-            f'<path class="grid" d="M{x:.1f},{TOP:.0f}V{bottom:.0f}"/>'
-            f'<text x="{x:.1f}" y="{HEIGHT - 5.0:.0f}" text-anchor="{anchor}">{name}</text>'
-        )
-    for stamp, text in marks:
-        if 0.0 <= end - stamp < WINDOW:
-            x = x_of(stamp)
-            anchor = "start" if x < WIDTH / 2.0 else "end"
-            shift = 3.0 if anchor == "start" else -3.0
-            parts.append(
-                f'<path class="mark" d="M{x:.1f},{TOP:.0f}V{bottom:.0f}"/>'
-                f'<text class="mark" x="{x + shift:.1f}" y="{TOP + 9.0:.0f}" text-anchor="{anchor}">'
-                f"{escape(text)}</text>"
-            )
+    axes = _Axes(float(times[-1]) if len(times) else 0.0, ticks[0], ticks[-1])
+    parts = [*_grid(chart, axes, ticks), *_mark_lines(axes, marks)]
     for name, values in zip(chart.series, series):
-        parts.append(f'<path class="curve {name}" d="{_path(times, values, x_of, y_of)}"/>')
+        parts.append(f'<path class="curve {name}" d="{_path(times, values, axes)}"/>')
     newest = [fixed(values[-1] if len(values) else None, 2) for values in series]
     key = "".join(
         f'<span><i class="{name}"></i>{name if len(series) > 1 else ""} {value}</span>'
         for name, value in zip(chart.series, newest)
     )
     spoken = ", ".join(f"{name} {value}" for name, value in zip(chart.series, newest))
+    plot_area = f"{LEFT},{PLOT_RIGHT},{TOP},{PLOT_BOTTOM},{axes.low},{axes.high},{WINDOW}"  # page.js reads it
     return (
         f'<div class="husky-block husky-chart"><div><b>{chart.title}</b> [{chart.unit}]{key}</div>'
         f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img" aria-label="{chart.title}: {spoken}"'
-        f' data-plot="{LEFT},{right},{TOP},{bottom},{low},{high},{WINDOW}">'
+        f' data-plot="{plot_area}">'
         f"{''.join(parts)}</svg></div>"
     )
 
 
+def _grid(chart: Chart, axes: _Axes, ticks: Sequence[float]) -> List[str]:
+    """Return SVG of the horizontal lines at some values, the vertical lines at some times, and the labels."""
+    parts = [
+        f'<path class="{"grid" if tick else "zero"}" d="M{LEFT:.0f},{axes.y(tick):.1f}H{PLOT_RIGHT:.0f}"/>'
+        f'<text x="{LEFT - 4.0:.0f}" y="{axes.y(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
+        for tick in ticks
+    ]
+    if chart.zero:
+        parts.append(
+            f'<text class="stop" x="{PLOT_RIGHT - 3.0:.0f}" y="{axes.y(0.0) - 3.0:.1f}" text-anchor="end">'
+            f"{chart.zero}</text>"
+        )
+    for age, name, anchor in TIME_TICKS:
+        x = axes.x(axes.end - age)
+        parts.append(
+            f'<path class="grid" d="M{x:.1f},{TOP:.0f}V{PLOT_BOTTOM:.0f}"/>'
+            f'<text x="{x:.1f}" y="{HEIGHT - 5.0:.0f}" text-anchor="{anchor}">{name}</text>'
+        )
+    return parts
+
+
+def _mark_lines(axes: _Axes, marks: Sequence[Mark]) -> List[str]:
+    """Return SVG of a vertical line with a text for each change of a parameter that is in the window."""
+    parts = []
+    for stamp, text in marks:
+        if 0.0 <= axes.end - stamp < WINDOW:
+            x = axes.x(stamp)
+            # the text is on the side of the line with more space
+            anchor, shift = ("start", 3.0) if x < WIDTH / 2.0 else ("end", -3.0)
+            parts.append(
+                f'<path class="mark" d="M{x:.1f},{TOP:.0f}V{PLOT_BOTTOM:.0f}"/>'
+                f'<text class="mark" x="{x + shift:.1f}" y="{TOP + 9.0:.0f}" text-anchor="{anchor}">'
+                f"{escape(text)}</text>"
+            )
+    return parts
+
+
 def nice_ticks(low: float, high: float) -> List[float]:
     """Return three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
-    raw = (high - low) / 3.0
-    power = 10.0 ** floor(log10(raw))
-    step = next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= raw * (1.0 - 1e-9))
+    least_step = (high - low) / 3.0
+    power = 10.0 ** floor(log10(least_step))
+    steps = [power * factor for factor in (1.0, 2.0, 5.0, 10.0)]
+    step = next(step for step in steps if step >= least_step * (1.0 - 1e-9))
     first, last = floor(low / step + SLACK), ceil(high / step - SLACK)
     return [round(step * number, 9) for number in range(first, last + 1)]
 
 
-def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
+def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
+    """Return a curve as the data of an SVG path, with one point for each RESOLUTION and the newest one.
+
+    Args:
+        times: times (N,) [s].
+        values: values (N,); NaN is a gap in the curve.
+        axes: axes of the chart.
+    """
     if len(times) < 3:
         return ""
     bins = np.floor(times / RESOLUTION)
     rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
     steps: List[str] = []
-    pen = "M"
-    for x, y in zip(x_of(times[rows]).tolist(), y_of(values[rows]).tolist()):
-        if y == y:
-            steps.append(f"{pen}{x:.1f},{y:.1f}")
-        pen = "L" if y == y else "M"
+    command = "M"  # SVG's move to a point without a line; "L" draws a line to it
+    for x, y in zip(axes.x(times[rows]).tolist(), axes.y(values[rows]).tolist()):
+        is_gap = isnan(y)
+        if not is_gap:
+            steps.append(f"{command}{x:.1f},{y:.1f}")
+        command = "M" if is_gap else "L"
     return "".join(steps)
 
 

@@ -83,6 +83,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]
     is_known = np.isfinite(pillars).all(axis=1)
     if is_known.any():
+        # the controller finds the pillar only later, but it is shown from the start
         pillars[~is_known] = pillars[is_known][0]
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(

@@ -53,8 +53,12 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
 
 
 def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, Pose]:
+    """Return the frame with which a link moves, see `rigid_groups`, and the pose of the link in this frame.
+
+    `joint_above` has the joint to its parent for each link except the root.
+    """
     pose = IDENTITY
-    for _ in joint_above:
+    for _ in joint_above:  # a chain has no more joints, so a circle of joints ends, too
         joint = joint_above.get(link)
         if joint is None or joint.get("type") != "fixed":
             break
@@ -66,6 +70,16 @@ def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, P
 def _shape(
     visual: Element, colors: Dict[str, Optional[Rgba]], where: str
 ) -> Optional[Union[Solid, MeshFile]]:
+    """Return the shape of a <visual>; None if it has no geometry.
+
+    Args:
+        visual: element of the URDF.
+        colors: colours of the robot's named materials.
+        where: name of the link for an error.
+
+    Raises:
+        DescriptionError: the element cannot be read.
+    """
     shape_and_sizes, rgba = shape_of(visual, where), _material(visual, colors)
     if shape_and_sizes is None:
         return None
@@ -76,9 +90,10 @@ def _shape(
     if shape.tag == "box":
         x, y, z = sizes
         return Solid(shapes.cube(), rgba or PLAIN, (x, y, z))
-    width, height = 2.0 * sizes[0], sizes[1] if shape.tag == "cylinder" else 2.0 * sizes[0]
-    mesh = shapes.cylinder() if shape.tag == "cylinder" else shapes.sphere()
-    return Solid(mesh, rgba or PLAIN, (width, width, height))
+    diameter = 2.0 * sizes[0]
+    if shape.tag == "cylinder":
+        return Solid(shapes.cylinder(), rgba or PLAIN, (diameter, diameter, sizes[1]))
+    return Solid(shapes.sphere(), rgba or PLAIN, (diameter, diameter, diameter))
 
 
 def _material(visual: Element, colors: Dict[str, Optional[Rgba]]) -> Optional[Rgba]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from math import dist
+from math import ceil, dist
 from typing import Any, Dict, List, Optional, Tuple, Union
 from urllib.parse import quote
 
@@ -93,13 +93,13 @@ class Scene:
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s]
         self.moment: Optional[float] = None  # [s] stamp of the drawn scan; None for the newest poses
-        self._robot: Dict[str, Any] = {}
+        self._robot: Dict[str, Any] = {}  # node of each frame of the robot
         self.robot_name = ""
         self._shadow: Any = None
         self.robot_shapes: List[Any] = []  # nodes that the mouse can grasp
         self._drawn: Dict[Key, DrawnMarker] = {}
-        self._axes: Dict[str, Any] = {}
-        self._trail: List[Tuple[float, float, float]] = []
+        self._axes: Dict[str, Any] = {}  # node of each TF frame
+        self._trail: List[Tuple[float, float, float]] = []  # [m] points in the fixed frame, the oldest first
         self._backdrop = Backdrop(self._scene)
         empty = np.zeros((0, 3), np.float32)
         exact: Any = {"point_shape": "circle", "precision": "float32"}
@@ -111,9 +111,9 @@ class Scene:
         self._trail_line = self._add_lines("/trail", np.zeros((0, 2, 3), np.uint8), thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
         self._looks_due = 0.0  # [s]
-        footprint = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
+        box = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
-        add_pieces(self._scene, "/ghost", [footprint], Pose())
+        add_pieces(self._scene, "/ghost", [box], Pose())
 
     def _add_lines(self, name: str, color: Union[Tuple[int, int, int], np.ndarray], **looks: Any) -> Any:
         return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
@@ -154,7 +154,10 @@ class Scene:
         return 0.0 if pose is None else pose.position[2]
 
     def update(self, topics: Topics) -> None:
-        """Draw the new messages."""
+        """Draw the new messages.
+
+        The robot has its pose at the moment of the drawn scan, so the scan's points are on the walls.
+        """
         for _, transforms in topics.take_all("tf"):
             for msg in transforms.transforms:
                 if not is_pose(msg.transform):
@@ -197,13 +200,14 @@ class Scene:
             drawing.node.remove()
         self._drawn.clear()
 
-    def _show(self, node: Any, pose: Optional[Pose], is_on: bool = True) -> None:
-        is_visible = is_on and pose is not None
-        if pose is not None and is_visible:
+    def _show(self, node: Any, pose: Optional[Pose]) -> None:
+        """Show a node at a pose in its parent, or hide it if the pose is None."""
+        if pose is not None:
             place(node, pose)
-        node.visible = is_visible
+        node.visible = pose is not None
 
     def _update_scan(self, msg: Optional[Any]) -> None:
+        """Draw the points and some of the beams of a new scan; None if there is no new one."""
         self._scan.visible, self._rays.visible = self.layers["scan"], self.layers["rays"]
         if msg is None:
             return
@@ -212,13 +216,14 @@ class Scene:
         pose = self.frames.pose(scan.frame, self.fixed_frame, scan.stamp)
         if pose is not None and (self.layers["scan"] or self.layers["rays"]):
             points = transform_points(pose, points_from_scan(scan)).astype(np.float32)
-            points = points[:: -(-len(points) // MAX_POINTS) or 1]
-            hits = points[:: -(-len(points) // RAYS) or 1]
+            points = _thinned(points, MAX_POINTS)
+            hits = _thinned(points, RAYS)
             self._scan.points = points
             lidar = np.array(pose.position, np.float32)
             self._rays.points = np.stack([np.broadcast_to(lidar, hits.shape), hits], axis=1)
 
     def _update_cloud(self, msg: Optional[Any]) -> None:
+        """Draw the points of a new cloud; None if there is no new one."""
         self._cloud.visible = self.layers["depth"]
         if msg is None or not self.layers["depth"]:
             return
@@ -227,26 +232,31 @@ class Scene:
             self._cloud.points = transform_points(pose, points_from_msg(msg)).astype(np.float32)
 
     def _update_trail(self) -> None:
+        """Add the robot's position to the trail, if it is TRAIL_STEP from the last point."""
         self._trail_line.visible = self.layers["trail"]
         base = self.base
         if base is None:
             return
         x, y, _ = base.position
         point = (x, y, self.ground + LINE_HEIGHT)
-        if self._trail and dist(self._trail[-1], point) < TRAIL_STEP:
-            return
-        if self._trail and dist(self._trail[-1], point) > TRAIL_JUMP:
-            self._trail.clear()
+        if self._trail:
+            step = dist(self._trail[-1], point)
+            if step < TRAIL_STEP:
+                return
+            if step > TRAIL_JUMP:
+                self._trail.clear()
         self._draw_trail([*self._trail[-TRAIL_POINTS:], point])
 
     def _begin_trail(self, path: Marker) -> None:
         """Begin the trail with the controller's path, which the robot drove before a page was open."""
         frame, points = self.frames.pose(frame_of_message(path), self.fixed_frame), points_of(path)
-        if len(self._trail) < 2 <= len(points) and frame is not None and np.isfinite(points).all():
+        has_path = len(points) >= 2 and np.isfinite(points).all()
+        if len(self._trail) < 2 and has_path and frame is not None:
             height = self.ground + LINE_HEIGHT
             self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
 
     def _draw_trail(self, trail: List[Tuple[float, float, float]]) -> None:
+        """Replace the trail by these points [m] in the fixed frame, the oldest first, and draw it."""
         self._trail = trail
         line = np.array(trail, np.float32)
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
@@ -255,17 +265,23 @@ class Scene:
 
     def _update_plan(self) -> None:
         """Draw dashes from the controller's stop point to the robot."""
-        base, target, shown = self.base, None, self.markers.shown if self.layers["plan"] else {}
-        for (topic, namespace, _), marker in shown.items():
+        base, stop_point = self.base, None
+        for (topic, namespace, _), marker in self.markers.shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
                 frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
-                target = None if frame is None else compose(frame, pose_of(marker) or Pose())
+                stop_point = None if frame is None else compose(frame, pose_of(marker) or Pose()).position
+        if not self.layers["plan"] or base is None or stop_point is None:
+            self._plan_line.points = np.zeros((0, 2, 3), np.float32)
+            return
         height = self.ground + LINE_HEIGHT
-        ends = [] if base is None or target is None else [target.position, base.position]
-        plan = dashes(*((x, y, height) for x, y, _ in ends)) if ends else np.zeros((0, 2, 3), np.float32)
-        self._plan_line.points = plan
+        start, end = ((x, y, height) for x, y, _ in (stop_point, base.position))
+        self._plan_line.points = dashes(start, end)
 
     def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
+        """Take in new markers, move the shown ones, and change their looks if these are due.
+
+        `now` [s] is the wall time, by which the lifetime of a marker ends.
+        """
         for topic, msg in topics.take_all("markers"):
             with left_out(topic):
                 for marker in markers_of(msg):
@@ -287,6 +303,7 @@ class Scene:
                     self._draw_marker(self._drawn[key], marker)
 
     def _place_marker(self, key: Key, marker: Marker) -> None:
+        """Move a marker's node to its pose in the fixed frame; a new marker gets a node first."""
         drawing = self._drawn.get(key)
         if drawing is None:
             topic, namespace, number = key
@@ -305,10 +322,11 @@ class Scene:
         """Draw it again if it looks different."""
         if drawing.drawn is marker:
             return
-        drawing.drawn, last_appearance = marker, drawing.appearance
-        drawing.appearance = appearance(marker)
-        if drawing.appearance == last_appearance:
+        drawing.drawn = marker
+        new_appearance = appearance(marker)
+        if drawing.appearance == new_appearance:
             return
+        drawing.appearance = new_appearance
         pieces = primitives(marker)
         if not redraw(drawing.parts, pieces):
             for part in drawing.parts:
@@ -316,6 +334,7 @@ class Scene:
             drawing.parts = add_pieces(self._scene, drawing.node.name, pieces, Pose())
 
     def _update_axes(self) -> None:
+        """Show the axes and names of all TF frames if their layer is on."""
         names = self.frames.names[:MAX_AXES] if self.layers["frames"] else []
         for name in set(self._axes) - set(names):
             self._axes.pop(name).remove()
@@ -326,6 +345,12 @@ class Scene:
                 self._scene.add_label(f"{path}/name", name, **_NAME_LABEL)
                 self._axes[name] = axes
             self._show(self._axes[name], self.frames.pose(name, self.fixed_frame))
+
+
+def _thinned(points: np.ndarray, count: int) -> np.ndarray:
+    """Return every n-th point of (N, 3), at most `count` points."""
+    step = max(ceil(len(points) / count), 1)
+    return points[::step]
 
 
 def trail_colors(trail: np.ndarray) -> np.ndarray:

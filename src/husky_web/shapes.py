@@ -111,9 +111,11 @@ def sphere() -> Mesh:
 
 def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_diameter: float) -> Mesh:
     """Return an arrow from the origin along x."""
-    shaft, head, length = shaft_diameter / 2.0, head_diameter / 2.0, shaft_length + head_length
-    rim, step, tip = (shaft, 0.0), (head, shaft_length), (0.0, length)
-    along_z = _turned([(0.0, 0.0), rim, rim, (shaft, shaft_length), step, step, tip])
+    shaft_radius, head_radius = shaft_diameter / 2.0, head_diameter / 2.0
+    shaft_rim, head_rim = (shaft_radius, 0.0), (head_radius, shaft_length)
+    tip = (0.0, shaft_length + head_length)
+    profile = [(0.0, 0.0), shaft_rim, shaft_rim, (shaft_radius, shaft_length), head_rim, head_rim, tip]
+    along_z = _turned(profile)
     return Mesh(np.ascontiguousarray(along_z.vertices[:, [2, 0, 1]]), along_z.faces)
 
 
@@ -150,6 +152,15 @@ def solids_of(file: MeshFile) -> List[Solid]:
 
 @lru_cache(maxsize=64)
 def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
+    """Return the parts of a mesh file with their colours; a part with many triangles is simplified.
+
+    Args:
+        uri: file:// or package:// address of the file.
+        cell: largest size of a detail that may be lost, in the file's unit.
+
+    Raises:
+        HuskyError: the file cannot be read, or has no triangles.
+    """
     path = _path(uri)
     try:
         loaded: Any = trimesh.load(path, force="scene", process=False)
@@ -166,13 +177,19 @@ def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
 
 
 def _mesh_of(part: trimesh.Trimesh, cell: float) -> Mesh:
+    """Return the triangles of a part of a mesh file, simplified if there are many; for `cell` see `_read`."""
     if len(part.faces) > MANY:
-        smallest = min(cell, float(part.extents.max()) / CELLS)
-        return triangles(coarser(part.triangles, smallest).reshape(-1, 3))
+        cell = min(cell, float(part.extents.max()) / CELLS)
+        return triangles(coarser(part.triangles, cell).reshape(-1, 3))
     return Mesh(part.vertices.astype(np.float32), part.faces.astype(np.uint32))
 
 
 def _path(uri: str) -> Path:
+    """Return the path of a mesh file.
+
+    Raises:
+        HuskyError: there is no such package, or the address has another scheme.
+    """
     parts = urlsplit(uri)
     if parts.scheme == "package":
         try:
@@ -185,6 +202,7 @@ def _path(uri: str) -> Path:
 
 
 def _color(part: trimesh.Trimesh) -> Rgba:
+    """Return the main colour of a part of a mesh file, 0 to 1; PLAIN if it has none."""
     color: Optional[np.ndarray] = getattr(getattr(part.visual, "material", None), "main_color", None)
     if color is None:
         return PLAIN

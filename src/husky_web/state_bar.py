@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from html import escape
 from math import inf
 from time import monotonic
-from typing import Any, Callable, Iterator, NamedTuple, Optional
+from typing import Any, Callable, Iterator, NamedTuple, Optional, Tuple
 
 import viser
 
@@ -90,13 +90,21 @@ class Moving:
         self._ended_at = monotonic()
 
     def text(self, time: Optional[float], now: float) -> str:
-        """Return the name of the moved object; `time` [s] simulated, None if unknown; `now` [s] wall time."""
-        if self._ended_at is not None:
-            if time is not None and (self._seen_from is None or time < self._seen_from):
+        """Return the name of the moved object; empty if there is none.
+
+        Args:
+            time: simulated time [s]; None if it is unknown.
+            now: wall time [s].
+        """
+        if self._ended_at is None:
+            return self._text
+        simulated_seconds = 0.0  # simulated time since the end of the motion
+        if time is not None:
+            if self._seen_from is None or time < self._seen_from:  # the time is smaller after a restart
                 self._seen_from = time
-            passed = 0.0 if time is None or self._seen_from is None else time - self._seen_from
-            if passed >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
-                self._text, self._ended_at = "", None
+            simulated_seconds = time - self._seen_from
+        if simulated_seconds >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
+            self._text, self._ended_at = "", None
         return self._text
 
 
@@ -139,7 +147,8 @@ class StateBar:
         self._state.content = state_html(status, self._figures)
 
     def _on_next(self, event: Any) -> None:
-        (self.on_again if event.target.value == AGAIN else self.on_elsewhere)(event.client)
+        action = self.on_again if event.target.value == AGAIN else self.on_elsewhere
+        action(event.client)
 
 
 def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
@@ -153,27 +162,34 @@ def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
     )
 
 
+def _summary(status: RobotStatus) -> Tuple[str, str]:
+    """Return the colour of the light, a class of viser.css, and the sentence on the robot's state.
+
+    If several facts hold, a reason that keeps the robot from driving comes first.
+    """
+    doing = PHRASES.get(status.activity, status.activity)
+    facts = (
+        (status.is_master_gone, "error", MASTER_GONE),
+        (status.is_locked and not status.has_listener, "error", UNHEARD),
+        (status.is_locked and status.is_silent and not status.is_paused, "error", UNCERTAIN),
+        (status.is_locked, "error", LOCKED),
+        (status.is_paused, "warn", "PAUSED"),
+        (status.is_silent, "error", "the robot is not responding"),
+        (bool(status.moving), "busy", f"{MOVING}: {status.moving}"),
+        (status.is_by_hand, "busy", BY_HAND),
+        (bool(status.driver), "ok", f"{status.driver} drives the robot"),
+        (bool(status.fault), LEVELS[min(max(status.level, 0), 3)], status.fault),
+        (bool(doing), "" if status.activity == STOPPED else "ok", doing),
+    )
+    for holds, light, sentence in facts:
+        if holds:
+            return light, sentence
+    return "", NO_DRIVER
+
+
 def state_html(status: RobotStatus, figures: Figures) -> str:
     """Return HTML of state and numbers; texts of nodes are escaped."""
-    doing = PHRASES.get(status.activity, status.activity)
-    level, sentence = next(
-        (level, sentence)
-        for applies, level, sentence in (  # reasons that keep the robot from driving come first
-            (status.is_master_gone, "error", MASTER_GONE),
-            (status.is_locked and not status.has_listener, "error", UNHEARD),
-            (status.is_locked and status.is_silent and not status.is_paused, "error", UNCERTAIN),
-            (status.is_locked, "error", LOCKED),
-            (status.is_paused, "warn", "PAUSED"),
-            (status.is_silent, "error", "the robot is not responding"),
-            (bool(status.moving), "busy", f"{MOVING}: {status.moving}"),
-            (status.is_by_hand, "busy", BY_HAND),
-            (bool(status.driver), "ok", f"{status.driver} drives the robot"),
-            (bool(status.fault), LEVELS[min(max(status.level, 0), 3)], status.fault),
-            (bool(doing), "" if status.activity == STOPPED else "ok", doing),
-            (True, "", NO_DRIVER),
-        )
-        if applies
-    )
+    light, sentence = _summary(status)
     to_go = figures.distance
     if to_go is not None:
         to_go = 0.0 if status.activity == ARRIVED else max(0.0, to_go)
@@ -188,7 +204,7 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
     time = "" if figures.time is None else f' data-time="{figures.time:.3f}"'
     reason = f'<div class="husky-reason">{escape(status.reason[:MAX_REASON])}</div>' if status.reason else ""
     return (
-        f'<div class="husky-block husky-state {level}"{time}>'
-        f'<div><span class="husky-light {level}"></span><b>{escape(sentence)}</b></div>'
+        f'<div class="husky-block husky-state {light}"{time}>'
+        f'<div><span class="husky-light {light}"></span><b>{escape(sentence)}</b></div>'
         f'<dl class="husky-figures">{numbers}</dl>{reason}</div>'
     )

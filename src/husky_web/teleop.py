@@ -129,6 +129,7 @@ class Teleop:
         self.is_locked = msg.data
 
     def _run(self) -> None:
+        """Publish the commands of the page that drives, every PERIOD, and sleep while none drives."""
         while not rospy.is_shutdown():
             with self._turn:
                 twist = self._hold.command(time.monotonic())

@@ -100,9 +100,10 @@ class Topics:
         return rospy.Subscriber(topic, kind, push, queue_size=QUEUE, buff_size=2**20, tcp_nodelay=True)
 
     def _push(self, use: str, topic: str, pause: float, msg: Any) -> None:
-        """Keep a message; if it did not arrive during the last pause, sleep `pause` [s] to read in bursts.
+        """Keep a message, and sleep `pause` [s] so that the next messages are read together.
 
-        Otherwise the messages of a run would wake this process 475 times per second.
+        There is no second pause for a message that came during the last one. Without pauses the messages of a
+        run would wake this process 475 times per second.
         """
         self._queues[use].append((topic, msg))
         if use == "scan":

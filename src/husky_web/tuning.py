@@ -64,9 +64,11 @@ class Tuning:
                 server.request({item.name: item.default for item in server.parameters}, event.client)
 
     def _on_upload(self, event: Any) -> None:
+        """Request the values of an uploaded YAML file from their servers."""
         text, client = event.target.value.content, event.client
 
         def load() -> str:
+            """Return a sentence on the requested values."""
             servers = {name: server.parameters for name, server in self._servers.items()}
             try:
                 changes = from_yaml(text.decode(), servers)
@@ -92,9 +94,9 @@ class _Server:
         self.values: Dict[str, Any] = {}
         self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}
-        self._waiting: Dict[str, Any] = {}
+        self._waiting: Dict[str, Any] = {}  # requested values that are not sent yet, by parameter
         self._is_closed = False
-        self._turn = threading.RLock()
+        self._turn = threading.RLock()  # callbacks of ROS and of viser come in several threads
         self._folder = gui.add_folder(name.strip("/"))
         self._subscribers = (
             rospy.Subscriber(name + SUFFIX, ConfigDescription, self._on_description),
@@ -118,6 +120,11 @@ class _Server:
             self._actions.do(self._send, client, self._name)
 
     def _send(self) -> Optional[str]:
+        """Send the waiting values, show the answer, and return a sentence on rejected values, or None.
+
+        Raises:
+            HuskyError: the server does not answer.
+        """
         with self._turn:
             request, self._waiting = self._waiting, {}
         try:
@@ -133,6 +140,7 @@ class _Server:
         return f"rejected by {self._name}: {', '.join(refused)}" if refused else None
 
     def _on_description(self, msg: ConfigDescription) -> None:
+        """Make the fields of the server's parameters; they are made once."""
         with self._turn:
             if self._fields or self._is_closed:
                 return
@@ -149,6 +157,7 @@ class _Server:
             self._show({name: value for name, value in values.items() if name != "groups"})
 
     def _show(self, values: Dict[str, Any]) -> None:
+        """Keep new values of the server and show them, except in fields that wait for their request."""
         with self._turn:
             for name, value in values.items():
                 if self.values.get(name, value) != value:
@@ -161,10 +170,11 @@ class _Server:
                 field.value = shown_value(parameter, self.values[name])
 
     def _field(self, parameter: Parameter) -> Any:
+        """Add a field that fits the kind and the range of a parameter, and return it."""
         gui, label, hint = self._gui, parameter.label, parameter.help
         value = shown_value(parameter, self.values.get(parameter.name, parameter.default))
         low, high, default = parameter.min, parameter.max, parameter.default
-        span = f"{hint} ({low} to {high}, default {default})"
+        hint_with_range = f"{hint} ({low} to {high}, default {default})"
         if parameter.choices:
             names = [name for name, _ in parameter.choices]
             initial = value if value in names else names[0]
@@ -174,10 +184,12 @@ class _Server:
         elif parameter.kind == "str":
             field = gui.add_text(label, value, hint=hint)
         elif parameter.has_slider:
-            inside = min(max(value, low), high)
-            field = gui.add_slider(label, low, high, parameter.step, inside, marks=(default,), hint=span)
+            clamped = min(max(value, low), high)
+            field = gui.add_slider(
+                label, low, high, parameter.step, clamped, marks=(default,), hint=hint_with_range
+            )
         else:
-            field = gui.add_number(label, value, hint=span)
+            field = gui.add_number(label, value, hint=hint_with_range)
         field.on_update(lambda event: self._on_field(parameter, event))
         return field
 

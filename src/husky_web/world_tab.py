@@ -84,26 +84,34 @@ class WorldTab:
         self._actions.do(lambda: self._move_away(point), client, "Move")
 
     def _move_away(self, point: Optional[Vector3]) -> str:
-        poses = self._poses()
-        for name in [name for name in poses if name.split("::")[0] in (GROUND, ROBOT)]:
-            poses.pop(name)
+        """Move the object nearest to a point, see `move_away`, and return the simulator's sentence.
+
+        A random position may be occupied, so the simulator gets MOVE_ATTEMPTS of them.
+
+        Raises:
+            HuskyError: there is no object, or every attempt failed.
+        """
+        poses = {
+            name: pose for name, pose in self._poses().items() if name.split("::")[0] not in (GROUND, ROBOT)
+        }
         if point is None or not poses:
             raise HuskyError("there is no pillar to move")
         name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
         x, y, z = poses[name].position
 
-        def elsewhere() -> Pose:
-            away, angle = uniform(4.0, 8.0), uniform(-pi, pi)
-            return poses[name]._replace(position=(x + away * cos(angle), y + away * sin(angle), z))
+        def random_pose() -> Pose:
+            distance, angle = uniform(4.0, 8.0), uniform(-pi, pi)
+            return poses[name]._replace(position=(x + distance * cos(angle), y + distance * sin(angle), z))
 
         for _ in range(MOVE_ATTEMPTS - 1):
             with suppress(HuskyError):
-                return self._move(name, elsewhere())
-        return self._move(name, elsewhere())  # the last attempt raises its error
+                return self._move(name, random_pose())
+        return self._move(name, random_pose())  # the last attempt raises its error
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
+        """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""
         poses = self._poses()
-        name = next(name for name in map(f"{shape}_{{}}".format, count(1)) if name not in poses)
+        name = next(name for name in (f"{shape}_{number}" for number in count(1)) if name not in poses)
         return call(
             f"{self._simulator}/spawn",
             SpawnObject,
