@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from pkgutil import extend_path
 
-# catkin's devel space has this package's messages in another folder. Whichever package of this repository a
-# program imports first, that folder is found: the devel space itself sees to it only if it is this one
+# In catkin's devel space, the messages of this package are in another folder than its modules. `extend_path`
+# finds the messages also if a program imports another package of this repository first.
 __path__ = extend_path(__path__, __name__)

@@ -265,12 +265,14 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     help_text = _help_text(metadata)
     if kind is Any:
         return value
-    if type(value) is not kind and not (kind is float and type(value) is int):  # YAML reads 1.0 or 1
+    # YAML reads 1 as an int, which is accepted for a float
+    if type(value) is not kind and not (kind is float and type(value) is int):
         type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
         raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
-        if not (abs(value) <= sys.float_info.max and low <= value <= high):  # rejects NaN and 10**400
+        # the comparison rejects NaN and 10**400, too
+        if not (abs(value) <= sys.float_info.max and low <= value <= high):
             raise ConfigError(f"{name} = {value} is out of range {low}..{high}{help_text}")
     if "choices" in metadata and value not in metadata["choices"]:
         raise ConfigError(f"{name} = {value!r} is not one of: {', '.join(metadata['choices'])}")

@@ -42,24 +42,27 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 
-TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0  # [m], [m/s] a robot that moved farther was put elsewhere
+# [m], [m/s] a robot that moved farther than this between two scans was put elsewhere
+TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
 RESUME_ERROR = 0.10  # [m] error of the stop position at which an arrived robot drives again
 ODOM_TIMEOUT = 0.5  # [s] time without a pose in odom after which the odometry counts as lost
 ROOM_SHARE = 0.05  # smallest fraction of beams with a return if walls stand around the robot
-# [m] measured gap at which the robot may touch; from here the robot creeps for TOUCH_CREEP_TIME
+# [m] measured gap at which the robot may already touch the pillar; from this gap on, the robot creeps for
+# TOUCH_CREEP_TIME
 TOUCH_GAP = 0.003
-# [s] time for 8 mm at control.MIN_TOUCH_SPEED, so that the robot touches and hardly pushes
+# [s] time in which the robot creeps 8 mm at control.MIN_TOUCH_SPEED, so that it touches the pillar and hardly
+# pushes it
 TOUCH_CREEP_TIME = 0.2
 
 
 class State(Enum):
     """State of the controller."""
 
-    WAITING = "waiting"  # information is missing, or the search is disabled
+    WAITING = "waiting"  # the robot stands, because information is missing or the search is disabled
     SEARCHING = "searching"
     DRIVING = "driving"
     ARRIVED = "arrived"
-    STOPPED = "stopped"  # stopped by its start/stop service
+    STOPPED = "stopped"  # the service `start_stop` has stopped the controller
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +70,8 @@ class Observation:
     """Scan, and the poses of its stamp."""
 
     scan: Scan
-    laser_in_base: Optional[Pose]  # pose of the lidar; None if it is unknown to TF
-    base_in_odom: Optional[Pose2D]  # pose at the scan's stamp; None if unknown to TF
+    laser_in_base: Optional[Pose]  # pose of the lidar in base_link; None if unknown to TF
+    base_in_odom: Optional[Pose2D]  # pose of base_link in odom at the scan's stamp; None if unknown to TF
     outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # footprint of the robot
     ahead_of_odometry: float = 0.0  # [s] lead of the scan's clock over the clock of `base_in_odom`
 
@@ -85,14 +88,15 @@ class ControllerState(NamedTuple):
 
     state: State = State.WAITING
     track: Track = Track()
-    search: Optional[Search] = None  # progress of the search, if there is one
-    at_pillar: bool = False  # true if the robot has arrived and not left since
+    search: Optional[Search] = None  # progress of the search; None if the robot does not search
+    at_pillar: bool = False  # true if the robot has arrived at the pillar and has not left it since
     close_at: Optional[float] = None  # [s] time since which the robot is close to a pillar that it will touch
     started_at: Optional[float] = None  # [s] stamp of the first scan of this run
-    base_in_odom: Optional[Pose2D] = None  # pose at the last scan; None if unknown to TF
+    base_in_odom: Optional[Pose2D] = None  # pose of base_link in odom at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
-    odom_at: float = inf  # [s] stamp of the last scan with a pose in odom; inf if there was none
-    # true if a scan at this place had many returns, so that a scan without any is a fault
+    # [s] stamp of the last scan whose pose in odom was known; inf if there was no such scan
+    odom_at: float = inf
+    # true if an earlier scan had many returns, so that a scan without returns is a fault of the lidar
     in_room: bool = False
 
     @property
@@ -105,15 +109,18 @@ class ControlOutput(NamedTuple):
     """Velocity command of one scan, with its reason and its basis."""
 
     state: State
-    at_pillar: bool  # true from the arrival until the robot leaves, also while it is stopped
+    # true from the arrival until the robot leaves the pillar, also while the controller is stopped
+    at_pillar: bool
     twist: Twist2D
-    pillar: Optional[Pillar]  # tracked pillar if this scan shows it, in the laser's frame
+    # tracked pillar in the laser's frame; None if this scan does not show the pillar
+    pillar: Optional[Pillar]
     pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom
     estimate: Optional[Estimate]  # remembered pillar in odom
-    target_in_base: Optional[Tuple[float, float]]  # [m] centre of the pillar, seen or otherwise remembered
+    # [m] centre of the pillar in base_link, as this scan shows it or as remembered
+    target_in_base: Optional[Tuple[float, float]]
     distance_error: float  # [m] remaining distance; nan without a target
     bearing_error: float  # [rad] bearing of the target in base_link; nan without a target
-    reason: str  # sentence for the log, which stays the same in the same situation
+    reason: str  # reason of the state, as a sentence for the log that is equal in equal situations
     moved: bool = False  # true if the robot was put elsewhere, or odom was reset
 
 
@@ -142,7 +149,8 @@ def decide(
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        track = controller_state.track._replace(rejected=(), walked_to=None)  # the world may have changed
+        # old positions are forgotten, because the world may have changed
+        track = controller_state.track._replace(rejected=(), walked_to=None)
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
         )
@@ -289,7 +297,8 @@ def _act(
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
         return _wait("no transform from odom to base_link any more; check that odometry is running")
     measured = bool(pillar_seen or observation.scan.valid.any())
-    if not measured and not (observation.scan.returns == inf).any():  # no beams, or all returns too close
+    # the scan has no beams, or all its returns are too close to be valid
+    if not measured and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
     if controller_state.track.doubtful and target is not None:
         return _wait("the pillar moves away; waiting until it stands")
@@ -344,7 +353,7 @@ def _search(
         observation.outline,
         control,
     )
-    # a scan of misses is normal in an empty world, but walls do not vanish
+    # a scan without returns is normal in an empty world, but not where walls stood before
     if twist.linear > 0.0 and not measured and controller_state.in_room:
         problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"
         return _wait(problem, controller_state.search)

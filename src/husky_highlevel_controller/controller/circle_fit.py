@@ -16,14 +16,16 @@ from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts as much as this many beams
 _PLACE_WEIGHT = 1e-3  # weight of the expectation that the centre is on the line of sight
-_MIN_WEIGHT = 1e-6  # keeps the equations solvable if the beams do not determine the distance
-_FREE_WEIGHT = 1e-4  # replaces both weights if no radius is expected
+# smallest weight, which keeps the equations solvable if the beams do not determine the distance
+_MIN_WEIGHT = 1e-6
+_FREE_WEIGHT = 1e-4  # weight that replaces _RADIUS_WEIGHT and _PLACE_WEIGHT if no radius is expected
 MIN_COSINE = 0.3  # smallest cosine of incidence in the weights, because grazing beams would weigh too much
 MAX_STEPS = 6
-_SETTLED = 3e-4  # [m] a smaller step is the last one, because the next step would be a thousandth of this
+# [m] a step smaller than this is the last step, because the next step would be a thousand times smaller
+_SETTLED = 3e-4
 
 Products = List[List[float]]  # (4, 4) sums of products over beams; rows: derivatives by x, y, r, and error
-Number = TypeVar("Number", float, np.ndarray)  # number, or an array with one for each segment
+Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]
 Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
 
@@ -83,12 +85,12 @@ class Circle(NamedTuple):
     """A fitted circle."""
 
     x: float  # [m], centre, along the segment's middle
-    y: float  # [m], centre, across it
+    y: float  # [m], centre, across the segment's middle
     radius: float  # [m]
-    free_radius: float  # [m] radius from the beams alone, without expectation
+    free_radius: float  # [m] radius from the beams alone, without the expected radius
     free_slack: float  # [m] possible error of `free_radius`
     residual: float  # [m], root mean square distance of the end points
-    sum_squared_error: float  # [m^2], sum of squares in the direction of the beams
+    sum_squared_error: float  # [m^2], sum of the squared errors in the direction of the beams
 
 
 def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:

@@ -28,9 +28,9 @@ from husky_highlevel_controller.datatypes import Scan
 # With 8 beams and 30 mm noise, 1 % of pillars lose to a corner at this setting. At 1 mm noise less than 1 %
 # of boxes count as pillars. With more beams both errors become rare quickly.
 LINE_ODDS = 4.0
-HIDDEN_ODDS = 2.0  # lead that a circle needs over a line if part of the silhouette is hidden
-_MARGIN = 0.005  # [m] distance by which a circle must miss a limit
-_ODDS_MARGIN = 1.0  # margin of the odds of a line
+HIDDEN_ODDS = 2.0  # lead that a circle needs over a straight line if a part of the silhouette is hidden
+_MARGIN = 0.005  # [m] the screen rejects a circle only if it misses a limit by more than this
+_ODDS_MARGIN = 1.0  # the screen rejects a circle only if a line leads by this more than necessary
 _SAMPLES = 16  # number of beams of a silhouette that are checked
 
 
@@ -54,10 +54,10 @@ class _Fits(NamedTuple):
     """Circles of S segments, arrays of (S,)."""
 
     x: np.ndarray  # [m], centre, along the segment's middle
-    y: np.ndarray  # [m], centre, across it
+    y: np.ndarray  # [m], centre, across the segment's middle
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m], root mean square distance of the end points
-    line_lead: np.ndarray  # lead of a line over the circle, as in LINE_ODDS
+    line_lead: np.ndarray  # lead of a straight line over the circle, as defined at LINE_ODDS
     near: np.ndarray  # [m] shortest range
     counts: np.ndarray  # number of beams
     first: np.ndarray  # index of the first beam
@@ -127,7 +127,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         terms[5:] = wx, wy, weight, we
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re
-        # a step does not use the fourth row, of the error
+        # the step does not need the fourth row, which has the products of the error
         products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))

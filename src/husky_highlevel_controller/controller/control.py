@@ -18,8 +18,10 @@ from husky_highlevel_controller.datatypes import Pose, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 
 TOUCH_SPEED = 0.1  # [m/s] fastest speed towards a pillar that will be touched
-MIN_TOUCH_SPEED = 0.04  # [m/s] slowest before a touch, because the proportional law never gets there
-TOUCH_SLOW_FROM = 0.25  # [m] gap at which the robot slows down, enough to brake from 1.0 m/s at 3.0 m/s^2
+# [m/s] slowest speed before a touch, because a robot with only the P law would never reach the pillar
+MIN_TOUCH_SPEED = 0.04
+# [m] gap at which the robot slows down before a touch; it is enough to brake from 1.0 m/s at 3.0 m/s^2
+TOUCH_SLOW_FROM = 0.25
 
 
 @dataclass(frozen=True)

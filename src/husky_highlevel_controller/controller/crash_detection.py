@@ -33,19 +33,26 @@ from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D,
 from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
 
 GRAVITY = 9.8  # [m/s^2]
-LEVELLING_TIME = 2.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
-LEVELLING_FORCE = 20.0  # [m/s^2] largest force that corrects the vertical, because a larger force is a shock
-LATENESS = 0.05  # [s] delay before a window is judged, because odometry comes late
-AFTER, BEFORE = 0.15, 0.4  # [s] averaging times of the mean velocities
+# [s], time constant with which the accelerometer corrects the direction of gravity from the gyro
+LEVELLING_TIME = 2.0
+# [m/s^2] largest specific force that corrects the direction of gravity, because a larger force is a shock
+LEVELLING_FORCE = 20.0
+LATENESS = 0.05  # [s] delay before a sample is evaluated, because odometry comes late
+AFTER, BEFORE = 0.15, 0.4  # [s] times after and before a sample over which the velocity is averaged
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
-LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] time of learning on smooth and on rough ground
+# [s] time after the start in which no crash is detected, on smooth and on rough ground
+LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1
 LONGEST_PERIOD = 0.2  # [s] a longer gap between samples causes a reset
-PATIENCE = 2.0  # [s] silence of odometry after which samples no longer wait for it
+PATIENCE = 2.0  # [s] time without odometry after which samples no longer wait for odometry
 LONGEST_WAIT = 2.5  # [s] longest wait of a sample for later odometry
-LONGEST_DELAY = 10.0  # [s] largest lag of samples behind odometry
-SHOCK = 6.0  # [m/s^2] the part of a horizontal force above this counts only if it exceeds the vertical force
-ROUGH = 0.013  # [m/s] vibration on rough ground; an A200 has 0.005 at rest, 0.03 on flooring
-SIDEWAYS = 2.0  # factor on the allowance ahead, because the body rolls on its tyres
+LONGEST_DELAY = 10.0  # [s] largest time by which samples may lag behind odometry
+# [m/s^2] the part of a horizontal force above this limit counts only if the force exceeds the vertical force
+SHOCK = 6.0
+# [m/s] vibration from which on the ground counts as rough; a real Husky A200 has 0.005 at rest, 0.03 on
+# flooring
+ROUGH = 0.013
+# sideways velocity may be this many times larger than forward velocity, because the body rolls on its tyres
+SIDEWAYS = 2.0
 STANDING = 0.02  # [m/s] slower wheels have no direction of travel
 
 
@@ -69,14 +76,15 @@ class CrashConfig:
 class Change(NamedTuple):
     """Change of velocity, and vibration by the ground."""
 
-    loss: float  # [m/s] loss against the direction of travel, beyond the wheels' loss
+    loss: float  # [m/s] loss of speed in the direction of travel, beyond the loss of the wheels
     sideways: float  # [m/s] sideways velocity gained within a window and kept
-    vibration: float  # [m/s] vibration of a window
-    vibration_before: float  # [m/s] vibration before the change
+    vibration: float  # [m/s] vibration of the velocity in a window
+    vibration_before: float  # [m/s] vibration before the change of velocity
 
     def excess(self, config: CrashConfig) -> float:
         """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
-        # a push from the side also causes vibration, so sideways only the vibration before the push counts
+        # a push from the side also causes vibration, so the sideways limit depends only on the vibration
+        # before the push
         return max(
             self.loss - self._allowance(self.vibration, config),
             self.sideways - SIDEWAYS * self._allowance(self.vibration_before, config),
@@ -92,8 +100,8 @@ class _Increment(NamedTuple):
     """Velocity increment of a sample without gravity, along the ground as base_link points, and upwards."""
 
     stamp: float  # [s]
-    ahead: float  # [m/s] change of velocity since the last sample
-    left: float  # [m/s] sideways change, without the part of the curve
+    ahead: float  # [m/s] change of the forward velocity since the last sample
+    left: float  # [m/s] change of the sideways velocity, without the part that driving a curve causes
     up: float  # [m/s]
 
 
@@ -103,20 +111,24 @@ class CrashDetector:
     def __init__(self, config: CrashConfig) -> None:
         self._config = config
         self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s], speed [m/s]
-        self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()  # waiting samples and their mounts
+        # samples that wait for odometry, with the mounting of the IMU
+        self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()
         self._silent_since = inf  # [s] stamp of the first sample since the last odometry
         self.reset()
 
     def reset(self) -> None:
         """Forget the samples that were judged, as after a jump of time."""
-        self._up: Optional[Vector3] = None  # unit vector in the IMU's frame
-        self._levelling = 0.0  # [s] time constant of `_up`, which is a plain mean at first
+        # unit vector upwards in the IMU's frame; None before the first sample
+        self._up: Optional[Vector3] = None
+        # [s] present time constant of `_up`, which is a plain mean of the first samples
+        self._levelling = 0.0
         self._stamp = -inf  # [s]
         self._period, self._same_stamp = 0.0, 1  # [s] last period; number of samples of the last stamp
         self._increments: Deque[_Increment] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
-        self.change: Optional[Change] = None  # result for the last judged sample, if there is one
+        # result for the last evaluated sample; None if there is none yet
+        self.change: Optional[Change] = None
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
         """Take the speed that the wheels measure at a time [s]."""
@@ -128,7 +140,8 @@ class CrashDetector:
             self._wheels.clear()
         self._wheels.append((stamp, twist_in_base.linear))
         self._silent_since = inf
-        oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY  # needed by the next sample
+        # [s] stamp before which no odometry and vibration is needed any more
+        oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY
         while self._wheels[0][0] < oldest:
             self._wheels.popleft()
 
@@ -173,7 +186,7 @@ class CrashDetector:
         newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheels), 3)]
         if not newest_stamps:
             return False
-        # the shortest of two periods, because the other may be a gap
+        # the shorter of the last two periods, because the other one may be a gap
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         return stamp - newest_stamps[0] <= min(periods, default=0.0) + LATENESS
 

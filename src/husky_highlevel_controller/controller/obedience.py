@@ -13,14 +13,15 @@ from husky_highlevel_controller.geometry import wrap_angle
 
 STILL_TIME = 2.0  # [s] time of standing still against the commands after which the robot does not obey
 MIN_LINEAR, MIN_ANGULAR = 0.1, 0.1  # [m/s], [rad/s] slower commands may have no effect on a real robot
-MOVED, TURNED = 0.02, 0.03  # [m], [rad] a tenth of the motion that these commands cause in STILL_TIME
+# [m], [rad] smallest motion that counts, a tenth of what the slowest commands cause in STILL_TIME
+MOVED, TURNED = 0.02, 0.03
 
 
 class Obedience(NamedTuple):
     """Memory of the last pose at which the robot obeyed."""
 
     pose: Optional[Pose2D] = None  # pose in odom; None if it is unknown or no motion is commanded
-    since: float = 0.0  # [s], stamp of that pose
+    since: float = 0.0  # [s], stamp of `pose`
     stamp: float = 0.0  # [s], stamp of the last command
 
     @property

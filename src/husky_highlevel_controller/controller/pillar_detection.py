@@ -51,7 +51,8 @@ class Pillar(NamedTuple):
 
 
 _CORNER_ODDS = 1.0  # largest lead of a corner over the circle, for each beam
-_UNSCREENED = 8  # largest number of segments without a screen, which takes as long as some fits
+# largest number of segments that are fitted without a screen, because the screen takes as long as some fits
+_UNSCREENED = 8
 MAX_FITS = 24  # largest number of exact fits per scan, which bounds the time that clutter takes
 _MAX_SKIPPED = 2  # largest number of missing returns between two beams on one pillar
 
@@ -62,7 +63,7 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     Pillars of few beams (far away) may turn out to be other objects from nearer by.
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid.any()):
-        return []  # no beam has a direction, or none has a return
+        return []  # all beams have the same direction, or no beam has a return
     pillars = [_pillar_of(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
     return sorted(_distinct([pillar for pillar in pillars if pillar]), key=lambda pillar: pillar.distance)
 
@@ -116,8 +117,10 @@ def _starts(
         """Mask of pairs of beams, by their indices in `beams`, that cannot be on one pillar."""
         between = beams[right] - beams[left]
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        spacing = np.minimum(spacing, radius)  # the depth is the radius at this spacing
-        # neighbours differ at most by the depth of a circle between its edge and one spacing further in
+        # beams with a spacing of one radius may already differ by the depth of the whole circle
+        spacing = np.minimum(spacing, radius)
+        # ranges of neighbouring beams on a circle differ most at its edge, by the depth from the edge to one
+        # spacing inside
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
@@ -145,7 +148,8 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
         & (near > 0.0)  # some drivers give 0 if there is no return
         & (span <= 2.0 * np.arcsin(largest_radius / (distance + largest_radius)) + step)
         & (far - distance <= largest_radius + 4.0 * config.max_residual)
-        & (near * step <= 2.0 * largest_radius)  # beams farther apart show no shape
+        # with a larger distance between the beams, too few beams hit a pillar to show its shape
+        & (near * step <= 2.0 * largest_radius)
     )
     return plausible
 

@@ -19,8 +19,9 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import advance, matrix_from_quat
 from husky_highlevel_controller.robot import DriveConfig, Robot
 
-MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s] slower is standing, because odometry has noise
-FASTEST = 100.0  # [m/s, rad/s] largest valid measured velocity
+# [m/s], [rad/s] slower motion counts as standing, because odometry has noise
+MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05
+FASTEST = 100.0  # [m/s, rad/s] largest measured velocity that is accepted
 PATH_STEPS = 12  # number of checked poses on the way to standstill
 APPROACH = 1e-3  # [m] the robot approaches a return if the clearance falls by this much
 STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop is driven by another node
@@ -64,7 +65,7 @@ def too_close(
     if not is_moving(twist_in_base):
         return None
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
-        return 0.0  # the path to standstill is unknown
+        return 0.0  # the safe answer, because the path to standstill is unknown
     outline = robot.footprint
     path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
@@ -131,7 +132,8 @@ def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> 
 class Latch:
     """Memory that a stop was requested, so that it is requested only once."""
 
-    tripped_at: Optional[float] = None  # [s] time of the stop; None while on guard
+    # [s] time at which the guard stopped the controller; None if it has not
+    tripped_at: Optional[float] = None
     stood: bool = False  # true if the robot stood at the last update
 
 

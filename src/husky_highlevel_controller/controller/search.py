@@ -20,11 +20,11 @@ from husky_highlevel_controller.geometry import matrix_from_quat, wrap_angle
 LOOK_AHEAD = 1.0  # [m] required free path ahead of the hull
 SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
 _FREE_BESIDE = 0.15  # [m] required free width on either side of the footprint
-_OWN_BODY = 0.01  # [m] returns this near to the footprint are the robot itself
+_OWN_BODY = 0.01  # [m] returns nearer to the footprint than this come from the robot itself
 _SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
-_REACH = 2.0  # [m] range from the lidar beyond which nothing is in the way within LOOK_AHEAD
-_SAME_BODY = 0.2  # [m] neighbouring returns that differ by less are on one body
-_OF_TARGET = 0.15  # [m] returns this near to the pillar's surface are the pillar's
+_REACH = 2.0  # [m] farther returns are never in the way of the robot within LOOK_AHEAD
+_SAME_BODY = 0.2  # [m] neighbouring returns that are nearer to each other than this belong to one object
+_OF_TARGET = 0.15  # [m] returns nearer to the pillar's surface than this belong to the pillar
 _ROUND = 2.0 * pi
 _QUARTER = pi / 2.0
 

@@ -8,9 +8,11 @@ from __future__ import annotations
 from math import inf
 from typing import Optional
 
-WINDOW, MIN_MESSAGES = 0.5, 5  # [s] wall time, and messages, after which an offset of all is judged
+# [s] wall time and number of messages after which an offset of the clocks is evaluated
+WINDOW, MIN_MESSAGES = 0.5, 5
 MAX_WINDOW = 2.0  # [s] wall time without a reference message after which the window ends
-MAX_OFFSET = 0.55  # [s] half a second and a period of odometry; the robot stops if it is larger
+# [s] largest offset of two clocks with which the robot drives: half a second plus a period of odometry
+MAX_OFFSET = 0.55
 
 
 class ClockOffset:
@@ -22,12 +24,13 @@ class ClockOffset:
 
     def __init__(self, tolerance: float) -> None:
         """Begin without an offset; an offset below `tolerance` [s] counts as 0."""
-        self.seconds = 0.0  # lead of the messages' clock over the reference's
+        self.seconds = 0.0  # [s] lead of the messages' clock over the reference's clock
         self._tolerance = tolerance
         self._reference: Optional[float] = None  # [s], newest stamp
         self._references = self._count = 0
         self._begin = (0.0, 0.0, 0.0)  # [s] start of the window: wall time, stamp, the reference's stamp
-        self._smallest, self._largest = inf, -inf  # [s], differences of the window
+        # [s] smallest and largest difference of the stamps in the window
+        self._smallest, self._largest = inf, -inf
 
     def add_reference(self, stamp: float) -> None:
         """Take a stamp [s] of the reference; it may be a repeated one."""
@@ -58,9 +61,9 @@ class ClockOffset:
         if progress <= 0.0 or not self._references or self._count < 2:
             return 0.0
         period = progress / self._references
-        # the newest reference is up to a period old, but not for every message if messages come more often
+        # the newest reference may be a period old; if messages come more often, only for some of them
         slack = min(period, abs(stamp - first) / (self._count - 1))
-        # simulated time may pass faster, and so do seconds of lateness
+        # delays in wall time become larger in simulated time if simulated time passes faster
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
         if self._smallest > tolerance:
             return self._smallest

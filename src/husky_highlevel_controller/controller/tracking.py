@@ -24,16 +24,21 @@ from husky_highlevel_controller.controller.pillar_detection import Pillar
 from husky_highlevel_controller.datatypes import Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
 
-EMPTY_TIMEOUT = 0.5  # [s] time that a position may look empty before it is given up
-_HIDDEN_WEIGHT = 0.1  # weight of time during which a near position is hidden
-_AT_PLACE = 2.0  # [m] distance from the lidar within which a position should be seen
+EMPTY_TIMEOUT = 0.5  # [s] time for which a remembered position may look empty before the pillar is given up
+_HIDDEN_WEIGHT = 0.1  # weight of the time in which a near remembered position is hidden, relative to empty
+_AT_PLACE = 2.0  # [m] a pillar at a remembered position nearer than this should be visible
 _MANY_BEAMS = 8  # number of beams from which on a pillar is accepted even at a rejected position
-_LONGEST_PERIOD = 0.1  # [s] a longer gap between two scans counts as this time
+_LONGEST_PERIOD = 0.1  # [s] longest time that the gap between two scans counts
 _DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
-_GATE, _GATE_SHARE = 0.5, 0.03  # association gate: [m], and fraction of the distance
+# largest distance between a sighting and the remembered pillar: [m], plus fraction of the range
+_GATE, _GATE_SHARE = 0.5, 0.03
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
-BASELINE, WATCH_TIME = 0.3, 2.0  # [m] between positions of the lidar; [s] a step of a walk takes 0.6 s
-WALK = 0.2  # [m] motion beyond sighting errors; legs walk at 0.5 to 1.5 m/s, odom drifts below 0.1 m/s
+# a pillar is confirmed if seen from lidar positions so far apart [m], or for so long [s]; a step of a person
+# takes 0.6 s
+BASELINE, WATCH_TIME = 0.3, 2.0
+# [m] larger motion means a walking person (0.5 to 1.5 m/s), not an error of sightings or drift of odom (below
+# 0.1 m/s)
+WALK = 0.2
 
 
 class Estimate(NamedTuple):
@@ -43,7 +48,7 @@ class Estimate(NamedTuple):
     y: float  # [m], centre, in odom
     radius: float  # [m]
     deviation: float  # [m], standard deviation of the centre
-    seen_at: float  # [s], stamp of the last scan that showed it
+    seen_at: float  # [s], stamp of the last scan that showed the pillar
 
 
 class Visibility(Enum):
@@ -52,15 +57,15 @@ class Visibility(Enum):
     SEEN = "seen"
     OUT_OF_VIEW = "out of view"
     HIDDEN = "hidden"  # hidden by a nearer object
-    EMPTY = "empty"  # empty position, where a pillar would be seen
-    UNKNOWN = "unknown"  # result without a remembered position
+    EMPTY = "empty"  # the scan shows that the remembered position is empty
+    UNKNOWN = "unknown"  # no position is remembered, or the scan cannot show the remembered position
 
 
 class Anchor(NamedTuple):
     """Positions of an estimate and of the lidar, at most WATCH_TIME ago."""
 
     estimate: Estimate
-    laser: Tuple[float, float]  # [m] position in odom
+    laser: Tuple[float, float]  # [m] position of the lidar in odom
 
 
 class Track(NamedTuple):
@@ -73,7 +78,8 @@ class Track(NamedTuple):
     updated_at: float = 0.0  # [s]
     rejected: Tuple[Tuple[float, float, int], ...] = ()  # rejected positions: x, y in odom [m], beams
     anchor: Optional[Anchor] = None
-    confirmed: bool = False  # true if seen for long enough, or from positions far enough apart
+    # true if the pillar was seen for WATCH_TIME, or from two positions BASELINE apart
+    confirmed: bool = False
     walked_to: Optional[Tuple[float, float]] = None  # [m] end of the last estimate's walk, in odom
 
     @property
