@@ -91,6 +91,7 @@ class Chassis:
         """
         robot, state, dt = self._robot, self.state, self._dt
         com_x, com_y, _ = robot.com
+        # the wheels' contacts, seen from the centre of mass
         contacts = [
             WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
             for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
@@ -109,8 +110,8 @@ class Chassis:
         )
         # a motor carries its tyre's forward force, and turns its wheel faster or slower
         self.torques = [
-            along * radius + inertia * (speed - before) / dt
-            for (along, _), radius, inertia, speed, before in zip(
+            forward * radius + inertia * (speed - last_speed) / dt
+            for (forward, _), radius, inertia, speed, last_speed in zip(
                 forces, self._radii, self._axial_inertias, speeds, self._speeds
             )
         ]
@@ -118,9 +119,10 @@ class Chassis:
         self._speeds = speeds
         # the engine finds the contacts of this step before it moves the robot, so they belong to this pose
         self._contact_axes, self._contact_position = self._axes, state.pose_in_world.position
+        # forces [N] and the points at which they push [m], in base_link
         pushes = [
-            ((along, across, 0.0), footprint)
-            for footprint, load, (along, across) in zip(self._footprints, self._loads, forces)
+            ((forward, left, 0.0), footprint)
+            for footprint, load, (forward, left) in zip(self._footprints, self._loads, forces)
             if load > 0.0
         ]
         pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
@@ -144,8 +146,9 @@ class Chassis:
         itself.
         """
         gravity, square = along_axes(self._axes, self._gravity), dot(self._ground, self._ground)
-        into = dot(gravity, self._ground) / square if square > 0.0 else 0.0
-        return minus(gravity, self._ground, into)[:2]
+        # gravity is made up of a multiple of the normal force, and of the part along the ground
+        multiple = dot(gravity, self._ground) / square if square > 0.0 else 0.0
+        return minus(gravity, self._ground, multiple)[:2]
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
         """Friction on the robot at a contact without a tyre, in base_link [N]; the other body gets no force.
@@ -157,10 +160,10 @@ class Chassis:
         """
         x, y, z = point
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
-        velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-        vx, vy, vz = minus(velocity, normal, dot(velocity, normal))
-        k = -HULL_FRICTION * load / (hypot(vx, vy, vz) + HULL_SLIP_SPEED)
-        return (k * vx, k * vy, k * vz)
+        velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x  # v + w x point
+        slip_x, slip_y, slip_z = minus(velocity, normal, dot(velocity, normal))
+        force_per_slip = -HULL_FRICTION * load / (hypot(slip_x, slip_y, slip_z) + HULL_SLIP_SPEED)
+        return (force_per_slip * slip_x, force_per_slip * slip_y, force_per_slip * slip_z)
 
     def update_contacts(self) -> Tuple[str, ...]:
         """Read the contacts of the last step, and return the names of the bodies that the robot bumps into.
@@ -171,14 +174,14 @@ class Chassis:
         axes, (px, py, pz) = self._contact_axes, self._contact_position
         # sums over the contacts of each wheel: load [N], and load times point [N m]
         wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
-        ground_x = ground_y = ground_z = 0.0
-        contacts = set()
+        ground_x = ground_y = ground_z = 0.0  # sum of the normal forces under the wheels [N]
+        bumped_bodies = set()
         self._drags = []
         for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
             point, normal = along_axes(axes, (x - px, y - py, z - pz)), along_axes(axes, normal_in_world)
             wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
-                contacts.add(body)
+                bumped_bodies.add(body)
                 self._drags.append((point, normal, force))
                 continue
             ground_x += force * normal[0]
@@ -196,7 +199,7 @@ class Chassis:
                 continue
             self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
             self._footprints[wheel] = (x / load, y / load, z / load)
-        return tuple(sorted(contacts))
+        return tuple(sorted(bumped_bodies))
 
     def _wheel_at(self, point: Vector3) -> Optional[int]:
         """Index of the wheel on whose tyre a point of base_link lies; None if it is on the hull."""

@@ -68,7 +68,11 @@ def ground_forces(
     dt: float,
     config: TractionConfig,
 ) -> List[Vector2]:
-    """The ground's force on each wheel over the next step, in base_link's x and y [N].
+    """Return the ground's force on each wheel over the next step, in base_link's x and y [N].
+
+    The force on a wheel is -k times its slip after the step. The slip depends on the velocity after the step,
+    and k depends on the slip. So a few rounds compute first k by the last slip, and then the velocity, which
+    solves three linear equations: momentum along x and y, and spin. The module's docstring derives them.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -79,18 +83,25 @@ def ground_forces(
         dt: duration of the step [s].
         config: the tyres.
     """
-    vx, vy, yaw_rate = before = velocity
-    grip, share = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
+    vx, vy, yaw_rate = last = velocity
+    grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
+    # position of each contact, its largest friction force [N], and the speed of the wheel's tread
     treads = [
-        (x, y, config.friction * load * (load / share) ** LOAD_SENSITIVITY if load > 0.0 else 0.0, speed)
+        (
+            x,
+            y,
+            config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY if load > 0.0 else 0.0,
+            speed,
+        )
         for x, y, load, speed in contacts
     ]
+    # momentum and spin after the step without friction; base_link turns meanwhile, hence the last terms
     push_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
     push_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
     spin = yaw_inertia * yaw_rate
-    ks: List[float] = []
+    ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
-        # [[a, 0, b], [0, e, c], [b, c, d]] u+ = (px, py, pw)
+        # the equations [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py, pw)
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
         px, py, pw = push_x, push_y, spin
         ks = []
@@ -105,12 +116,13 @@ def ground_forces(
             e += kdt * grip
             px += kdt * speed
             pw -= kdt * speed * y
-        c_by_e = c * (a / e)  # a == e for equal grip: the isotropic case, to the last bit
+        # eliminate vx and vy, solve for the yaw rate, and put it back
+        c_by_e = c * (a / e)  # a == e for equal grip: then this is c itself, to the last bit
         yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
-        vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e  # slip after the step
-        if hypot(vx - before[0], vy - before[1], yaw_rate - before[2]) < SETTLED * config.slip_speed:
+        vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
+        if hypot(vx - last[0], vy - last[1], yaw_rate - last[2]) < SETTLED * config.slip_speed:
             break
-        before = (vx, vy, yaw_rate)
+        last = (vx, vy, yaw_rate)
     return [
         (-k * (vx - yaw_rate * y - speed), -k * grip * (vy + yaw_rate * x))
         for k, (x, y, _, speed) in zip(ks, treads)

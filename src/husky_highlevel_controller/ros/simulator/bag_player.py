@@ -37,23 +37,23 @@ class BagPlayer:
 
         The first ADVANCE messages are made before time begins, so that every topic is advertised by then.
         """
-        first = list(islice(self._messages, ADVANCE))
-        for _, topic, msg in first:
+        first_messages = list(islice(self._messages, ADVANCE))
+        for _, topic, msg in first_messages:
             if topic not in {TRUTH_TOPIC, *self._publishers}:
                 latch = topic == "/tf_static"
                 self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
-        now = first[0][0].stamp
+        now = first_messages[0][0].stamp
         # /clock is advertised last, as the sign that the player is ready
         clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         publish(clock, Clock(time_to_msg(now)))
         self._truth.wait_to_begin(lambda: None)
         begun = time.monotonic()
-        for snapshot, topic, msg in chain(first, self._messages):
+        for snapshot, topic, msg in chain(first_messages, self._messages):
             if snapshot.stamp > now:
                 now = snapshot.stamp
-                early = begun + now / self._pace - time.monotonic()
-                time.sleep(max(0.0, early))
-                begun -= min(0.0, early)  # lost time is not made up, because a filter cannot follow a burst
+                lead = begun + now / self._pace - time.monotonic()  # [s] time until this message is due
+                time.sleep(max(0.0, lead))
+                begun -= min(0.0, lead)  # lost time is not made up, because a filter cannot follow a burst
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return

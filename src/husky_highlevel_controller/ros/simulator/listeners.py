@@ -49,7 +49,8 @@ class Listeners:
         self._processes: Dict[int, _Threads] = {}  # processes that receive the topic or the clock
         self._receivers: Set[int] = set()  # processes that receive the topic
         self._on_clock: Set[int] = set()  # processes that receive the clock
-        self._complete = self._in_python = False
+        self._complete = False  # true if all processes that receive the topic are on this machine
+        self._in_python = False  # true if all processes are in Python
         self._settled: Dict[int, Optional[Turns]] = {}  # turns of each process when all were last asleep
 
     def asleep(self) -> bool:
@@ -58,43 +59,45 @@ class Listeners:
         False if one of them runs, or is on another machine, where it cannot be seen. It takes some
         milliseconds.
         """
-        self._find()
+        self._find_processes()
         if not self._complete:
-            return False  # a process on another machine cannot be seen
-        end, before = time.monotonic() + ASLEEP_FOR, None
+            return False
+        end, last_turns = time.monotonic() + ASLEEP_FOR, None
         while True:
             if self._own_threads.turns() is None:  # a thread of ours that is about to send
                 return False
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._receivers):
                 return False
-            at_once = self._in_python and turns == before and self._have_run(turns)
-            if at_once or time.monotonic() >= end:
+            # Python processes need no longer look: none ran between two looks, and all have had the tick
+            is_certain = self._in_python and turns == last_turns and self._have_run(turns)
+            if is_certain or time.monotonic() >= end:
                 self._settled = turns
                 return True
-            if before is not None or not self._in_python:
+            if last_turns is not None or not self._in_python:
                 time.sleep(LOOK_PERIOD)
-            before = turns
+            last_turns = turns
 
-    def _find(self) -> None:
+    def _find_processes(self) -> None:
         """Find the processes, if connections have changed."""
-        on_topic, on_clock = _ports(self._publisher), _ports(self._clock)
-        if on_topic | on_clock == self._ports:
+        topic_ports, clock_ports = _ports(self._publisher), _ports(self._clock)
+        if topic_ports | clock_ports == self._ports:
             return
-        self._ports = on_topic | on_clock
-        owners = _owners(self._ports)
-        self._receivers = {owners[pair] for pair in on_topic & owners.keys()}
-        self._on_clock = {owners[pair] for pair in on_clock & owners.keys()}
-        self._complete = bool(on_topic) and on_topic <= owners.keys()
-        self._in_python = SCHEDULE != STAT and all(map(_in_python, owners.values()))
+        self._ports = topic_ports | clock_ports
+        process_by_ports = _owners(self._ports)
+        self._receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
+        self._on_clock = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
+        self._complete = bool(topic_ports) and topic_ports <= process_by_ports.keys()
+        # without a count of turns, a thread that ran between two looks would stay unseen
+        self._in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
-        self._processes = {process: _Threads(process) for process in owners.values()}
+        self._processes = {process: _Threads(process) for process in process_by_ports.values()}
 
     def _have_run(self, turns: Mapping[int, Optional[Turns]]) -> bool:
         """Return whether processes that receive the clock have run since they were asleep, and none runs."""
-        ran = all(turns[process] != self._settled.get(process) for process in self._on_clock)
-        return ran and None not in turns.values()
+        have_run = all(turns[process] != self._settled.get(process) for process in self._on_clock)
+        return have_run and None not in turns.values()
 
 
 class _Threads:
@@ -110,7 +113,7 @@ class _Threads:
             self._forget(thread)
 
     def turns(self) -> Optional[Turns]:
-        """Return the turns of all threads except the caller's, or None if one of them runs."""
+        """Return the turns on a CPU of all threads except the caller's, or None if one of them runs."""
         try:
             threads = os.listdir(self._folder)[:MAX_THREADS]
         except OSError:  # the process has just ended
@@ -127,16 +130,17 @@ class _Threads:
                     self._open(thread)
                 schedule, stat = self._files[thread]
                 turns[thread] = os.pread(schedule, SIZE, 0)
-                if os.pread(stat, SIZE, 0).rpartition(b") ")[2][:1] in RUNNING:
+                state = os.pread(stat, SIZE, 0).rpartition(b") ")[2][:1]  # the letter behind the name
+                if state in RUNNING:
                     return None
             except OSError:  # the thread has just ended
                 self._forget(thread)
         return turns
 
     def _open(self, thread: str) -> None:
-        files = self._files[
-            thread
-        ] = []  # _forget closes both, also if the thread ends before the second opens
+        # registered before they are open, because `_forget` must close the first if the second does not open
+        files: List[int] = []
+        self._files[thread] = files
         for name in (SCHEDULE, STAT):
             files.append(os.open(f"{self._folder}/{thread}/{name}", os.O_RDONLY | os.O_CLOEXEC))
 
@@ -146,7 +150,7 @@ class _Threads:
 
 
 def _ports(publisher: Any) -> Set[Ports]:
-    """Ports of each connection; rospy has no public way to its sockets."""
+    """Return the ports of each connection of a publisher; rospy has no public way to its sockets."""
     pairs = set()
     for queued in list(publisher.impl.connections) if publisher else []:
         transport = getattr(queued, "_connection", queued)
@@ -163,16 +167,19 @@ def _in_python(process: int) -> bool:
 
 
 def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
-    """Process that receives, of each connection that ends on this machine.
+    """Return the process that receives, for each connection that ends on this machine.
 
-    The kernel takes 4 ms to list all connections: they are listed only when they change.
+    The kernel takes 4 ms to list all connections, so they are listed only when they change.
     """
-    sockets: Dict[str, Ports] = {}
+    # lines of /proc/net/tcp: number, local ADDRESS:PORT, remote ADDRESS:PORT, six fields, inode of the socket
+    ports_by_socket: Dict[str, Ports] = {}
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         fields = line.split()
-        pair = int(fields[1].split(":")[1], 16), int(fields[2].split(":")[1], 16)
+        local, remote, inode = fields[1], fields[2], fields[9]
+        pair = int(local.split(":")[1], 16), int(remote.split(":")[1], 16)
         if pair in ports:
-            sockets[f"socket:[{fields[9]}]"] = pair
+            ports_by_socket[f"socket:[{inode}]"] = pair
+    # a process has a link to each of its sockets
     owners: Dict[Ports, int] = {}
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
@@ -181,7 +188,7 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
             continue
         for link in links:
             with contextlib.suppress(OSError):  # the file has just been closed
-                name = os.readlink(link)
-                if name in sockets:
-                    owners[sockets[name]] = int(folder.parent.name)
+                socket_name = os.readlink(link)
+                if socket_name in ports_by_socket:
+                    owners[ports_by_socket[socket_name]] = int(folder.parent.name)
     return owners

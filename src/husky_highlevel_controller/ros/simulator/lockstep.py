@@ -136,7 +136,7 @@ class Lockstep:
             return
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
-        self._settle(meanwhile)
+        self._wait_until_idle(meanwhile)
         # a controller that has never sent a command may be waiting for its start service
         if self._mode is Mode.SLEEPING and self._begun and not self._answered.is_set():
             self._tell(
@@ -156,10 +156,10 @@ class Lockstep:
         rospy.sleep looks at the clock, then waits for the next tick, so it misses a tick in between. So
         `again` sends the tick once more.
         """
-        self._settle(meanwhile)
+        self._wait_until_idle(meanwhile)
         if self._mode in (*_WATCHED, Mode.SLEEPING):
             again()
-            self._settle(meanwhile)
+            self._wait_until_idle(meanwhile)
         # a command before the scan was sent shows that the controller commands at ticks of the clock
         if self._due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
@@ -175,47 +175,51 @@ class Lockstep:
         Until the very first command the scan is sent once more, by `resend`. Later, idle listeners get one
         more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
         """
-        since, resent, nudged = time.monotonic(), self._begun, not self._begun
+        may_nudge = self._begun  # false until the very first command
+        waiting_since = time.monotonic()  # begin of the wait, or of the wait after the last repetition
+        is_resent, is_nudged = self._begun, not self._begun
 
-        def answered() -> bool:
+        def is_over() -> bool:
             """Serve calls, send the scan or a tick again if due, and return whether the wait is over."""
-            nonlocal since, resent, nudged
+            nonlocal waiting_since, is_resent, is_nudged
             meanwhile()
-            waited = time.monotonic() - since
-            if not resent and not self._begun and waited > RESEND_TIMEOUT:
-                since, resent = time.monotonic(), True
+            waited = time.monotonic() - waiting_since
+            if not is_resent and not self._begun and waited > RESEND_TIMEOUT:
+                waiting_since, is_resent = time.monotonic(), True
                 resend()
-            elif resent and waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if nudged:
+            elif is_resent and waited > SLEEP_TIMEOUT and self._listeners.asleep():
+                if is_nudged:
                     self._wakes_to, self._mode = self._mode, Mode.SLEEPING
                     return True
-                since, nudged = time.monotonic(), True
+                waiting_since, is_nudged = time.monotonic(), True
                 nudge()
             return self._answered.wait(POLL_PERIOD)
 
         if self._answered.is_set():
             return
-        could_nudge = not nudged
-        self._wait_or_end(answered, ANSWER_TIMEOUT, "no command answers the scan")
+        self._wait_or_end(is_over, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-        elif could_nudge and nudged and self._mode is not Mode.FREE:
+        # the nudge woke the controller, so its sleep depends on ticks, which must be waited for from now on
+        elif may_nudge and is_nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
-    def _settle(self, meanwhile: Callable[[], None]) -> None:
+    def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
         """Wait until the listeners are idle, if the mode requires it."""
 
-        def settled() -> bool:
+        def are_idle() -> bool:
             meanwhile()
             return self._listeners.asleep()
 
         if self._mode is Mode.SLEEPING:
-            self._wait_or_end(settled, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy")
+            self._wait_or_end(
+                are_idle, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy"
+            )
         elif self._mode in _WATCHED:
             end = time.monotonic() + WATCH_TIMEOUT
-            while self._mode in _WATCHED and not settled():
+            while self._mode in _WATCHED and not are_idle():
                 if time.monotonic() >= end or rospy.is_shutdown():
-                    self._mode = Mode.ANSWERING
+                    self._mode = Mode.ANSWERING  # some listeners, such as RViz, are never idle
                 time.sleep(0.001)
 
     def _wait_or_end(
@@ -242,9 +246,11 @@ class LeadLimit:
     """
 
     def __init__(self, is_on: bool) -> None:
-        self._is_on = self._follows = is_on
-        self._arrived = threading.Event()
-        self._lead = self._in_a_row = 0
+        self._is_on = is_on
+        self._follows = is_on  # whether the controller answers scans, so that a wait makes sense
+        self._arrived = threading.Event()  # set by a command since the last scan
+        self._lead = 0  # scans sent since the last command
+        self._in_a_row = 0  # scans answered one after another
 
     def command_arrived(self) -> None:
         """Call for every velocity command. Any thread."""
@@ -258,8 +264,10 @@ class LeadLimit:
         """
         if not self._is_on:
             return
-        answered = self._arrived.is_set()
-        self._lead, self._in_a_row = (0, self._in_a_row + 1) if answered else (self._lead + 1, 0)
+        if self._arrived.is_set():
+            self._lead, self._in_a_row = 0, self._in_a_row + 1
+        else:
+            self._lead, self._in_a_row = self._lead + 1, 0
         if self._follows and self._lead >= MAX_LEAD:
             self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
             self._lead = 0

@@ -33,19 +33,20 @@ class MarkerFrames:
         """
         self._frames, self._tell = frames, tell
         self._subscribers: Dict[str, rospy.Subscriber] = {}
-        self._left: Dict[str, int] = {}
-        self._told: Set[Tuple[str, str]] = set()  # node, frame
+        self._messages_left: Dict[str, int] = {}  # number of messages of each topic that are still checked
+        self._reported: Set[Tuple[str, str]] = set()  # node and frame of each finding
 
     def look(self, graph: Graph) -> None:
         """Subscribe to new topics of markers, unless another node publishes frames of its own."""
-        own = rospy.get_name()
-        others = {node for topic in FRAME_TOPICS for node in graph.publishers.get(topic, ()) if node != own}
-        if any(not node.endswith(OTHER_FRAMES) for node in others):
+        sources_of_frames = {node for topic in FRAME_TOPICS for node in graph.publishers.get(topic, ())}
+        sources_of_frames.discard(rospy.get_name())
+        if any(not node.endswith(OTHER_FRAMES) for node in sources_of_frames):
             return
         for topic, nodes in graph.publishers.items():
             kind = KINDS.get(graph.types.get(topic, ""))
-            if kind and topic not in self._subscribers and any(not TOOLS.match(node) for node in nodes):
-                self._left[topic] = MESSAGES
+            has_markers_of_nodes = kind is not None and any(not TOOLS.match(node) for node in nodes)
+            if has_markers_of_nodes and topic not in self._subscribers:
+                self._messages_left[topic] = MESSAGES
                 self._subscribers[topic] = rospy.Subscriber(topic, kind, partial(self._on_markers, topic))
 
     def _on_markers(self, topic: str, message: Any) -> None:
@@ -53,11 +54,11 @@ class MarkerFrames:
         for marker in getattr(message, "markers", [message]):
             frame = marker.header.frame_id.lstrip("/")
             is_drawn = marker.action in (Marker.ADD, Marker.MODIFY)
-            if is_drawn and frame not in self._frames and (node, frame) not in self._told:
-                self._told.add((node, frame))
+            if is_drawn and frame not in self._frames and (node, frame) not in self._reported:
+                self._reported.add((node, frame))
                 self._tell(node, marker_sentence(node, topic, frame, self._frames))
-        self._left[topic] -= 1
-        if self._left[topic] == 0:
+        self._messages_left[topic] -= 1
+        if self._messages_left[topic] == 0:
             self._subscribers[topic].unregister()
 
 

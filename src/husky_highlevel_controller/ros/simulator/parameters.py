@@ -46,15 +46,20 @@ class StartConfig:
 
 
 def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
-    """Private parameters of the node. Raises ConfigError for one that is missing or out of range."""
+    """Return the private parameters of the node: start of the simulation, simulator, depth camera.
+
+    Raises:
+        ConfigError: a parameter is missing, unknown or not allowed.
+    """
     values, source = dict(rospy.get_param("~", {})), rospy.get_name() + "/"
+    # the parameters of a real robot's drivers are allowed only if these drivers are simulated
     profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
-    described = values.pop("robot", None)
-    if not isinstance(described, dict):
+    robot_values = values.pop("robot", None)
+    if not isinstance(robot_values, dict):
         raise ConfigError(
             f"{source}robot is missing; load config/robots/husky.yaml or config/robots/smb.yaml"
         )
-    (robot,) = read_config(described, source + "robot/", Robot)
+    (robot,) = read_config(robot_values, source + "robot/", Robot)
     values.setdefault("laser_frame", robot.lidar_mount.frame)
     start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
     config = replace(config, robot=robot)

@@ -64,12 +64,11 @@ def messages_of_drive(
     if profile == "robot":
         config = replace(config, real=RobotProfile().on(ground))
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
+    # physics steps between two messages, or between two commands
     rate = config.physics_rate
-    steps = {
-        "wheels": rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE),
-        "points": rate // POINTS_RATE,
-        "command": round(rate * COMMAND_PERIOD),
-    }
+    truth_steps, points_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE
+    wheel_steps = rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE)
+    command_steps = round(rate * COMMAND_PERIOD)
     wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
     with closing(Simulation(load_world(WORLD_FILE), robot, config, Pose2D(), seed)) as simulation:
         for _ in range(round(duration * rate)):
@@ -77,17 +76,17 @@ def messages_of_drive(
             stamp, step, odometry = snapshot.stamp, snapshot.step, snapshot.odometry
             if step == 1:
                 yield snapshot, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, stamp)
-            if step % steps["command"] == 0:
+            if step % command_steps == 0:
                 simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
-            if odometry is not None and step % (rate // ODOMETRY_RATE) == 0:
+            if odometry is not None and step % truth_steps == 0:
                 yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
-            if odometry is not None and step % steps["wheels"] == 0:
+            if odometry is not None and step % wheel_steps == 0:
                 yield snapshot, "/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp)
                 from_wheels = conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE)
                 yield snapshot, wheel_topic, from_wheels
             if snapshot.imu is not None:
                 yield snapshot, IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame)
-            if step % steps["points"] == 0:
+            if step % points_steps == 0:
                 cloud = points_to_msg(simulation.points(), stamp, robot.laser_frame)
                 yield snapshot, POINTS_TOPIC, cloud
 

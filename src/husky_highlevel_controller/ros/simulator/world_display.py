@@ -126,8 +126,8 @@ class WorldDisplay:
         marker, because a marker can be dragged only in the plane that was horizontal when it was made.
         """
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
-        drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
-        if drifted:
+        has_drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
+        if has_drifted:
             self._world_in_odom = world_in_odom
         for name in self._shown.keys() - bodies.keys():
             self._server.erase(name)
@@ -136,13 +136,15 @@ class WorldDisplay:
             shown, pose = self._shown.get(name), self._simulation.pose_of(name)
             if shown and shown.body is not body:  # a new body with the name of a deleted one
                 shown = None
-            before = shown.pose_in_world if shown and not drifted else None
-            if before and (before == pose or not _noticeable(before, pose, 1.0)):
-                continue
+            if shown and shown.pose_in_world and not has_drifted:
+                last_pose = shown.pose_in_world
+                if last_pose == pose or not _noticeable(last_pose, pose, 1.0):
+                    continue
             pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
-            if shown and dist(shown.up, up) < TIPPED:
+            is_upright = shown is not None and dist(shown.up, up) < TIPPED
+            if shown and is_upright:
                 self._server.setPose(name, conversions.pose_to_msg(pose_in_odom))
-                up = shown.up
+                up = shown.up  # the marker keeps the axis with which it was made
             else:
                 self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
             self._shown[name] = _Shown(body, up, pose)
@@ -178,6 +180,7 @@ class WorldDisplay:
         return f"'{feedback.marker_name}' was deleted"
 
     def _in_world(self, msg: PoseMsg, frame: str) -> Pose:
+        """Return the pose in the world of a pose in a frame of TF; ObjectError if one is not valid."""
         pose = checked_pose(conversions.pose_from_msg(msg))
         odom_in_world = inverse(self._simulation.pose_world_in_odom)
         return checked_pose(compose(compose(odom_in_world, self._frame_in_odom(frame.lstrip("/"))), pose))
@@ -210,6 +213,6 @@ class WorldDisplay:
 
 def _noticeable(before: Pose, after: Pose, radius: float) -> bool:
     """Return whether a point `radius` m from the origin of a moved body moves noticeably."""
-    alike = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
-    turn = 2.0 * acos(min(1.0, alike))
+    cosine_of_half_turn = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
+    turn = 2.0 * acos(min(1.0, cosine_of_half_turn))
     return dist(before.position, after.position) + radius * turn > NOTICED

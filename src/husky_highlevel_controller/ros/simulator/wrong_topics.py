@@ -115,14 +115,16 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
         kinds_of: types of a node's topics, by the node itself; the master has only one for each topic.
     """
     found = []
-    for publishes, others in ((True, graph.publishers), (False, graph.subscribers)):
-        own = kinds_of(simulator, not publishes)
-        topics = set(own) - SHARED  # /tf has two names of one type, so it would be a false alarm
-        pairs = {(node, topic) for topic in topics for node in others.get(topic, ()) if node != simulator}
-        for node, topic in sorted(pairs):
-            kind = kinds_of(node, publishes).get(topic, "*")
-            if kind not in ("*", own[topic]):
-                found.append(WrongType(node, topic, kind, publishes, simulator, own[topic]))
+    for publishes, nodes_by_topic in ((True, graph.publishers), (False, graph.subscribers)):
+        right_kinds = kinds_of(simulator, not publishes)  # the simulator is on the other side
+        topics = set(right_kinds) - SHARED  # /tf has two names of one type, so it would be a false alarm
+        nodes_and_topics = {
+            (node, topic) for topic in topics for node in nodes_by_topic.get(topic, ()) if node != simulator
+        }
+        for node, topic in sorted(nodes_and_topics):
+            kind = kinds_of(node, publishes).get(topic, "*")  # "*" is any type, or an unknown one
+            if kind not in ("*", right_kinds[topic]):
+                found.append(WrongType(node, topic, kind, publishes, simulator, right_kinds[topic]))
     return found
 
 
@@ -180,12 +182,12 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
     """Yield nodes with a topic that no other side has: node, topic, whether it publishes, the other side."""
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
-    for publishes, own, others in sides:
-        for topic in sorted(own):
-            if not others.get(topic):
-                for node in sorted(own[topic]):
+    for publishes, nodes_by_topic, other_side in sides:
+        for topic in sorted(nodes_by_topic):
+            if not other_side.get(topic):
+                for node in sorted(nodes_by_topic[topic]):
                     if not TOOLS.match(node):
-                        yield node, topic, publishes, others
+                        yield node, topic, publishes, other_side
 
 
 def mistake_sentence(finding: Mistake) -> str:
@@ -219,27 +221,40 @@ def mistake_sentence(finding: Mistake) -> str:
         does = "publishes" if finding.publishes else "subscribes to"
         remedy = ABSENT[name].format(namespace)
         return f"{finding.node} {does} {finding.topic}, which this simulator does not have: {remedy}"
+    return _wrong_topic_sentence(finding)
+
+
+def _wrong_topic_sentence(finding: WrongTopic) -> str:
+    """Return a misspelt topic as a sentence for the log."""
     if finding.publishes:
         does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
     else:
         does = f"subscribes to {finding.topic}, which no node publishes"
     remedy = f"did you mean {finding.suggestion}?"
-    if (finding.topic.rsplit("/", 1)[-1], finding.suggestion) == ("scan", f"{finding.topic[:-4]}front/scan"):
+    namespace, _, name = finding.topic.rpartition("/")
+    if name == "scan" and finding.suggestion == f"{namespace}/front/scan":
         remedy += " Or launch with robot:=husky_melodic, whose lidar is on scan in the frame base_laser."
     return f"{finding.node} {does}: {remedy}"
 
 
-def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str]) -> Iterator[str]:
-    """Yield the topic of the other side whose name is nearest to a wrong topic; nothing if none is near."""
-    candidates = [
-        (distance, other)
-        for other, nodes in others.items()
-        if types.get(other) == types[topic] and any(name != node for name in nodes)
-        for distance in [_distance(topic, other)]
-        if distance is not None
-    ]
+def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, str]) -> Iterator[str]:
+    """Yield the topic whose name is nearest to a wrong topic; nothing if none is near.
+
+    Args:
+        topic: topic that no node of the other side uses.
+        node: node that uses the topic; its own topics are not meant.
+        other_side: nodes by topic that publish, if `node` subscribes, and the other way round.
+        types: types of messages by topic; only topics of the same type are meant.
+    """
+    candidates = []
+    for other, nodes in other_side.items():
+        if types.get(other) == types[topic] and any(name != node for name in nodes):
+            distance = _distance(topic, other)
+            if distance is not None:
+                candidates.append((distance, other))
     if candidates:
-        yield min(candidates)[1]
+        _, nearest = min(candidates)
+        yield nearest
 
 
 def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:

@@ -44,7 +44,8 @@ _BREAKING_THRESHOLD = 0.005
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m] a body that is sunk deeper into the ground is put on top of it
-_DISTANCE = 8  # index of the distance in a point of getClosestPoints, negative inside
+# indices in a point of getClosestPoints: unit normal from the second body, and distance, negative inside
+_NORMAL, _DISTANCE = 7, 8
 _TOO_DEEP = 2e-3  # [m] a body this deep in another stands inside it; triangles are 1 mm thick
 
 
@@ -115,16 +116,16 @@ class BulletWorld:
             shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
             if body.model:
-                self._let_pass(body_id, self._models.setdefault(body.model, []))
+                others = self._models.setdefault(body.model, [])
+                self._set_collides(body_id, others, collides=False)
+                others.append(body_id)
             if body.mass > 0.0:
                 self._lift_out_of_the_ground(body_id)
 
-    def _let_pass(self, body_id: int, others: List[int], enable: int = 0) -> None:
-        """Let a body pass through others, and add it to them; with `enable` = 1 they collide again."""
+    def _set_collides(self, body_id: int, others: List[int], collides: bool) -> None:
+        """Let a body collide with others, or pass through them."""
         for other in others:
-            self._engine.setCollisionFilterPair(body_id, other, BASE_INDEX, BASE_INDEX, enable)
-        if not enable:
-            others.append(body_id)
+            self._engine.setCollisionFilterPair(body_id, other, BASE_INDEX, BASE_INDEX, int(collides))
 
     def remove_body(self, name: str) -> None:
         """Remove a body from the world."""
@@ -137,7 +138,7 @@ class BulletWorld:
         for bodies in self._models.values():
             if body_id in bodies:  # Bullet gives the id to the next body, together with its settings
                 bodies.remove(body_id)
-                self._let_pass(body_id, bodies, enable=1)
+                self._set_collides(body_id, bodies, collides=True)
         self._engine.removeBody(body_id)
         for record in (self._names, self._shape_ids, self._inertial_in_body):
             record.pop(body_id, None)
@@ -248,16 +249,17 @@ class BulletWorld:
         Raises:
             PlacementError: it reaches into another body.
         """
-        body_ids = self._ids[name] if copy is None else [copy]
-        own_ids = set(self._ids[name])
-        own_model = [bodies for bodies in self._models.values() if not own_ids.isdisjoint(bodies)]
+        checked_ids = self._ids[name] if copy is None else [copy]
+        body_ids = set(self._ids[name])
+        links_of_model = [bodies for bodies in self._models.values() if not body_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # updates the contacts to the present poses
-        for body_id in body_ids:
-            links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
-            boxes = [self._engine.getAABB(body_id, link) for link in links]
+        for checked_id in checked_ids:
+            # first the bodies whose bounding boxes overlap, which Bullet finds quickly
+            parts = range(BASE_INDEX, self._engine.getNumJoints(checked_id))
+            boxes = [self._engine.getAABB(checked_id, part) for part in parts]
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(body_ids, ignored, self._planes, *own_model)):
-                points = self._engine.getClosestPoints(body_id, other, 0.0)
+            for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
+                points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'{remedy}")
@@ -332,10 +334,11 @@ class BulletWorld:
         """Place a movable body on top of the plane it is sunk into; Bullet would fling it into the air."""
         for plane in self._planes:
             points = self._engine.getClosestPoints(body_id, plane, 0.0)
-            depth, normal = max(((-point[8], point[7]) for point in points), default=(0.0, ()))
+            depths_and_normals = [(-point[_DISTANCE], point[_NORMAL]) for point in points]
+            depth, normal = max(depths_and_normals, default=(0.0, ()))
             if depth > _LIFT_FROM:
                 position, quat = self._engine.getBasePositionAndOrientation(body_id)
-                lifted = [a + depth * n for a, n in zip(position, normal)]
+                lifted = [coordinate + depth * up for coordinate, up in zip(position, normal)]
                 self._engine.resetBasePositionAndOrientation(body_id, lifted, quat)
                 names = self._names[body_id], self._names[plane]
                 log.debug("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])

@@ -129,19 +129,22 @@ def _unit_of(document: ElementTree.Element) -> float:
 
 
 def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
-    """Corners and faces of the meshes of a scene, in its frame."""
+    """Return corners (V, 3) and faces (F, 3) of the meshes of trimesh's scene, in its frame and its unit.
+
+    `part` is the name of the only mesh that counts; empty for all meshes.
+    """
     corners: List[np.ndarray] = [np.empty((0, 3))]
     faces: List[np.ndarray] = [np.empty((0, 3), int)]
-    count = 0
+    corner_count = 0
     for node in scene.graph.nodes_geometry:
         transform, name = scene.graph[node]
         mesh = scene.geometry[name]
-        # Blender names a geometry after its node
-        if not hasattr(mesh, "faces") or (part and name.partition("-mesh")[0] != part):
-            continue
-        corners.append(mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
-        faces.append(np.asarray(mesh.faces) + count)
-        count += len(mesh.vertices)
+        has_triangles = hasattr(mesh, "faces")
+        is_part = not part or name.partition("-mesh")[0] == part  # Blender calls the mesh of a node NODE-mesh
+        if has_triangles and is_part:
+            corners.append(mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
+            faces.append(np.asarray(mesh.faces) + corner_count)
+            corner_count += len(mesh.vertices)
     return np.concatenate(corners), np.concatenate(faces)
 
 
@@ -162,6 +165,7 @@ def find_mesh(uri: str, source: str) -> Path:
 
 
 def _places(uri: str, source: str) -> Iterator[Path]:
+    """Yield the paths at which the file of a URI may be, see `find_mesh`."""
     parts = urlsplit(uri)
     if parts.scheme in ("model", "package"):
         inside = unquote(parts.path).lstrip("/")

@@ -32,7 +32,7 @@ class FrameScope:
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:
-        """<pose> of each link, model and frame, and its frame if the <pose> names none."""
+        """<pose> of each link, model and frame by name, and the frame that it has if it names none."""
         members = {name: (model.child("pose"), "") for name, model in self._models.items()}
         for node in (*self.holder.children("link"), *self.holder.children("frame")):
             members[node.named()] = node.child("pose"), node.element.get("attached_to", "")
@@ -42,24 +42,32 @@ class FrameScope:
     def _inner(self) -> Dict[str, FrameScope]:
         return {name: FrameScope(model.node, name, self) for name, model in self._models.items()}
 
-    def pose_of(self, pose: Optional[Node], usual: str = "") -> Pose:
-        """Pose in this world or model of an element, from its <pose>, if it has one.
+    def pose_of(self, pose: Optional[Node], default_frame: str = "") -> Pose:
+        """Return the pose of an element in this world or model, from its <pose>, if it has one.
 
-        The frame of a <pose> that names none is `usual`; empty for this world or model.
+        Args:
+            pose: the <pose>; None counts as the identity.
+            default_frame: frame of a <pose> that names none; empty for this world or model.
 
         Raises:
             WorldError: broken numbers, or frames that are relative to each other.
         """
-        frame = (frame_of(pose) if pose else "") or usual
-        origin = self._find(frame)
-        if origin is None and pose:
+        frame = (frame_of(pose) if pose else "") or default_frame
+        frame_pose = self._find(frame)
+        if frame_pose is None and pose:
             pose.note("a <pose> relative to an unknown frame is read relative to the parent", frame)
-            origin = self._find(usual)
-        own = pose.pose() if pose else IDENTITY
-        return own if origin is None or origin == IDENTITY else compose(origin, own)
+            frame_pose = self._find(default_frame)
+        pose_in_frame = pose.pose() if pose else IDENTITY
+        if frame_pose is None or frame_pose == IDENTITY:
+            return pose_in_frame
+        return compose(frame_pose, pose_in_frame)
 
     def _find(self, name: str) -> Optional[Pose]:
-        """Pose of a frame in this world or model; None if there is none of that name."""
+        """Return the pose of a frame in this world or model; None if there is none of that name.
+
+        A name is a member of this world or model, the model itself, the world, or `MODEL::NAME` of a model
+        inside.
+        """
         if name in ("", "__model__"):
             return IDENTITY
         if name in self._members:
@@ -73,13 +81,14 @@ class FrameScope:
         return compose(self._resolve(model), pose_in_model) if pose_in_model else None
 
     def _resolve(self, name: str) -> Pose:
-        pose, usual = self._members[name]
+        """Return the pose of a member in this world or model; WorldError if it depends on itself."""
+        pose, default_frame = self._members[name]
         if name in self._open:
             circle = " > ".join((*self._open[self._open.index(name) :], name))
             raise (pose or self.holder).error(f"frames are relative to each other: {circle}")
         if name not in self._known:
             self._open.append(name)
-            self._known[name] = self.pose_of(pose, usual)
+            self._known[name] = self.pose_of(pose, default_frame)
             self._open.pop()
         return self._known[name]
 

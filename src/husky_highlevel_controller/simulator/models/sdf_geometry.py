@@ -92,11 +92,11 @@ def _plane(node: Node) -> Plane:
     """A plane; its normal is up and 1 m by 1 m of it is drawn, unless it says otherwise (SDF's defaults)."""
     normal, size = node.child("normal"), node.child("size")
     x, y, z = normal.numbers(3) if normal else (0.0, 0.0, 1.0)
-    usual: Tuple[float, ...] = (1.0, 1.0)
+    edges: Tuple[float, ...] = (1.0, 1.0)
     if size:
         sentence = "a <size> of a plane that cannot be read is taken for 1 1; it is only drawn"
-        usual = size.unless_broken(partial(size.positive, 2), usual, sentence)
-    width, depth = usual
+        edges = size.unless_broken(partial(size.positive, 2), edges, sentence)
+    width, depth = edges
     length = sqrt(x * x + y * y + z * z)
     if normal and not 0.0 < length < inf:
         raise normal.error(f"needs a direction, not '{normal.text}'")
@@ -139,7 +139,7 @@ def rgba_of(node: Node) -> Rgba:
     if material:
         material.note_unknown()
         script = material.child("script")
-        name = (script.child("name") if script else None) or script
+        name = (script.child("name") if script else None) or script  # <script>NAME</script> counts, too
         if name and name.text in _SCRIPT_COLOURS:
             rgba = _SCRIPT_COLOURS[name.text]
         elif name:
@@ -149,10 +149,10 @@ def rgba_of(node: Node) -> Rgba:
                 partial(_colour, colour), rgba, "a colour that cannot be read is left out"
             )
     if transparency:
-        opaque: Tuple[float, ...] = (0.0,)
+        not_transparent: Tuple[float, ...] = (0.0,)
         sentence = "a <transparency> that is not a number is left out"
-        (share,) = transparency.unless_broken(partial(transparency.numbers, 1), opaque, sentence)
-        rgba = (*rgba[:3], rgba[3] * (1.0 - min(max(share, 0.0), 1.0)))
+        (value,) = transparency.unless_broken(partial(transparency.numbers, 1), not_transparent, sentence)
+        rgba = (*rgba[:3], rgba[3] * (1.0 - min(max(value, 0.0), 1.0)))
     return rgba
 
 
