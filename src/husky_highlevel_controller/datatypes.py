@@ -64,7 +64,7 @@ class Box:
 @dataclass(frozen=True)
 class Cylinder:
     radius: float  # [m]
-    length: float  # [m], along the geometry's z axis, centred
+    length: float  # [m], length along the geometry's z axis; the origin is in the middle
 
     @property
     def size(self) -> Vector3:
@@ -84,8 +84,8 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Plane:
-    normal: Vector3  # unit vector in the geometry's frame; collides as an infinite half space
-    size: Tuple[float, float]  # [m] edges of the rectangle that is drawn
+    normal: Vector3  # unit vector in the geometry's frame; everything below the plane is solid
+    size: Tuple[float, float]  # [m] edges of the rectangle that is drawn; collisions use the infinite plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class TriangleMesh:
 
     vertices: np.ndarray  # (V, 3) [m] corners in the geometry's frame, read-only
     faces: np.ndarray  # (F, 3), rows of `vertices`, read-only
-    source: str = ""  # name of its file
+    source: str = ""  # name of the mesh's file; empty if unknown
 
     @cached_property
     def bounds(self) -> np.ndarray:
@@ -117,7 +117,7 @@ class Geometry:
 
     shape: Shape
     pose_in_body: Pose = IDENTITY
-    rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # each from 0 to 1
+    rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # red, green, blue and opacity, each from 0 to 1
 
 
 @dataclass(frozen=True)
@@ -126,11 +126,12 @@ class Body:
 
     name: str
     pose_in_world: Pose
-    collisions: Tuple[Geometry, ...]  # shapes in physics and for the lidar
+    collisions: Tuple[Geometry, ...]  # shapes that the physics and the lidar use
     visuals: Tuple[Geometry, ...]  # shapes for display
-    mass: float = 0.0  # [kg]; 0 = static, never moves
-    model: str = ""  # bodies of one model pass through one another; empty if the body hits all others
-    pose_model_in_body: Pose = IDENTITY  # frame of the outermost model that the body belongs to
+    mass: float = 0.0  # [kg] mass of the body; 0 for a static body, which never moves
+    # name of the model, whose bodies pass through one another; empty if the body collides with all others
+    model: str = ""
+    pose_model_in_body: Pose = IDENTITY  # pose of the outermost model's frame in the body
 
 
 @dataclass(frozen=True)
@@ -246,7 +247,7 @@ class ImuSample(NamedTuple):
     stamp: float  # [s]
     quat_xyzw: Quaternion  # attitude of the sensor in a level frame of arbitrary heading
     angular_velocity: Vector3  # [rad/s] components along the sensor's axes
-    specific_force: Vector3  # [m/s^2] components along the sensor's axes; 9.8 upwards at rest (REP 145)
+    specific_force: Vector3  # [m/s^2] components along the sensor's axes; at rest 9.8 m/s^2 upwards (REP 145)
 
 
 class PowerState(NamedTuple):
@@ -254,7 +255,7 @@ class PowerState(NamedTuple):
 
     uptime: float  # [s]
     currents: Tuple[float, float]  # [A] currents of the motors
-    electronics_current: float  # [A] current of everything else
+    electronics_current: float  # [A] current of everything except the motors
     voltage: float  # [V] voltage of the battery
     charge: float  # fraction of `capacity`
     capacity: float  # [Wh]
@@ -298,11 +299,12 @@ class Snapshot(NamedTuple):
     """The simulated robot after one physics step; a sensor is None between its samples."""
 
     stamp: float  # [s] simulated time
-    step: int  # physics steps since the last reset
+    step: int  # number of physics steps since the last reset
     robot: RobotState
-    command: Twist2D  # set point of the wheels, within the limits
-    contacts: Tuple[str, ...] = ()  # names of the bodies the robot touches but does not stand on
-    odometry: Optional[OdometrySample] = None  # given at ODOMETRY_RATE, and with every scan
+    command: Twist2D  # command that the wheels follow, within the limits of the robot
+    contacts: Tuple[str, ...] = ()  # names of the bodies that the robot touches but does not stand on
+    # sample at ODOMETRY_RATE, and with every scan; None at other steps
+    odometry: Optional[OdometrySample] = None
     scan: Optional[Scan] = None
     imu: Optional[ImuSample] = None
     gps: Optional[GpsFix] = None

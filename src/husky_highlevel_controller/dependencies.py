@@ -10,7 +10,9 @@ from typing import Any, Collection, Iterable, List, NamedTuple
 from husky_highlevel_controller.spelling import nearest
 
 TAGS = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
-MIN_LIKENESS = 0.8  # sensor_msg is like sensor_msgs, but pcl_conversions is not like tf_conversions
+# least likeness of a suggested name: sensor_msg is like sensor_msgs, but pcl_conversions is not like
+# tf_conversions
+MIN_LIKENESS = 0.8
 
 
 class UnknownDependency(NamedTuple):
@@ -18,7 +20,7 @@ class UnknownDependency(NamedTuple):
 
     package: str
     dependency: str
-    suggestion: str  # name of the package that is most like it; empty if none is
+    suggestion: str  # name of the installed package that is most similar; empty if no package is similar
 
 
 def dependencies_of(root: Any) -> List[str]:

@@ -16,7 +16,8 @@ class Footprint:
     """Outline: a rectangle centred on base_link, and a strip along the wheels of either side."""
 
     hull: Tuple[float, float]  # half length, half width [m]
-    wheels: Tuple[float, float, float]  # half length; inner and outer edge of either strip [m]
+    # half length of the strip of the left or right wheels; its inner and outer edge [m]
+    wheels: Tuple[float, float, float]
 
     @property
     def half_length(self) -> float:

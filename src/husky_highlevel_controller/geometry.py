@@ -84,7 +84,8 @@ def quat_inverse(quat: Quaternion) -> Quaternion:
 def quat_between(start: Vector3, end: Vector3) -> Quaternion:
     """The shortest rotation from one unit vector to another."""
     along = dot(start, end)
-    if along < -1.0 + 1e-9:  # half a turn about any axis across the vector
+    # the vectors are opposite, so the rotation is half a turn about any perpendicular axis
+    if along < -1.0 + 1e-9:
         axis = unit(cross(start, (1.0, 0.0, 0.0))) or (0.0, 0.0, 1.0)
         return (*axis, 0.0)
     (x, y, z), length = cross(start, end), sqrt(2.0 + 2.0 * along)
@@ -181,7 +182,7 @@ def pose_to_2d(pose: Pose) -> Pose2D:
 def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
     """Pose after a constant twist for `duration` s: exactly along the arc."""
     turn = twist_in_base.angular * duration
-    # sin(a)/a and (1-cos(a))/a, by series if the quotient would lose its digits
+    # sin(a)/a and (1-cos(a))/a; for small angles by their series, because the quotients would lose digits
     if abs(turn) < 1e-4:
         along, across = 1.0 - turn * turn / 6.0, turn / 2.0
     else:

@@ -12,7 +12,7 @@ import numpy as np
 from husky_highlevel_controller.datatypes import TriangleMesh, Vector3
 
 _CELLS = 2048.0  # number of cells along a mesh's longest edge at the first coarsening
-_COARSER = 1.25  # growth of the cells' edge at each further coarsening
+_COARSER = 1.25  # factor by which the cells' edge grows at each further coarsening
 _SOLID = 0.01  # smallest volume of a closed mesh, as a fraction of the box around it
 
 
@@ -48,7 +48,8 @@ def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
     """Volume [m^3] and centroid of a mesh in its frame; of its box if the mesh is not closed."""
     low, high = mesh.bounds
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2) - low
-    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0  # volumes of tetrahedra from faces to a corner
+    # volumes of the tetrahedra between the faces and one corner
+    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     volume, box = float(parts.sum()), float(np.prod(high - low))
     if not _SOLID * box < abs(volume) <= box:
         x, y, z = ((low + high) / 2.0).tolist()

@@ -17,7 +17,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import List, NamedTuple, Optional
 
-# the fork has wheels for platforms without PyBullet wheels, see requirements/launch.in
+# true on platforms on which the fork pybullet_arm64 has wheels and PyBullet does not, see
+# requirements/launch.in
 FORK = sys.version_info >= (3, 12) or (sys.version_info >= (3, 10) and sys.platform != "linux")
 BULLET = "pybullet_arm64==3.2.8" if FORK else "pybullet==3.2.7"
 
@@ -27,7 +28,7 @@ class PythonPackage(NamedTuple):
 
     module: str
     requirement: str  # requirement for pip, as in requirements/*.in
-    oldest: str = ""  # oldest version that has all used functions; empty if any has
+    oldest: str = ""  # oldest version that has all functions used here; empty if every version has them
 
 
 ROBOT = (
@@ -53,7 +54,8 @@ PAGE = (
     PythonPackage("PIL", "pillow"),
     PythonPackage("websockets", "websockets"),
 )
-# robot: nodes on a real robot. launch: these nodes and the simulator. run: also the commands. page: the page
+# packages that each use needs: robot (nodes on a real robot), launch (also the simulator), run (also the
+# commands), page (the web page)
 GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
 
 
@@ -77,7 +79,9 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
         requirement = package.requirement
         if package.oldest:
             requirement += f">={package.oldest}"
-        if is_old:  # compiled packages of the system, such as matplotlib, fail with a later major version
+        # the major version of a package stays, because compiled packages of the system, such as matplotlib,
+        # fail with a later one
+        if is_old:
             requirement += f",<{_numbers(version)[0] + 1}"
         requirements.append(requirement)
     if not lacking:
@@ -130,9 +134,10 @@ def _pip(requirements: List[str]) -> str:
     if sys.prefix == sys.base_prefix:
         words.append("--user")
         if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
-            words.append("--break-system-packages")  # safe, because --user installs in the home folder
+            # safe, because pip installs in the home folder with --user
+            words.append("--break-system-packages")
     debian = [] if importlib.util.find_spec("pip") else ["python3-pip"]
     if BULLET in requirements and (platform.machine() != "x86_64" or sys.version_info >= (3, 14)):
-        debian += ["g++", "python3-dev"]  # pip compiles because no wheel fits
+        debian += ["g++", "python3-dev"]  # no wheel fits, so pip needs a compiler
     first = shlex.join(["sudo", "apt", "install", *debian]) + " && " if debian else ""
     return first + shlex.join([*words, *requirements])

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, List, Mapping, NamedTuple, Sequence
 
-WIDTH = 110  # characters of a line
-MIN_WRAPPED = 30  # least characters of a wrapped column
-FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")  # start of a spreadsheet formula; not a negative number
+WIDTH = 110  # largest number of characters of a line
+MIN_WRAPPED = 30  # smallest number of characters of a wrapped column
+# start of a spreadsheet formula, but not of a negative number
+FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")
 ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
 
 
@@ -24,8 +25,8 @@ class Cell(NamedTuple):
     """Cell of a table."""
 
     value: Any
-    style: str = ""  # ok, missed or empty
-    link: str = ""  # address of the page behind the cell
+    style: str = ""  # style of the cell: ok, missed or empty
+    link: str = ""  # address of the page to which the cell links
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Table:
     title: str
     header: Sequence[str]  # names of the columns; not printed if all are empty
     rows: Sequence[Sequence[Any]]
-    folded: bool = False  # shown on the page only, not in the text
+    folded: bool = False  # true if the table is shown only on the web page, and not in the text
 
     def __post_init__(self) -> None:
         """Turn the lists of a JSON file into rows."""
@@ -113,8 +114,8 @@ class Result:
     lead: str  # sentence below the title
     tables: Sequence[Table]
     verdict: str = ""
-    failed: bool = False  # whether the verdict is bad, for the exit code
-    source: str = ""  # hash of the drives, machines, versions
+    failed: bool = False  # true if the result is bad, so that the exit code is 1
+    source: str = ""  # hash of the runs, machines and versions, as a sentence
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tables", tuple(self.tables))

@@ -16,8 +16,10 @@ from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.footprint import Footprint
 
 DPI = 110
-DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"  # colours for every kind of eye
-STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))  # distinct in black and white
+# colours that colour-blind people can distinguish, too
+DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"
+# colours and line styles that are distinct in black and white, too
+STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))
 
 
 def new_figure(
@@ -30,7 +32,8 @@ def new_figure(
 def png(figure: Figure) -> bytes:
     """A figure as PNG."""
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)  # savefig would draw everything twice
+    # the canvas writes the picture, because `savefig` would draw everything twice
+    FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
 
 

@@ -19,7 +19,7 @@ from husky_highlevel_controller.drawing.robot_mesh import Part, robot_mesh
 from husky_highlevel_controller.drawing.templates import render
 from husky_highlevel_controller.robot import Robot, load_robot
 
-PERIOD = 0.1  # [s] time between two poses that are kept; the page interpolates
+PERIOD = 0.1  # [s] time between two poses that are kept; the page interpolates between them
 MAX_POSES = 3000  # largest number of poses; a longer run is kept more coarsely
 MAX_MARKS = 1000
 
@@ -29,10 +29,11 @@ class Replay:
     """Poses, paths and objects of a drive, in the world's frame."""
 
     title: str
-    summary: str  # sentence on the end of the run
+    summary: str  # sentence that says how the run ended
     times: np.ndarray  # (N,) [s] rising
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
-    pillars: np.ndarray  # (0, 2), (1, 2) or (N, 2) [m] centre of the pillar: none, fixed, or at each time
+    # (0, 2), (1, 2) or (N, 2) [m] centre of the pillar: no pillar, a fixed pillar, or a centre at each time
+    pillars: np.ndarray
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m] marker positions
     pillar_radius: float = PILLAR_RADIUS  # [m]
     robot: Robot = field(default_factory=load_robot)

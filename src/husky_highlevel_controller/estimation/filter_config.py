@@ -14,10 +14,11 @@ import numpy as np
 
 from husky_highlevel_controller.config import ConfigError, from_plain, number, setting
 
-VARIABLES = 15  # x, y, z, roll, pitch, yaw, their velocities, three accelerations, as in every `odom0_config`
+# number of variables in each `odom0_config`: x, y, z, roll, pitch, yaw, their velocities, three accelerations
+VARIABLES = 15
 PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # indices of the states of `planar_ekf`
 INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
-# parameters that are refused unless they are false, with the reason
+# patterns of parameters that are rejected unless their value is false, with the reason
 REFUSED = {
     re.compile(r"(pose|twist)\d+\w*"): "inputs are odometry (odom0 ...) and IMU (imu0 ...)",
     re.compile(r"\w+_rejection_threshold"): "the filter takes every measurement, however far it is off",
@@ -83,7 +84,7 @@ class FilterConfig(NamedTuple):
     options: FilterOptions
     inputs: Dict[str, InputConfig]  # inputs by name, such as odom0
     process_noise: Optional[np.ndarray]  # (8, 8) growth of the covariance per second; defaults if None
-    initial_covariance: Optional[np.ndarray]  # (8, 8) defaults if None
+    initial_covariance: Optional[np.ndarray]  # (8, 8) covariance of the first state; defaults if None
 
 
 def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterConfig, List[str]]:

@@ -17,9 +17,10 @@ from husky_highlevel_controller.estimation.filter_config import FilterConfig
 from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
 from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
 
-PATIENCE = 1.0  # [s] lag of a silent sensor after which the other sensors continue without it
-MAX_PAUSE = 10.0  # [s] longest time without a reading that estimates bridge
-SAME_TIME = 1e-6  # [s] stamps closer than this are equal; a double of today's time has seven decimals
+PATIENCE = 1.0  # [s] lag of a silent sensor after which the filter continues with the other sensors
+MAX_PAUSE = 10.0  # [s] longest time without a reading for which the filter still sends estimates
+# [s] stamps closer than this count as equal, because a double has only seven decimals for today's time
+SAME_TIME = 1e-6
 
 
 class Localization:
@@ -37,9 +38,10 @@ class Localization:
         self._ekf = PlanarEkf(config.process_noise, config.initial_covariance)
         self._waiting: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
         self._first = inf  # [s] stamp of the first reading
-        self._last: Dict[str, float] = {}  # [s] last stamp by sensor
-        self._set_at = self._sent = -inf  # [s] stamps of the set pose and of the last estimate
-        self._slot = 0  # time of the next estimate in periods
+        self._last: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
+        # [s] stamp of the last pose from `set_pose`, and stamp of the last estimate
+        self._set_at = self._sent = -inf
+        self._slot = 0  # time of the next estimate, as a number of periods
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
         """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""

@@ -17,12 +17,14 @@ import numpy as np
 from husky_highlevel_controller.geometry import wrap_angle
 
 STATES = 8
-X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)  # pose in odom, velocity, acceleration in base_link
+# indices of the state: pose in odom; velocity and acceleration in base_link
+X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)
 MIN_VARIANCE = 1e-9  # smallest variance of a measured value
 INITIAL_VARIANCE = 1e-9
-MAX_STEP = 1e5  # [s] a longer step is a change of clock, and counts as CLOCK_STEP
+MAX_STEP = 1e5  # [s] a longer step means that the clock has changed, and counts as CLOCK_STEP
 CLOCK_STEP = 0.01  # [s]
-# noise of x, y, yaw, vx, vy, yaw rate, ax, ay [squared unit per second]: robot_localization's defaults
+# noise of x, y, yaw, vx, vy, yaw rate, ax, ay [squared unit per second]; the values are robot_localization's
+# defaults
 PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02, 0.01, 0.01)
 
 
@@ -39,7 +41,7 @@ class MotionEstimate(NamedTuple):
     """Estimated motion of base_link."""
 
     stamp: float  # [s]
-    state: np.ndarray  # (8,) [m, rad, m/s, rad/s, m/s^2] values at the indices above
+    state: np.ndarray  # (8,) [m, rad, m/s, rad/s, m/s^2] state, with the indices X to AY
     covariance: np.ndarray  # (8, 8)
 
 

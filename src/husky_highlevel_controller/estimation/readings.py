@@ -26,8 +26,8 @@ from husky_highlevel_controller.geometry import (
     wrap_angle,
 )  # fmt: skip
 
-ON_PLANE = (0, 1, 5)  # x, y and yaw of six numbers
-# smallest component of a used axis along another axis with which the other axis is used, too
+ON_PLANE = (0, 1, 5)  # indices of x, y and yaw in x, y, z, roll, pitch, yaw
+# if a used axis of a sensor has a larger component along an axis of the robot, this axis is used, too
 SAME = 1e-6
 
 
@@ -39,7 +39,7 @@ class Reading(NamedTuple):
     """A message of odometry or IMU; a part that it lacks is None."""
 
     stamp: float  # [s]
-    pose: Optional[Pose] = None  # pose of the robot in `pose_frame`, or attitude of an IMU
+    pose: Optional[Pose] = None  # pose of the robot in `pose_frame`; from an IMU, only the attitude counts
     pose_covariance: np.ndarray = np.zeros((6, 6))
     velocity: Optional[np.ndarray] = None  # (6,) [m/s, rad/s] along the sensor's axes
     velocity_covariance: np.ndarray = np.zeros((6, 6))
@@ -51,7 +51,7 @@ class Mounting(NamedTuple):
     """Frames of a reading's numbers."""
 
     sensor_in_base: Pose = Pose()
-    pose_frame_in_odom: Pose = Pose()  # frame of the poses of odometry
+    pose_frame_in_odom: Pose = Pose()  # pose in odom of the frame of the measured poses
 
 
 class MotionSensor:

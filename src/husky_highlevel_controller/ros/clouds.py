@@ -32,7 +32,7 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
         return no_points
     row_size = msg.width * msg.point_step
-    row_step = msg.row_step or row_size  # some drivers leave row_step at 0
+    row_step = msg.row_step or row_size  # some drivers do not set row_step, and leave it at 0
     if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step or row_step < row_size:
         return no_points
     if len(msg.data) < (msg.height - 1) * row_step + row_size:

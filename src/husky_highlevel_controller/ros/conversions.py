@@ -48,12 +48,13 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import pose_from_2d
 
 MIN_INCREMENT = 1e-6  # [rad] smallest increment of a real lidar
-TURN_TOLERANCE = 0.01  # [rad] excess over 2 pi that a full turn of 32-bit angles may have
-MAX_NEAREST = 200.0  # [m] a nearest return that is farther is given in millimetres
-MILLIMETRES = (100.0, 60000.0)  # smallest and largest range of a lidar, in mm
-MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is given in millimetres
+# [rad] the angles of a full turn may exceed 2 pi by this, because they are 32-bit numbers
+TURN_TOLERANCE = 0.01
+MAX_NEAREST = 200.0  # [m] largest nearest return; if it is larger, the ranges are probably in millimetres
+MILLIMETRES = (100.0, 60000.0)  # usual limits of a range that is given in mm
+MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is probably in millimetres
 
-# Diagonals as husky_control/config/control.yaml publishes them (x, y, z, roll, pitch, yaw)
+# Covariances with the diagonals of husky_control/config/control.yaml (x, y, z, roll, pitch, yaw).
 ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
 
 
@@ -100,7 +101,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
     steps = max(len(ranges) - 1, 0)
     scan = Scan(
         stamp=msg.header.stamp.to_sec(),
-        frame=msg.header.frame_id.lstrip("/"),  # older drivers send a leading slash, which tf2 refuses
+        frame=msg.header.frame_id.lstrip("/"),  # older drivers send a leading slash, which tf2 rejects
         angle_min=msg.angle_min,
         angle_max=msg.angle_min + (msg.angle_increment * steps if steps else 0.0),
         range_min=msg.range_min,
@@ -141,7 +142,8 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
 def _check_unit(scan: Scan) -> None:
     """Raise ScanError for ranges that can only be millimetres."""
     measured = scan.ranges[scan.valid]
-    # ranges in mm may all be beyond range_max; but a range that is the same for all beams stands for a miss
+    # if the ranges are in mm, all of them may exceed range_max. But if all beams have the same range, it
+    # means that they have met nothing
     if not len(measured):
         measured = scan.ranges[np.isfinite(scan.ranges) & (scan.ranges > 0.0)]
         if not len(measured) or measured.min() == measured.max():
@@ -257,10 +259,10 @@ def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
 
 # ---------------------------------------------------------------------------- IMU
 
-# The Husky's plugin publishes this: roll and pitch follow from the accelerometer's noise, (0.005 / 9.8)^2.
-# The covariances of rates and accelerations are all 0, which means unknown (REP 145)
+# Covariance that the Husky's Gazebo plugin publishes. The noise of the accelerometer gives roll and pitch,
+# (0.005 / 9.8)^2. The covariances of rates and accelerations are all 0, which means unknown (REP 145).
 IMU_ORIENTATION_COVARIANCE = tuple(np.diag([(0.005 / 9.8) ** 2] * 2 + [0.0]).ravel().tolist())
-NO_ORIENTATION = (-1.0, *[0.0] * 8)  # the attitude is not measured (REP 145)
+NO_ORIENTATION = (-1.0, *[0.0] * 8)  # covariance of an IMU that does not measure its attitude (REP 145)
 
 
 def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
@@ -291,7 +293,8 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     """A sample of any IMU; without an orientation it is taken to be level."""
     q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
     length = hypot(q.x, q.y, q.z, q.w)
-    # REP 145 asks for -1; zeros and NaN also mean that there is no attitude
+    # REP 145 marks a missing attitude by a covariance of -1; some drivers send a quaternion of zeros or NaN
+    # instead
     level = msg.orientation_covariance[0] == -1.0 or not length > 0.5
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))

@@ -11,8 +11,9 @@ from typing import List, Mapping, NamedTuple, Optional, Sequence
 from husky_highlevel_controller.xml_rpc import ask
 
 CALLER = "/master_graph"
-SIMULATOR = "husky_simulator"  # name of the simulator's node, in its namespace
-FINDINGS = "husky_findings"  # parameter of its findings on other nodes, in its namespace
+SIMULATOR = "husky_simulator"  # name of the simulator's node, without its namespace
+# parameter with the simulator's findings on other nodes, in the simulator's namespace
+FINDINGS = "husky_findings"
 Nodes = Mapping[str, Sequence[str]]  # names of nodes by topic
 Kinds = Mapping[str, str]  # types of messages by topic
 

@@ -19,7 +19,7 @@ from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.ros.rosout import remember_parameter
 from husky_highlevel_controller.ros.transport import replace_transport
 
-LAUNCH_FILES = {  # launch files that load the parameters of nodes
+LAUNCH_FILES = {  # launch file that loads the parameters of each node
     "husky_highlevel_controller": "controller", "arrival_exit": "simulator", "husky_simulator": "simulator",
     "husky_web": "web", "crash_stop": "crash_stop", "proximity_stop": "proximity_stop",
 }  # fmt: skip
@@ -45,7 +45,8 @@ def publish(publisher: Any, message: Any, **options: Any) -> None:
     """
     try:
         publisher.publish(message, **options)
-    except (rospy.ROSException, ValueError):  # a ValueError means that the buffer is closed already
+    except (rospy.ROSException, ValueError):
+        # ROSException or ValueError mean that the topic is already closed
         if not rospy.core.is_shutdown_requested():
             raise
 
@@ -68,7 +69,8 @@ def contained(what: str) -> Iterator[None]:
             rospy.logerr(f"{what} failed and will be tried again: {traceback.format_exc()}")
 
 
-_contained: Set[Tuple[str, str]] = set()  # failed actions, and the kind of error
+# name of each failed action, and the kind of its error, which is logged only once
+_contained: Set[Tuple[str, str]] = set()
 
 
 class NewSubscribers(rospy.SubscribeListener):
@@ -116,13 +118,15 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     that sets its own time does not subscribe to /clock.
     """
     if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line
+        # a log that goes into a pipe or file is written line by line
+        sys.stdout.reconfigure(line_buffering=True)
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
     replace_transport()
     level = rospy.DEBUG if debug else rospy.INFO
-    # without argv rospy takes the remappings from its import, which was before a program was forked
+    # the arguments are given, because rospy would otherwise use the arguments at its import, before this
+    # program was forked
     rospy.init_node(
         name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
     )

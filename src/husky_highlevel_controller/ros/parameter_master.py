@@ -18,9 +18,10 @@ from rosmaster.main import rosmaster_main
 from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS, UnreadParameter
 from husky_highlevel_controller.spelling import likeness
 
-MAX_REQUESTS = 10_000  # requests that are kept
-MIN_LIKENESS = 0.8  # sped is like speed, but max_range is not like min_range
-READERS_OF_ALL = ("/rosparam", "/roslaunch")  # begins of names of tools that are not nodes
+MAX_REQUESTS = 10_000  # largest number of requests that are kept
+# least likeness of a misspelt name: sped is like speed, but max_range is not like min_range
+MIN_LIKENESS = 0.8
+READERS_OF_ALL = ("/rosparam", "/roslaunch")  # first parts of the names of tools, which read all parameters
 
 
 class Request(NamedTuple):
@@ -73,7 +74,7 @@ def _likeness(name: str, asked: str, node: str) -> float:
         return 0.0
     set_name, asked_name = set_name.lower(), asked_name.lower()
     if set_name != asked_name and set_name.strip("0123456789") == asked_name.strip("0123456789"):
-        return 0.0  # gain1 and gain2 are two parameters
+        return 0.0  # names that differ only in their number, such as gain1 and gain2, are two parameters
     return likeness(set_name, asked_name, "_")
 
 
@@ -84,9 +85,9 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         super().__init__(*arguments)
         self._requests: Dict[Request, bool] = {}
         self._requests_lock = threading.Lock()
-        # last answer; None if a request or a parameter has changed since then
+        # last answer of getUnreadParams; None if a request or a parameter has changed since then
         self._unread: Optional[List[List[str]]] = None
-        # nodes and services, in the order of requests
+        # nodes that asked for services that do not exist, with the services, in the order of the requests
         self._services_in_vain: Dict[Tuple[str, str], None] = {}
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802

@@ -21,10 +21,10 @@ from husky_highlevel_controller.ros.node import contained, publish
 from husky_highlevel_controller.xml_rpc import reply
 
 # [s] wall times
-PERIOD = 1.0  # between two questions to the master, and between two messages on /diagnostics
-DEADLINE = 2.0  # longest wait for an answer
-STAND_PERIOD = 0.05  # between two zero commands; a twist_mux drops an input after 0.5 s
-REPORT_PERIOD = 10.0  # between two lines of the log
+PERIOD = 1.0  # [s] wall time between two questions to the master, and between two messages on /diagnostics
+DEADLINE = 2.0  # [s] longest wait for an answer of the master
+STAND_PERIOD = 0.05  # [s] wall time between two zero commands; a twist_mux drops an input after 0.5 s
+REPORT_PERIOD = 10.0  # [s] wall time between two lines of the log
 LOST = (
     "standing still: the ROS master was started again, so this node is no longer registered. No new "
     "program finds this node, so press the red button of the robot, then start all nodes again"
@@ -48,7 +48,8 @@ class Registration:
         code, uri = self._ask("lookupNode", name)
         is_known = code == 1 and uri == rospy.get_node_uri()
         if is_known:
-            # rospy's log subscribes to a parameter, which alone makes a node's name known to a new master
+            # the name of a node does not prove its registration, because a subscription to a parameter also
+            # makes the name known
             code, _ = self._ask("lookupService", f"{name}/get_loggers")
             is_known = code == 1
         has_no_answer = code == 0
@@ -68,7 +69,7 @@ class RegistrationWatch:
     def __init__(self, stand: Callable[[], None]) -> None:
         """Set up; `stand` is called in the thread, every STAND_PERIOD after a loss."""
         self._registration, self._stand = Registration(), stand
-        # advertised at the start, because after a loss no subscriber would find this publisher
+        # advertised at the start, because subscribers do not find a publisher that the master does not know
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
 
     @property

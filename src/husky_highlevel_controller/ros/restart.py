@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any, List, Optional, Sequence
 
 CONFIG_OPTION, LOG = "-d", "__log:="  # option of RViz, and argument of every node that roslaunch starts
-CRASHES = {-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGBUS}  # exit codes of subprocess
+# exit codes, as `subprocess` gives them, of a crashed program
+CRASHES = {-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGBUS}
 DISPLAY_TIMEOUT = 2.0  # [s] longest wait for a connection to a display on another machine
 
 
@@ -65,7 +66,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
     Returns:
         Its exit code; negative if a signal ended it.
     """
-    stopping = 0  # number of the signal
+    stopping = 0  # number of the signal that has come; 0 if no signal has come
     process: Optional[subprocess.Popen] = None
 
     def pass_on(number: int, _frame: Any) -> None:
@@ -75,7 +76,8 @@ def run_again_after_crash(command: Sequence[str]) -> int:
             process.send_signal(number)
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, pass_on)  # set before the program starts, so that no signal is lost
+        # the handler is set before the program starts, so that no signal is lost
+        signal.signal(number, pass_on)
     for attempt in (1, 2):
         process = subprocess.Popen(list(command))
         if stopping:  # a signal came before `process` was known
@@ -102,7 +104,7 @@ def with_own_config(command: Sequence[str]) -> List[str]:
     config, copy = Path(words[config_index]), Path(log).with_suffix(".rviz")
     try:
         shutil.copyfile(config, copy)
-    except OSError:  # RViz reports a file that is not there
+    except OSError:  # RViz itself reports a file that does not exist
         return words
     print(f"RViz shows a copy of {config.name}; Ctrl+S saves to {copy}", file=sys.stderr)
     words[config_index] = str(copy)

@@ -12,7 +12,7 @@ from geometry_msgs.msg import Transform, TransformStamped
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 
-MAX_COORDINATE = 1e6  # [m] largest coordinate of a pose; tf2 refuses NaN, but neither infinity nor 1e308
+MAX_COORDINATE = 1e6  # [m] largest coordinate of a pose; tf2 rejects NaN, but neither infinity nor 1e308
 
 
 def lookup_transform(
@@ -28,7 +28,8 @@ def lookup_transform(
     """
     try:
         stamped = transforms.lookup_transform_core(parent, child.lstrip("/"), stamp or rospy.Time())
-    except (tf2_ros.TransformException, ValueError):  # a ValueError means an empty name, or a name with a NUL
+    except (tf2_ros.TransformException, ValueError):
+        # a ValueError means that the name of a frame is empty or contains a NUL character
         return None
     return stamped if is_pose(stamped.transform) else None
 

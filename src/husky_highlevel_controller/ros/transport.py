@@ -25,7 +25,7 @@ import rospy.topics
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
-HEADER_TIMEOUT = 10.0  # [s] wall time without a byte of a connection's header
+HEADER_TIMEOUT = 10.0  # [s] a connection is closed if no byte of its header has come for this wall time
 
 
 class PromptConnection(QueuedConnection):
@@ -56,7 +56,7 @@ class PromptConnection(QueuedConnection):
         except BlockingIOError:
             sent = 0
         except OSError:
-            return bool(connection.write_data(data))  # rospy meets the same error, and handles it
+            return bool(connection.write_data(data))  # rospy's own method meets the same error and handles it
         connection.stat_bytes += sent
         if sent < len(data):
             with self._lock:
@@ -75,14 +75,15 @@ class PromptConnection(QueuedConnection):
             with self._lock:
                 while not self._queue and not self._unsent and not self._connection.done:
                     self._cond_data_available.wait()
-            with self._turn:  # messages in the queue go before later ones
+            with self._turn:  # held, so that no later message is written before the messages in the queue
                 with self._lock:
                     unsent, queue = self._unsent, self._queue
                     self._unsent, self._queue = b"", []
                 for data in [unsent, *queue] if unsent else queue:
                     try:
                         self._connection.write_data(data)
-                    except Exception as error:  # rospy raises it when a later message is published
+                    except Exception as error:
+                        # the error is kept, and raised when a later message is published
                         with self._lock:
                             self._error = error
 

@@ -27,8 +27,9 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 
 CONTROLLER = "husky_highlevel_controller"  # name of the controller's node, in this node's namespace
-POLL_PERIOD = 0.02  # [s] wall time between two checks; half a simulated second in a fast simulation
-STANDING_TIME = 1.0  # [s] simulated time that an arrived robot stands
+# [s] wall time between two checks; in a fast simulation this is half a second of simulated time
+POLL_PERIOD = 0.02
+STANDING_TIME = 1.0  # [s] simulated time for which a robot must stand at an object to count as arrived
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class ArrivalExit:
         turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
         self._arrived = False
-        self._has_driven, self._standing_since = False, inf  # [s], stamp of odometry
+        # whether the robot has driven; stamp [s] of odometry since which it stands
+        self._has_driven, self._standing_since = False, inf
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
         self._scans: Optional[rospy.Subscriber] = None
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
@@ -109,7 +111,8 @@ class ArrivalExit:
         controller_announces = self._announcements.get_num_connections() > 0
         if not stands_after_drive or controller_announces:
             return
-        # subscribed late, because a controller that announces its arrival needs no scans
+        # the subscription begins only now, because scans are not needed if the controller announces its
+        # arrival
         if self._scans is None:
             self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
         if self._clearance <= REACHED and not self._arrived:
@@ -123,7 +126,7 @@ class ArrivalExit:
         try:
             scan = conversions.scan_from_msg(message)
         except conversions.ScanError:
-            return  # a scan of another node; the simulator's own are valid
+            return  # the scan comes from another node, because the simulator's own scans are always valid
         if scan.stamp >= self._standing_since:
             self._clearance = nearest_clearance(scan, self._pose_laser_in_base, self._robot.footprint)
 

@@ -20,29 +20,32 @@ from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] ROS time between two messages
 OUR_CLOCK = "this computer's clock"
-OLD, TOO_OLD = 0.5, 2.0  # [s] age of a scan or of odom's transform for a warning, for an error
-STILL_POLLS = 5  # calls of update() without a change of ROS time: a paused world, or a busy machine
+# [s] age of a scan, or of the transform from odom, that causes a warning; age that causes an error
+OLD, TOO_OLD = 0.5, 2.0
+# number of calls of update() without a change of ROS time after which the world counts as paused
+STILL_POLLS = 5
 
 
 @dataclass(frozen=True)
 class Health:
     """Figures that the status is judged by."""
 
-    paused: bool  # does simulated time stand still?
+    paused: bool  # true if simulated time stands still
     scan_silence: Optional[float]  # [s] time since the last scan came; None before the first
     scan_age: float  # [s] age of the last scan, by its stamp, when the scan came
     scan_stamp: float  # [s] stamp of the last scan
     scan_rate: Optional[float]  # [Hz] rate by the stamps of the last scans; None for fewer than two
     scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
     scan_frame: str
-    mounted: bool  # is there a transform from the lidar to base_link?
-    tf_silence: Optional[float]  # [s] time since odom -> base_link changed; None if there is none
-    tf_age: float  # [s] age of the latest odom -> base_link, by its stamp
-    ahead: float  # [s] lead of the scans' clock over odometry's
+    mounted: bool  # true if TF has a transform from the lidar to base_link
+    # [s] time since the transform odom -> base_link has changed; None if there is no such transform
+    tf_silence: Optional[float]
+    tf_age: float  # [s] age of the latest transform odom -> base_link, by its stamp
+    ahead: float  # [s] lead of the scans' clock over odometry's clock
     state: State
-    pillar: str  # "seen", "remembered" or "unknown"
+    pillar: str  # state of the pillar: "seen", "remembered" or "unknown"
     reason: str = ""  # reason of the controller's last command
-    disobeyed: str = ""  # sentence on why the robot does not do what is commanded; empty if it does
+    disobeyed: str = ""  # sentence on why the robot does not follow the commands; empty if it follows them
     absence: str = ""  # sentence on why no scans come; empty if unknown
 
 
@@ -120,13 +123,15 @@ class Diagnostics:
         self._has_changed.clear()
         if now != self._now:
             self._still_polls = 0
-        elif not has_changed:  # a change calls this early
+        elif not has_changed:
+            # a call after a change does not count, because it comes early and ROS time may not have advanced
+            # yet
             self._still_polls += 1
         self._now = now
         pauses_now = self._still_polls == STILL_POLLS
         resumes_now = was_paused and self._still_polls == 0
         is_due_at_once = self._new_subscribers.take() or has_changed or pauses_now or resumes_now
-        # time goes back if the simulator was started again
+        # the difference is negative if the simulator was started again, because its time then goes back
         is_early = 0.0 <= now - self._published_at < PERIOD
         if is_early and not is_due_at_once:
             return

@@ -13,7 +13,8 @@ from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.master_graph import read_graph
 
-PAGE = "husky_web"  # advertises its topic always, and sends only while a person drives
+# node of the web page, which always advertises its topic of commands, but sends only while a person drives
+PAGE = "husky_web"
 
 
 class Disobedience:

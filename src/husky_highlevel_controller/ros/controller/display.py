@@ -34,16 +34,18 @@ COLORS = {
 }
 ARRAY_PERIOD = 0.099  # [s] time between two arrays, by scan stamps; slightly below 0.1 s because of rounding
 PATH_STEP = 0.1  # [m] between two points of the path
-PATH_POINTS = 1000  # largest number of points; the oldest go first
+PATH_POINTS = 1000  # largest number of points of the path; if there are more, the oldest are removed
 ABOVE_ROBOT = 1.0  # [m] height of the text above base_link, if there is no pillar
-# size of the characters [rad], seen by a camera this far behind the robot [m], as in rviz/controller.rviz
+# height of the characters as an angle [rad], seen by a camera this far behind the robot [m], as in
+# rviz/controller.rviz
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
 # Factor on the size of the cylinder in the laser's frame, because two equal cylinders in one place flicker.
 # So this cylinder is visible only if the namespace of the cylinder in odom is switched off. The factor is
 # above 0.95, the fraction with which the simulator draws the pillar.
 INSIDE = 0.98
 DISC_HEIGHT = 0.02  # [m]
-MIN_SPREAD = 0.05  # [m] least rim of the estimate around the pillar, so that it is visible
+# [m] smallest width of the rim around the pillar that shows the accuracy, so that it is visible
+MIN_SPREAD = 0.05
 
 
 class Display:
@@ -54,7 +56,8 @@ class Display:
 
         The wheels of `robot` give the height of the ground, which is the same in base_link and in odom.
         """
-        self._ground = robot.wheels.height - robot.drive.wheel_radius  # [m] ground in base_link and odom
+        # [m] height of the ground in base_link and odom
+        self._ground = robot.wheels.height - robot.drive.wheel_radius
         self._new_subscribers = NewSubscribers()
         self._marker = rospy.Publisher("~visualization_marker", Marker, self._new_subscribers, queue_size=10)
         self._array = rospy.Publisher(
@@ -63,9 +66,10 @@ class Display:
         self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
         self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
         self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
-        # namespaces of the markers that RViz shows, by topic; a marker that ends must be deleted
+        # namespaces of the markers that RViz shows, by topic; RViz keeps a marker until a message deletes it
         self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
-        # stamp [s] and state of the last array: the next one is due after ARRAY_PERIOD, or with another state
+        # stamp [s] and state of the last array; the next array is sent after ARRAY_PERIOD, or when the state
+        # changes
         self._array_stamp = -inf
         self._state: Optional[State] = None
         # arguments of the last `show`, repeated for a subscriber that comes later
@@ -110,7 +114,7 @@ class Display:
         started again.
         """
         stamp = observation.scan.stamp
-        if stamp < self._array_stamp:  # the simulator was started again
+        if stamp < self._array_stamp:  # time went back, because the simulator was started again
             self._path.clear()
             self._array_stamp = -inf
         if output.moved:

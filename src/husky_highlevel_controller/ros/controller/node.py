@@ -93,11 +93,12 @@ class ControllerNode:
             )
         self._enabled = switch.start_enabled
         self._controller_state = ControllerState()
-        # held during a decision and during a stop, so that no command follows the zero of a stop
+        # lock that is held during a decision and during a stop, so that no command follows the zero command
+        # of a stop
         self._deciding = threading.Lock()
         self._arrived: Optional[bool] = None  # last announcement on ~arrived; None before the first
         self._pillar_status, self._reason = "unknown", ""  # "seen", "remembered" or "unknown"; last reason
-        self._range_logged_at = -inf  # [s] stamp of a scan
+        self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
@@ -137,13 +138,14 @@ class ControllerNode:
         self._registration.start()
         while not rospy.is_shutdown():
             with contained("placing a scan"):
-                self._placement.update()  # ends waits that are overdue
+                self._placement.update()  # a scan whose transform is overdue is used without waiting longer
             with contained("comparing commands with motion"):
                 self._notice_disobedience()
             with contained("asking why no scans come"):
                 self._notice_absence()
             with contained("the status on /diagnostics"):
-                if not self._registration.is_lost:  # RegistrationWatch publishes the status after a loss
+                # after the loss of the registration, RegistrationWatch publishes the status
+                if not self._registration.is_lost:
                     self._diagnostics.update()
             with contained("showing the last scan"):
                 self._display.update()
@@ -233,7 +235,7 @@ class ControllerNode:
                 self._controller_state, output = decide(
                     before, observation, enabled, control, detector_config
                 )
-            except Exception:  # the caller logs it
+            except Exception:  # the caller logs the error
                 self._stop()
                 raise
             self._command(output.twist)
@@ -279,7 +281,7 @@ class ControllerNode:
         self._reason = output.reason
         if has_new_stage or waits_for_new_reason:
             self._log_change(observation, before, output, control)
-        # the difference is negative after a restart of the simulator
+        # the difference is negative after a restart of the simulator, and then the line is logged, too
         if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
             self._range_logged_at = scan.stamp
             rospy.loginfo(

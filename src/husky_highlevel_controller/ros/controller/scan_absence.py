@@ -12,7 +12,7 @@ import rosgraph
 from husky_highlevel_controller.ros.master_graph import SIMULATOR, Graph, read_graph
 
 SCAN_TYPE = "sensor_msgs/LaserScan"
-PATIENCE = 5.0  # [s] ROS time without a scan before the master is asked
+PATIENCE = 5.0  # [s] ROS time without a scan after which the node asks the ROS master for the reason
 
 
 class ScanAbsence:
@@ -21,7 +21,7 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        self._asked_at: Optional[float] = None  # [s] ROS time of the last question
+        self._asked_at: Optional[float] = None  # [s] ROS time of the last question to the ROS master
         self._sentence = ""
 
     def update(self, now: float, scan_time: Optional[float]) -> str:
@@ -34,7 +34,7 @@ class ScanAbsence:
         scans_come = scan_time is not None and 0.0 <= now - scan_time < PATIENCE
         if scans_come:
             self._asked_at, self._sentence = None, ""
-        # time goes back if the simulator was started again
+        # the time may go back, because the simulator may have been started again
         elif self._asked_at is None or now < self._asked_at:
             self._asked_at = now or None  # the first question comes PATIENCE later
         elif now - self._asked_at >= PATIENCE:

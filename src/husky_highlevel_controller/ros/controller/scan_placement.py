@@ -24,19 +24,22 @@ from husky_highlevel_controller.ros.controller.display import BASE, ODOM
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_transform
 
-START_TIMEOUT = 4.0  # [s] wall time that the first scan waits for TF, so that lockstep runs start alike
-TRANSFORM_TIMEOUT = 2.0  # [s] wall time that the transform of a later scan's stamp may be late
-MIN_OFFSET = 0.05  # [s] between the clocks of scans and odometry that is worth a warning
-MAX_AGE = 2.0  # [s] ROS time by which a pose may be older than its scan
+# [s] longest wall time for which the first scan waits for TF, so that all lockstep runs start alike
+START_TIMEOUT = 4.0
+TRANSFORM_TIMEOUT = 2.0  # [s] longest wall time for which a later scan waits for the transform of its stamp
+MIN_OFFSET = 0.05  # [s] offset between the clocks of scans and odometry that causes a warning
+MAX_AGE = 2.0  # [s] ROS time by which a pose in odom may be older than the scan that uses it
 REPORT_PERIOD = 5.0  # [s] between two warnings about a missing transform
-MAX_UNPLACED_SCANS = 50  # scans in a row without the lidar's transform before a warning
+# number of scans in a row without the lidar's transform after which a warning is logged
+MAX_UNPLACED_SCANS = 50
 
 
 class Listener(tf2_ros.TransformListener):
     """Fills a TF buffer, and tells a placement of scans about every message on /tf and /tf_static."""
 
     def __init__(self, buffer: tf2_ros.Buffer, placement: ScanPlacement) -> None:
-        self._placement = placement  # set before the subscribers exist
+        # set before `super().__init__`, which subscribes and may already call this object
+        self._placement = placement
         super().__init__(buffer, tcp_nodelay=True)
 
     def callback(self, data: Any) -> None:
@@ -54,7 +57,7 @@ class Listener(tf2_ros.TransformListener):
 class _PendingScan(NamedTuple):
     scan: Scan
     stamp: rospy.Time
-    arrived_at: float  # [s] time of arrival by the monotonic clock
+    arrived_at: float  # [s] time of the scan's arrival by the monotonic clock
 
 
 class ScanPlacement:
@@ -81,11 +84,12 @@ class ScanPlacement:
         self._pending: Optional[_PendingScan] = None
         self._next: Optional[_PendingScan] = None
         self._started = False  # true after the first observation
-        # stamp of the latest transform when a wait was overdue
+        # stamp of the latest transform at the moment when a wait became overdue; None if no wait was overdue
         self._overdue_after: Optional[rospy.Time] = None
         self._clocks = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
-        self._mount: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone
+        # frame of the lidar and its pose, if /tf_static alone gives the pose
+        self._mount: Optional[Tuple[str, Pose]] = None
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
         """Take a scan, and its stamp exact to the nanosecond. Any thread."""
@@ -95,15 +99,17 @@ class ScanPlacement:
                 self._clocks.add_reference(odometry_stamp)
             self._clocks.add(scan.stamp, self._clock())
             pending = self._pending
-            if pending is None or stamp < pending.stamp:  # time went back if the simulator was restarted
+            # a smaller stamp means that the simulator was started again
+            if pending is None or stamp < pending.stamp:
                 self._pending, self._next = _PendingScan(scan, stamp, self._clock()), None
-            elif stamp != pending.stamp:  # an equal stamp is the pending scan, which lockstep has sent again
+            elif stamp != pending.stamp:
+                # an equal stamp means the pending scan itself, which the simulator sends again in lockstep
                 self._next = _PendingScan(scan, stamp, self._clock())
         self.update()
 
     def update(self) -> None:
         """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
-        # checked without the lock, because `add` calls `update` after it has added a scan
+        # the check needs no lock, because `add` calls `update` again after it has added a scan
         if self._pending is None:
             return
         with self._lock:
@@ -165,18 +171,20 @@ class ScanPlacement:
             stamp: stamp of the scan.
             overdue: whether the scan has waited for too long.
         """
-        # the latest transform mostly has the scan's stamp; the lookup of a missing stamp costs more
+        # the latest transform is looked up first, because it mostly has the scan's stamp, and a lookup of a
+        # missing stamp takes longer
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
             return False, latest
         newest_stamp = latest.header.stamp
         has_passed = newest_stamp > stamp
-        if has_passed or newest_stamp.is_zero():  # stamp 0 is a fixed transform, or the clock's beginning
+        # a transform with stamp 0 is fixed, or comes from the beginning of simulated time
+        if has_passed or newest_stamp.is_zero():
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None or has_passed:
                 return False, exact or latest
-        # odometry that has stopped is waited for only once; its last pose is not used after MAX_AGE, because
-        # the robot would drive blindly
+        # the node waits only once for odometry that has stopped. The last pose is not used after MAX_AGE,
+        # because the robot would drive blindly
         if overdue:
             self._overdue_after = newest_stamp
         age = (stamp - newest_stamp).to_sec() - self.ahead
@@ -196,6 +204,7 @@ class ScanPlacement:
         if transform is None:
             return None
         pose = pose_from_transform(transform)
-        if transform.header.stamp.is_zero():  # every transform on the way is from /tf_static
+        # stamp 0 means that every transform between the two frames comes from /tf_static
+        if transform.header.stamp.is_zero():
             self._mount = frame, pose
         return pose

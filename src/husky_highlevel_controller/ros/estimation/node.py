@@ -32,14 +32,16 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
-# least number of messages, because a bag that is played fast comes in bursts, and each message counts
+# length of the queues; no message may be lost, and a bag that is played fast comes in bursts
 QUEUE = 1000
-MAX_AHEAD = 60.0  # [s] lead of a stamp over the clock, which may lag behind a bag that is played fast
-# [s] wall time without a message at the start, and later, when a busy machine may delay a thread
+# [s] largest lead of a stamp over the clock, because the clock may lag behind a bag that is played fast
+MAX_AHEAD = 60.0
+# [s] wall time without a message after which an input is missing: before its first message, and later; a busy
+# machine may delay a thread
 ABSENCE, SILENCE = 1.0, 3.0
-CLOCK_BACK = 1.0  # [s]; a clock that goes back by more is another run
+CLOCK_BACK = 1.0  # [s] a clock that goes back by more belongs to a new run
 REPORT_PERIOD = 5.0  # [s] between two warnings about a topic
-OFF_PLANE = 1e-6  # variance of z, roll, pitch and their rates
+OFF_PLANE = 1e-6  # small variance of z, roll, pitch and their rates, which are always 0 on the plane
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
 
 
@@ -54,7 +56,8 @@ class LocalizationNode:
         options = self._config.options
         self._base = options.base_link_frame_output or options.base_link_frame
         self._lock = threading.Lock()
-        self._reported: Dict[Tuple[str, str], float] = {}  # [s] time of the last complaint, by input and kind
+        # [s] time of the last warning, by input and kind of warning
+        self._reported: Dict[Tuple[str, str], float] = {}
         self._begin()
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
@@ -74,7 +77,7 @@ class LocalizationNode:
         self._now, self._filter = 0.0, Localization(self._config)
         self._held: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
         self._first_heard = 0.0  # [s] wall time of the first message
-        self._heard: Dict[str, float] = {}  # [s] wall time of the last message by input
+        self._heard: Dict[str, float] = {}  # [s] wall time of the last message of each input
 
     def _on_message(self, msg: Any, name: str) -> None:
         """Give a message to the filter, after earlier messages of this input that waited for a transform.
@@ -89,7 +92,8 @@ class LocalizationNode:
         stamp = msg.header.stamp.to_sec()
         self._heard[name] = inf  # the input is not silent while its thread waits for the lock
         with self._lock:
-            # read under the lock, because a fast bag advances by seconds while this thread waits
+            # the time is read under the lock, because a fast bag may advance by seconds while this thread
+            # waits
             now = rospy.get_time()
             if now < self._now - CLOCK_BACK:
                 rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s; the filter starts again")
@@ -104,7 +108,8 @@ class LocalizationNode:
             held.append(msg)
             mounting = self._mounting(msg, name)
             if mounting is None:
-                self._heard[name] = 0.0  # counts as silent, so the other inputs need not wait for this one
+                # the input counts as silent, so that the other inputs need not wait for it
+                self._heard[name] = 0.0
                 del held[:-QUEUE]
                 return
             self._held[name] = []

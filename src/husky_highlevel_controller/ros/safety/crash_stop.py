@@ -18,8 +18,9 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 QUEUE = 1000  # messages
-CLOCK_TOLERANCE = 0.1  # [s] a larger offset of IMU and odometry makes braking look like a crash
-LONG_DELAY = 0.6  # [s] wait of samples for odometry that causes a warning
+# [s] with a larger offset between the clocks of IMU and odometry, braking would look like a crash
+CLOCK_TOLERANCE = 0.1
+LONG_DELAY = 0.6  # [s] longest time for which samples wait for odometry without a warning
 
 
 class CrashStopNode:
@@ -29,11 +30,12 @@ class CrashStopNode:
         values, robot = parameters_and_robot()
         service, config = read_config(values, rospy.get_name() + "/", ServiceConfig, CrashConfig)
         self._detector = CrashDetector(config)
-        self._detecting = threading.Lock()  # odometry and IMU have a thread each
+        # held while the detector is used, because odometry and IMU come in different threads
+        self._detecting = threading.Lock()
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
-        # queued, because a lost message would falsify the sums
+        # with a long queue, because each lost message would falsify the sums of the detector
         self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, QUEUE)
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
 

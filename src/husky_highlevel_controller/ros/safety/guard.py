@@ -27,7 +27,7 @@ from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
 REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
-FRESH = 0.5  # [s] age up to which a velocity counts as the present one
+FRESH = 0.5  # [s] a measured velocity counts as the present velocity up to this age
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,10 @@ from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, Se
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
-CLOCK_TOLERANCE = 0.3  # [s] a slow lidar stamps its scans up to 0.2 s before the newest odometry
-STARTING_TIME = 1.0  # [s] time at the start without a warning of missing odometry or transforms
+# [s] allowed offset of the clocks, because a slow lidar stamps its scans up to 0.2 s before the newest
+# odometry
+CLOCK_TOLERANCE = 0.3
+STARTING_TIME = 1.0  # [s] time after the start in which missing odometry or transforms cause no warning
 
 
 class ProximityStopNode:
@@ -29,7 +31,8 @@ class ProximityStopNode:
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._blind_since = inf  # [s] time of the first scan that could not be judged
+        # [s] time of the first scan that could not be evaluated; inf if the last scan was evaluated
+        self._blind_since = inf
         self._guard = Guard(service, self._robot, CLOCK_TOLERANCE)
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 
@@ -55,7 +58,7 @@ class ProximityStopNode:
             reason = frame_sentence(scan.frame)
             if twist is None:
                 reason = "no odometry in the last 0.5 s; check that the robot is running"
-            now = rospy.get_time()  # stamps may stand still
+            now = rospy.get_time()  # ROS time, because the stamps of the scans may stand still
             self._blind_since = min(self._blind_since, now)
             if now - self._blind_since >= STARTING_TIME:
                 rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {reason}")

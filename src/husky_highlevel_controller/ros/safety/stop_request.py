@@ -13,8 +13,8 @@ from typing import Callable, Optional
 
 from husky_highlevel_controller.ros.node import contained
 
-CALL_TIMEOUT = 2.0  # [s] wall time that one call may take
-RETRY_PERIOD = 0.5  # [s] wall time between a failed call and the next
+CALL_TIMEOUT = 2.0  # [s] longest wall time of one call
+RETRY_PERIOD = 0.5  # [s] wall time between a failed call and the next call
 ZERO_DELAY = 0.2  # [s] wall time from the first call to the first zero command
 ZERO_PERIOD = 0.05  # [s] wall time between zero commands; a twist_mux drops an input after 0.5 s
 MAX_HUNG_CALLS = 5
@@ -47,7 +47,7 @@ class StopRequest:
 
     def start(self, danger: str) -> None:
         """Request a stop because of a danger, as text; ignored while one is pending. Any thread."""
-        with self._turn:  # sensors have a thread for each publisher
+        with self._turn:  # the callbacks of the sensors run in several threads, one for each publisher
             if not self.pending:
                 self.pending = True
                 self._dangers.put_nowait(danger)
@@ -105,7 +105,7 @@ class StopRequest:
         def call() -> None:
             try:
                 answers.put(self._call())
-            except Exception as error:  # any error means that the service did not answer
+            except Exception as error:  # the service did not answer, or any other error has come
                 answers.put(f"{type(error).__name__}: {error}")
             finally:
                 self._hung.release()
