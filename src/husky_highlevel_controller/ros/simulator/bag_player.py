@@ -19,8 +19,8 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, messages_of_drive
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
-ADVANCE = 400  # messages that are simulated before the player begins, so that each topic is known
-QUEUE = 100_000  # messages, so that none is lost on a busy machine
+ADVANCE = 400  # number of messages that are simulated before the player begins, so that every topic is known
+QUEUE = 100_000  # length of the queues, so that no message is lost on a busy machine
 
 
 class BagPlayer:
@@ -53,7 +53,9 @@ class BagPlayer:
                 now = snapshot.stamp
                 lead = begun + now / self._pace - time.monotonic()  # [s] time until this message is due
                 time.sleep(max(0.0, lead))
-                begun -= min(0.0, lead)  # lost time is not made up, because a filter cannot follow a burst
+                # after a delay, the player does not catch up, because a filter cannot follow a burst of
+                # messages
+                begun -= min(0.0, lead)
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return

@@ -107,7 +107,8 @@ def _system_level(status: HuskyStatus) -> Level:
 
 
 def _high(value: float, limits: Sequence[float]) -> int:
-    return sum(value > limit for limit in limits)  # OK, WARN and ERROR are 0, 1 and 2
+    # number of exceeded limits, which is also the level: OK, WARN and ERROR are 0, 1 and 2
+    return sum(value > limit for limit in limits)
 
 
 def _low(value: float, limits: Sequence[float]) -> int:

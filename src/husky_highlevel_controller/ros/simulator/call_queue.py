@@ -86,5 +86,5 @@ class CallQueue:
 def _make(work: Callable[[], Any], future: Future) -> None:
     try:
         future.set_result(work())
-    except Exception as error:  # raised again in the caller's thread
+    except Exception as error:  # the error is raised again in the thread of the caller
         future.set_exception(error)

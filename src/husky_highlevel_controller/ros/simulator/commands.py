@@ -27,7 +27,8 @@ OUR_NODES = {
     "proximity_stop",
     "crash_stop",
 }
-QUEUE = 1000  # commands kept between two physics steps; if there are more, the oldest are dropped
+# largest number of commands between two physics steps; if there are more, the oldest are dropped
+QUEUE = 1000
 
 
 class Commands:
@@ -44,12 +45,12 @@ class Commands:
         """
         topics = robot.topics
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
-        # output of the mux; a node that publishes on this topic bypasses the mux
+        # topic of the twist_mux's output; a node that publishes on this topic bypasses the twist_mux
         self._direct_topic = topics.wheel_command
         self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
-        self._doubled: Set[str] = set()  # senders of a second command for one scan
+        self._doubled: Set[str] = set()  # nodes that have sent a second command for one scan
         self.driver = ""  # node that sent the last command that moves the robot
         self._mux = CommandMux(topics.velocity)
         self._is_refusing = False
@@ -85,7 +86,7 @@ class Commands:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                if self._passed.get_num_connections() > 1:  # one subscriber is this node itself
+                if self._passed.get_num_connections() > 1:  # the first subscriber is this node itself
                     publish(self._passed, msg)
             else:
                 stronger = self._mux.stronger(topic, stamp)
@@ -135,7 +136,8 @@ class Commands:
             return  # published by take()
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            if sender not in self._doubled:  # a controller that ends may send a second command, its stop
+            # a first second command causes no warning, because a controller that ends sends a stop
+            if sender not in self._doubled:
                 self._doubled.add(sender)
                 return
             rospy.logwarn_throttle(

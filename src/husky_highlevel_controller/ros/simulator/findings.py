@@ -20,7 +20,8 @@ class Findings:
 
     def __init__(self) -> None:
         self._kept: Deque[List[str]] = deque(maxlen=MOST)  # node and sentence
-        # true if the master lacks the latest findings; at first it may have findings of an earlier simulator
+        # true if the parameter on the master is out of date; at first, it may have the findings of an earlier
+        # simulator
         self._is_new = True
 
     def tell(self, node: str, sentence: str) -> None:

@@ -38,8 +38,9 @@ from husky_highlevel_controller.simulator.models.own_description import MODEL_VA
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError
 
-NAMES_OF_ROBOT = (ROBOT, "mobile_base")  # names by husky_gazebo; the second one until ROS Kinetic
-FRAMES_OF_WORLD = ("", WORLD, "map", "/map")  # names that Gazebo reads as the world
+# names of the robot in husky_gazebo; mobile_base was the name until ROS Kinetic
+NAMES_OF_ROBOT = (ROBOT, "mobile_base")
+FRAMES_OF_WORLD = ("", WORLD, "map", "/map")  # names of frames that mean the world in Gazebo's services
 
 
 class GazeboServices:

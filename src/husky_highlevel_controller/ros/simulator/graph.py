@@ -29,13 +29,16 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import (
 )
 from husky_highlevel_controller.xml_rpc import ask
 
-# roslaunch's own processes, and the nodes of simulator.launch and compat/: none of them drives the robot
+# names of roslaunch's own processes, and of nodes in simulator.launch and compat/, none of which drives the
+# robot
 NODES = {
     "master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web",
     "arrival_exit", "spawn_husky", "gazebo_gui",
 }  # fmt: skip
-PERIOD = 2.5  # [s] wall time between two looks
-JOINING_TIME = 5.0  # [s] simulated time that a topic may lack its other side
+PERIOD = 2.5  # [s] wall time between two queries of the ROS graph
+# [s] simulated time for which a topic may have publishers without subscribers, or subscribers without
+# publishers
+JOINING_TIME = 5.0
 
 
 class Partners:
@@ -72,8 +75,9 @@ class Partners:
 def _launches() -> Iterator[Set[str]]:
     """Names of the nodes that each roslaunch on this master has started, and that have not ended."""
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
-        processes = ask(uri, "list_processes")  # names and counts; None if the roslaunch has ended
-        # for each living process: "NODE-COUNT", and the number of its starts
+        # names and counts of the processes; None if this roslaunch has ended
+        processes = ask(uri, "list_processes")
+        # each living process is listed as "NODE-COUNT", with the number of its starts
         yield {name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0]}
 
 
@@ -99,7 +103,8 @@ class SecondFilter:
         """Set up; `leave` is called once with the name of another node that publishes `topic`."""
         self._topic, self._leave = topic, leave
         self._seen = {rospy.get_name()}
-        self.filter_node = ""  # filter node that has the topic; empty if there is none
+        # name of another node that publishes the topic, such as a filter; empty if there is none
+        self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
         """Look for new publishers; a node that was started later is logged as a second publisher instead."""
@@ -129,7 +134,8 @@ class GraphWatch:
         self._clock_nodes = {rospy.get_name()}
         self._clock: Optional[rospy.Subscriber] = None
         self._kinds: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
-        self._first_times: Dict[Mistake, float] = {}  # [s] simulated time of the first sight
+        # [s] simulated time at which each mistake was first seen
+        self._first_times: Dict[Mistake, float] = {}
         self._warnings: Set[Mistake] = set()
 
     def start(self) -> None:
@@ -150,7 +156,8 @@ class GraphWatch:
     def look(self, graph: Graph) -> None:
         """Warn of new mistakes in a graph."""
         if self._clock is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
-            # a second clock shows by its messages, because rosbag play advertises /clock also without --clock
+            # a second clock is detected by its messages, because rosbag play advertises /clock even without
+            # --clock
             self._clock = rospy.Subscriber("/clock", Clock, self._on_clock)
         if self._filter_watch is not None:
             self._filter_watch.look(graph)

@@ -17,19 +17,22 @@ from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 import rospy
 
-# [s] wall time. A sleeping roscpp node looks at the clock every 1 ms, and a busy host may wake it later. With
-# 3 ms, two of three runs of such a controller were not repeatable under a load of 11.
+# [s] wall time without work after which a process counts as asleep. A sleeping roscpp node looks at the clock
+# every 1 ms, and a busy host may wake the node later. With 3 ms, two of three runs of such a controller were
+# not repeatable under a load of 11.
 ASLEEP_FOR = 0.008
-LOOK_PERIOD = 0.002  # [s] wall time between two looks
-# a thread's files in /proc: its state, and its time and number of turns on a CPU, if the kernel counts them
+LOOK_PERIOD = 0.002  # [s] wall time between two checks of the processes
+# names of a thread's files in /proc: STAT has its state; SCHEDULE has its time and number of turns on a CPU,
+# if the kernel counts them
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-SIZE = 512  # [bytes] length that is read of each file, which includes the state
-MAX_THREADS = 200  # largest number of threads whose files stay open, because opening takes most of a look
-RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
+SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state
+# largest number of threads whose files stay open, because opening files takes most of the time of a check
+MAX_THREADS = 200
+RUNNING = {b"R", b"D"}  # states of a thread that works: R is on a CPU or waits for a CPU, D waits for a disk
 
 Ports = Tuple[int, int]  # ports of a connection: port of the subscriber, port of this process
-Turns = Dict[str, bytes]  # content of SCHEDULE by thread
+Turns = Dict[str, bytes]  # content of the file SCHEDULE of each thread
 
 
 class Listeners:
@@ -51,7 +54,8 @@ class Listeners:
         self._on_clock: Set[int] = set()  # processes that receive the clock
         self._complete = False  # true if all processes that receive the topic are on this machine
         self._in_python = False  # true if all processes are in Python
-        self._settled: Dict[int, Optional[Turns]] = {}  # turns of each process when all were last asleep
+        # turns of the threads of each process when all processes were last asleep
+        self._settled: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
         """Return whether all listeners stay asleep until something is sent.
@@ -64,7 +68,8 @@ class Listeners:
             return False
         end, last_turns = time.monotonic() + ASLEEP_FOR, None
         while True:
-            if self._own_threads.turns() is None:  # a thread of ours that is about to send
+            # a thread of this process works, and may be about to send a message
+            if self._own_threads.turns() is None:
                 return False
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._receivers):
@@ -105,7 +110,7 @@ class _Threads:
 
     def __init__(self, process: int) -> None:
         self._folder = f"/proc/{process}/task"
-        self._files: Dict[str, List[int]] = {}  # files SCHEDULE and STAT by thread
+        self._files: Dict[str, List[int]] = {}  # descriptors of the open files SCHEDULE and STAT, by thread
 
     def close(self) -> None:
         """Close all files."""

@@ -17,15 +17,19 @@ from husky_highlevel_controller.ros.simulator.graph import Partners
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 
 # [s] wall times
-PARTNER_TIMEOUT = 60.0  # wait for a controller to connect
-ANSWER_TIMEOUT = 5.0  # wait for a command that answers a scan
-RESEND_TIMEOUT = 1.0  # wait for the first command before the scan is published again
-SLEEP_TIMEOUT = 0.3  # wait for the answer of a controller that does nothing meanwhile
-WATCH_TIMEOUT = 1.0  # wait until all listeners sleep; some of them, such as RViz, never sleep
-POLL_PERIOD = 0.05  # between two checks for service calls during a wait
-PARTNERS_POLL_PERIOD = 0.02  # shorter periods would take CPU time from the nodes that start
+PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start waits until a controller is connected
+# [s] longest wall time for which the simulator waits for the command that answers a scan
+ANSWER_TIMEOUT = 5.0
+RESEND_TIMEOUT = 1.0  # [s] wall time without a first command after which the scan is published again
+# [s] wall time without a command after which a controller without work counts as sleeping
+SLEEP_TIMEOUT = 0.3
+# [s] longest wall time until all subscribers sleep; some subscribers, such as RViz, never sleep
+WATCH_TIMEOUT = 1.0
+POLL_PERIOD = 0.05  # [s] wall time between two checks for service calls during a wait
+# [s] wall time between two checks of the connections; more checks would slow down the nodes that start
+PARTNERS_POLL_PERIOD = 0.02
 
-MAX_LEAD = 2  # scans sent since the last command
+MAX_LEAD = 2  # largest number of scans that are sent before the next command
 CONTROLLER_TIMEOUT = 0.1  # [s] wall time after which the simulator no longer waits for a controller
 FOLLOWING_SCANS = 10  # answered scans in a row after which the simulator waits for the controller again
 
@@ -82,10 +86,10 @@ class Lockstep:
         self._wakes_to = self._mode  # mode before SLEEPING
         self._listeners, self._tell = listeners, tell
         self._answered = threading.Event()
-        # topics with a command since the last scan; None if there was no scan yet
+        # topics on which a command has come since the last scan; None before the first scan
         self._answered_on: Optional[Set[str]] = None
-        self._begun = False  # a command has arrived
-        self._due = False  # true from `begin_scan` until the wait for its answer is over
+        self._begun = False  # true if any command has come so far
+        self._due = False  # true from `begin_scan` until the wait for the answer to the scan is over
         self._in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
@@ -137,7 +141,7 @@ class Lockstep:
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
         self._wait_until_idle(meanwhile)
-        # a controller that has never sent a command may be waiting for its start service
+        # only if a command has come before, because a controller may wait for a call of its start service
         if self._mode is Mode.SLEEPING and self._begun and not self._answered.is_set():
             self._tell(
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
@@ -160,7 +164,8 @@ class Lockstep:
         if self._mode in (*_WATCHED, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # a command before the scan was sent shows that the controller commands at ticks of the clock
+        # a command that came before the scan was sent shows that the controller sends commands at ticks of
+        # /clock
         if self._due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED

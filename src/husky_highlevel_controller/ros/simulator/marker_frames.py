@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 FRAME_TOPICS = ("/tf", "/tf_static")
-MESSAGES = 50  # largest number of checked messages of a topic
+MESSAGES = 50  # largest number of messages of a topic that are checked
 OTHER_FRAMES = "robot_state_publisher"  # node that publishes the robot's own frames
 
 

@@ -60,12 +60,14 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
 
 MAX_STEPS = 100_000  # largest number of steps in one request
-SLOW_SHARE = 0.9  # smallest fraction of the requested pace without a warning
+SLOW_SHARE = 0.9  # smallest fraction of the requested real-time factor that causes no warning
 # [s] wall times
-PAUSE_POLL_PERIOD = 0.05  # longest wait for a service call during a pause
-LAUNCH_TIMEOUT = 10.0  # wait for the nodes launched with this one, if the pace is unlimited
-RVIZ_TIMEOUT = 30.0  # wait until an RViz that was launched with this node draws
-RVIZ_POLL_PERIOD = 0.2  # between two looks at RViz; more looks would slow down the start of RViz
+PAUSE_POLL_PERIOD = 0.05  # [s] longest wait for a service call during a pause
+# [s] longest wait for the other nodes of the launch, if the real-time factor is unlimited
+LAUNCH_TIMEOUT = 10.0
+RVIZ_TIMEOUT = 30.0  # [s] longest wait until the RViz of the same launch has opened its window
+# [s] wall time between two checks of RViz; more checks would slow down the start of RViz
+RVIZ_POLL_PERIOD = 0.2
 
 
 class SimulatorNode:
@@ -93,7 +95,7 @@ class SimulatorNode:
         self._fallen = False
         self._touched: Set[str] = set()  # names of objects
         self._arrival = ArrivalWatch(config.robot.footprint)
-        # a node arrival_exit logs the arrival itself
+        # true if the launch has a node arrival_exit, which logs the arrival itself
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
@@ -139,7 +141,7 @@ class SimulatorNode:
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
-            # RViz comes first, because the partners have joined only when RViz is connected too
+            # the wait for RViz comes first, because `partners` includes the connections of RViz
             self._wait_for_rviz()
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)
@@ -154,8 +156,10 @@ class SimulatorNode:
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
-                publishers.publish_clock(simulation.stamp)  # nodes that start during the pause need the time
-                if simulation.stamp == begin and not self._start.lockstep:  # lockstep scans need answers
+                # the clock is published during the pause, because nodes that start now need the time
+                publishers.publish_clock(simulation.stamp)
+                # not in lockstep, where each scan needs an answer
+                if simulation.stamp == begin and not self._start.lockstep:
                     publishers.send_kept_scan()
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
@@ -333,7 +337,7 @@ class SimulatorNode:
         In a run that is graded, RViz's markers and Gazebo's topics of true poses are left out.
         """
         self._world_services = WorldServices(self._simulation, self._calls)
-        # a submission that is graded must not read where everything truly is
+        # while a submission is graded, no topic may publish the true poses
         state_steps = None if self._publishers.is_graded else self._publishers.state_steps
         self._gazebo = GazeboServices(self._simulation, self._calls, robot, state_steps)
         self._display: Optional[WorldDisplay] = None
@@ -371,7 +375,8 @@ class SimulatorNode:
         self._simulation.load_world(world)
         self._commands.forget()
         self._forget_touches()
-        rospy.set_param("~world_name", request.world_name)  # other nodes can look up the world
+        # the name of the world is a parameter, so that other nodes can read it
+        rospy.set_param("~world_name", request.world_name)
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self, _request: Any) -> str:
@@ -403,6 +408,7 @@ def main() -> None:
     simulator_name = running_simulator(master_uri)
     if simulator_name is not None:
         sys.exit(f"husky_simulator: {why_not_two(simulator_name, master_uri)}")
-    # threads take commands; without pacing, Python's default of 5 ms is 0.15 s of simulated time
+    # the switch interval of threads is short, because commands come in threads. At full speed, Python's
+    # default of 5 ms is 0.15 s of simulated time
     sys.setswitchinterval(0.0005)
     run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

@@ -30,8 +30,9 @@ from husky_highlevel_controller.meshes import simplified
 from husky_highlevel_controller.ros import conversions
 
 DELETE = 1  # id of the menu's only entry
-QUIET = (0.2, 0.21, 0.22, 1.0)  # colour of every plane, from which grid, scan and robot stand out
-PAINT = 0.005  # [m] a box that is lower is drawn as paint on the surface below it
+# colour of every plane, so dark that grid, scan and robot are well visible on it
+QUIET = (0.2, 0.21, 0.22, 1.0)
+PAINT = 0.005  # [m] a box that is lower than this is drawn as a painted area on the surface below it
 SLIM = 0.95  # drawn fraction of a cylinder's radius, so that the marker of a found pillar is visible
 MOST_FACES = 20_000  # largest number of faces of a drawn mesh
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -43,7 +44,8 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
     In RViz a movable body can be dragged in the horizontal plane, and has a menu to delete it.
     """
     marker = InteractiveMarker(
-        header=Header(frame_id=frame),  # no stamp, so it stays fixed in its frame
+        # RViz keeps the marker fixed in its frame, because the header has no stamp
+        header=Header(frame_id=frame),
         name=body.name,
         description=body.name,
         pose=conversions.pose_to_msg(pose_in_frame),
@@ -57,7 +59,8 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
         markers=[_geometry_to_msg(geometry) for geometry in body.visuals],
     )
     if body.mass > 0.0:
-        control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE  # across the control's x axis
+        # motion in the plane across the control's x axis
+        control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
         control.orientation = QuaternionMsg(*quat_between(X, upwards(pose_in_frame)))
         marker.menu_entries = [MenuEntry(id=DELETE, title="Delete", command_type=MenuEntry.FEEDBACK)]
     marker.controls = [control]

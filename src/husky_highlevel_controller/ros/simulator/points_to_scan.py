@@ -26,7 +26,7 @@ class PointsToScanNode(rospy.SubscribeListener):
     """Listens to the cloud while something listens to the scan, as the real node does."""
 
     def __init__(self) -> None:
-        parameters = rospy.get_param("~", {})  # unknown ones are ignored, as in the original
+        parameters = rospy.get_param("~", {})  # unknown parameters are ignored, as in the original node
         (self._config,) = read_config(parameters_of(parameters), rospy.get_name() + "/", FlattenConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None

@@ -29,7 +29,8 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
 STATE_PUBLISHER = "robot_state_publisher"
-QUEUE = 200  # messages kept for a busy subscriber; a subscriber that hangs must not stop the simulation
+# length of the queues for a busy subscriber; a subscriber that hangs must not stop the simulation
+QUEUE = 200
 
 
 class Publishers:
@@ -43,13 +44,14 @@ class Publishers:
         """
         topics = config.robot.topics
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
-        # a real base reports its wheels less often
+        # the base of a real robot publishes its wheels less often than Gazebo
         rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        self._tick = gcd(self.state_steps, scan_steps) / config.physics_rate  # [s] longest step of /clock
+        # [s] longest time between two messages on /clock
+        self._tick = gcd(self.state_steps, scan_steps) / config.physics_rate
         self._wheels = robot.wheels
-        # all frames on /tf
+        # names of all frames that this node publishes in TF
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
         self.tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
@@ -62,7 +64,7 @@ class Publishers:
         self._wheel_transforms = [
             conversions.transform_to_msg(Pose(), 0.0, BASE, wheel.link) for wheel in robot.wheels
         ]
-        self._transform_connections: List[Any] = []  # connections at the last look
+        self._transform_connections: List[Any] = []  # connections of the publisher of /tf at the last check
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
         self.scan: Optional[rospy.Publisher] = None  # stays None for a robot without a lidar
@@ -87,7 +89,7 @@ class Publishers:
             self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
             self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
             self._points_frame = robot.laser_frame
-        self.leaves_filter = False  # another node estimates the pose; any thread may set it
+        self.leaves_filter = False  # true if another node publishes the estimated pose; any thread may set it
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
         self.filter_topic = self._odometry.resolved_name
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
@@ -95,8 +97,8 @@ class Publishers:
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
         if not self.is_graded:
-            # Separate from /tf: there odom must not have a parent, because a localization node may add one,
-            # as on the real Husky.
+            # The true poses are not on /tf, because odom must not have a parent there. A localization node
+            # may add the parent of odom, as on the real Husky.
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
@@ -151,12 +153,13 @@ class Publishers:
         Call it in the thread that publishes: rospy has one buffer for all messages of a publisher.
         """
         publisher = self.transforms.impl
-        connections = publisher.connections  # rospy makes a new list when a connection comes or goes
+        # rospy makes a new list whenever a connection is added or removed
+        connections = publisher.connections
         if connections is self._transform_connections or self._last is None:
             return
         self._transform_connections = connections
         stamp, odometry = self._last
-        # a robot_state_publisher sends nothing at time 0
+        # a robot_state_publisher sends no transforms at time 0
         with_wheels = stamp == 0.0 or not self._has_state_publisher()
         if with_wheels or not self.leaves_filter:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))

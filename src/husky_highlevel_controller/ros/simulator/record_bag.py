@@ -32,15 +32,18 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
 DURATION = 90.0  # [s]
-MAX_SEED = 2**31 - 1  # limit of the simulator's seed
-STANDING = 3.0  # [s] time of standing before and after the drive
+MAX_SEED = 2**31 - 1  # largest seed that the simulator accepts
+STANDING = 3.0  # [s] time for which the robot stands before and after it drives
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
-IMU_RATE, POINTS_RATE = 50, 1  # [Hz] low, because one cloud is as large as all other messages of ten seconds
+# rates [Hz] in the bag; point clouds are rare, because one cloud is as large as all other messages of ten
+# seconds
+IMU_RATE, POINTS_RATE = 50, 1
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
-POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # topics of both courses' bags
-TRUTH_TOPIC = "/ground_truth/odom"  # topic of the second bag
+# topics of the point cloud and the IMU, as in the bags of both courses
+POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"
+TRUTH_TOPIC = "/ground_truth/odom"  # topic of the second bag, which has the true path
 
 
 def command_at(stamp: float, yaw: float) -> Twist2D:

@@ -13,7 +13,7 @@ from typing import Iterable, List
 
 from husky_highlevel_controller.xml_rpc import ask
 
-# ends of the name of an RViz node, also of an anonymous one (NAME_HOST_PID_TIME)
+# pattern of the end of an RViz node's name, also of an anonymous node (NAME_HOST_PID_TIME)
 NAMES = re.compile(r"(rviz|gazebo_gui)(_\w+_\d+_\d+)?$")
 SERVICE = "reload_shaders"  # private service of every RViz with an open window
 

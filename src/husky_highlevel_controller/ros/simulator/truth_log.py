@@ -17,10 +17,10 @@ import rospy
 
 from husky_highlevel_controller.datatypes import Snapshot
 
-# environment variable with the path of the socket; if it is not set, nothing is written
+# environment variable with the path of the socket; without it, the true states are not sent
 VARIABLE = "HUSKY_TRUTH_SOCKET"
-SEND_TIMEOUT = 5.0  # [s] wall time; a reader that is slower is given up
-POLL_PERIOD = 0.02  # [s] wall time between two looks while the reader does not let time begin
+SEND_TIMEOUT = 5.0  # [s] wall time after which a reader that does not read is given up
+POLL_PERIOD = 0.02  # [s] wall time between two checks whether the reader lets simulated time begin
 
 
 class TruthLog:
@@ -29,7 +29,7 @@ class TruthLog:
     def __init__(self) -> None:
         path = os.environ.get(VARIABLE)
         self._socket: Optional[socket.socket] = None
-        self._lock = threading.Lock()  # services answer in threads of their own
+        self._lock = threading.Lock()  # held while sending, because services run in threads of their own
         if path:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             self._socket.settimeout(SEND_TIMEOUT)

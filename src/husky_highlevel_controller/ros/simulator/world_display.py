@@ -32,18 +32,20 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose
 
 PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
-TIPPED = 0.1  # [rad] a body that tips more is drawn again
-NOTICED = 0.001  # [m] a body that moved less is not sent again
-# [m] largest distance at which a turn of odom is visible; farther away the lidar's noise hides it
+TIPPED = 0.1  # [rad] a body that tips by more than this is drawn again
+NOTICED = 0.001  # [m] a body that has moved by less than this is not sent again
+# [m] distance up to which a turn of odom is visible; at larger distances, the lidar's noise hides the turn
 TURN_RADIUS = 2.0
-BOX_SIZE = (0.4, 0.4, 0.8)  # [m]; the lidar looks 0.44 m above the ground
+# [m] size of a box, high enough for the lidar, which looks 0.44 m above the ground
+BOX_SIZE = (0.4, 0.4, 0.8)
 BOX_MASS = 5.0  # [kg]
 BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 
 
 class _Shown(NamedTuple):
     body: Body
-    # vertical in the body's frame when the marker was made; the marker is dragged across this axis
+    # vertical direction in the body's frame when the marker was made; a drag moves the marker across this
+    # axis
     up: Vector3
     pose_in_world: Optional[Pose]  # pose of the marker as sent; None if it must be sent again
 
@@ -80,7 +82,7 @@ class _Server(InteractiveMarkerServer):
         try:
             self.applyChanges()
             super().keepAlive(None)
-        except (rospy.ROSException, ValueError):  # the topics may be closed, see ros.node.publish
+        except (rospy.ROSException, ValueError):  # the topics may already be closed at the end of the node
             if not rospy.core.is_shutdown_requested():
                 raise
 
@@ -91,7 +93,7 @@ class WorldDisplay:
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         self._simulation, self._calls = simulation, calls
         self._shown: Dict[str, _Shown] = {}
-        self._world_in_odom = Pose()  # pose at which everything was last drawn
+        self._world_in_odom = Pose()  # pose of the world in odom with which all objects were last drawn
         self._due = 0.0  # [s] simulated time of the next refresh
         self._dragged: Set[str] = set()
         self._transforms: Optional[tf2_ros.Buffer] = None
@@ -105,17 +107,18 @@ class WorldDisplay:
     def update(self, stamp: float) -> None:
         """Refresh the markers if it is time for it, at `stamp` [s]."""
         if stamp >= self._due:
-            self._due = stamp + PERIOD - 1e-6  # a hair less, for rounding
+            self._due = stamp + PERIOD - 1e-6  # slightly earlier, because of rounding errors
             self.refresh()
 
     def refresh(self) -> None:
         """Draw new and moved bodies, and delete others; nothing without a subscriber."""
         if self._transforms is None and any(tool.get_num_connections() for tool in self._tools):
-            # begun late, because following TF costs CPU time
+            # TF is followed only from the first click on, because it costs CPU time
             self._transforms = tf2_ros.Buffer(debug=False)
             tf2_ros.TransformListener(self._transforms)
         if self._server.is_watched:
-            with contained("drawing the world's objects"):  # the world continues without its picture
+            # an error of the drawing does not stop the simulation
+            with contained("drawing the world's objects"):
                 self._draw()
                 self._server.send()
 
@@ -134,7 +137,7 @@ class WorldDisplay:
             del self._shown[name]
         for name, body in bodies.items():
             shown, pose = self._shown.get(name), self._simulation.pose_of(name)
-            if shown and shown.body is not body:  # a new body with the name of a deleted one
+            if shown and shown.body is not body:  # the body is new and has the name of a deleted body
                 shown = None
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
@@ -168,7 +171,7 @@ class WorldDisplay:
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         name = feedback.marker_name
-        if name in self._shown:  # draw the body again, because the marker was left elsewhere
+        if name in self._shown:  # the body is drawn again, because its marker may be at another place
             self._shown[name] = self._shown[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
@@ -188,7 +191,7 @@ class WorldDisplay:
     def _frame_in_odom(self, frame: str) -> Pose:
         if frame == ODOM:
             return Pose()
-        # the latest transform will do, because a click takes longer than TF needs
+        # the latest transform is good enough, because a person's click takes longer than TF needs
         pose = None if self._transforms is None else lookup_pose(self._transforms, ODOM, frame)
         if pose is None:
             raise ObjectError(f"no transform from '{frame}' to '{ODOM}'")
@@ -201,7 +204,7 @@ class WorldDisplay:
         elif event == InteractiveMarkerFeedback.POSE_UPDATE:
             self._dragged.add(name)
         elif event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged:
-            # a click without a drag also ends with MOUSE_UP, but its marker is not in `_dragged`
+            # MOUSE_UP also ends a click without a drag, after which the marker is not in `_dragged`
             self._dragged.remove(name)
             self._ask(self._drag, feedback)
 

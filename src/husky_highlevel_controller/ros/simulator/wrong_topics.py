@@ -23,7 +23,7 @@ from husky_highlevel_controller.ros.master_graph import (
 )
 from husky_highlevel_controller.spelling import likeness
 
-# nodes that publish and subscribe to any topic by request, and the simulator with its many topics
+# names of nodes whose topics the user chooses, and of the simulator with its many topics
 TOOLS = re.compile(
     r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
 )
@@ -35,8 +35,8 @@ class WrongTopic(NamedTuple):
 
     node: str
     topic: str
-    kind: str  # type of its messages
-    publishes: bool  # otherwise the node subscribes
+    kind: str  # type of the messages that the node uses
+    publishes: bool  # true if the node publishes, false if it subscribes
     suggestion: str
 
 
@@ -45,10 +45,10 @@ class WrongType(NamedTuple):
 
     node: str
     topic: str
-    kind: str  # type of its messages
-    publishes: bool  # otherwise the node subscribes
+    kind: str  # type of the messages that the node uses
+    publishes: bool  # true if the node publishes, false if it subscribes
     simulator: str
-    right_kind: str  # type of the simulator's messages
+    right_kind: str  # type of messages that the simulator uses on this topic
 
 
 class SecondPublisher(NamedTuple):
@@ -72,7 +72,7 @@ class AbsentTopic(NamedTuple):
 
     node: str
     topic: str
-    publishes: bool  # otherwise the node subscribes
+    publishes: bool  # true if the node publishes, false if it subscribes
 
 
 class AbsentService(NamedTuple):
@@ -83,7 +83,7 @@ class AbsentService(NamedTuple):
 
 
 Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter, AbsentTopic, AbsentService]
-# topics of Gazebo that the simulator does not have, and what to use instead; {} is their namespace
+# topics of Gazebo that the simulator does not have, with advice what to use instead; {} is their namespace
 ABSENT = {
     "link_states": "use {}/model_states, or TF for the links of the robot",
     "performance_metrics": "see ./dev bench",
@@ -101,7 +101,8 @@ ABSENT_SERVICES = {
     "set_physics_properties": "launch with real_time_factor:=...",
 }
 ELSEWHERE = "see docs/gazebo_launch_files.md"
-# (node, True) -> types of the topics that the node publishes; False for topics that it subscribes to
+# function of a node's name and True or False; it returns the types of topics that the node publishes (True)
+# or subscribes to (False)
 KindsOf = Callable[[str, bool], Kinds]
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
@@ -117,7 +118,8 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
     found = []
     for publishes, nodes_by_topic in ((True, graph.publishers), (False, graph.subscribers)):
         right_kinds = kinds_of(simulator, not publishes)  # the simulator is on the other side
-        topics = set(right_kinds) - SHARED  # /tf has two names of one type, so it would be a false alarm
+        # SHARED has /tf, whose type has two names (of tf and tf2_msgs), which would cause a false alarm
+        topics = set(right_kinds) - SHARED
         nodes_and_topics = {
             (node, topic) for topic in topics for node in nodes_by_topic.get(topic, ()) if node != simulator
         }
@@ -263,7 +265,7 @@ def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
     The distance is the number of missing namespaces, then the unlikeness from 0 to 1.
     """
     if re.sub(r"\d", "", topic) == re.sub(r"\d", "", other) or topic.endswith(other):
-        return None  # topic of another robot, by number or by namespace
+        return None  # the topic belongs to another robot, with another number or namespace
     if other.endswith(topic):
         return other.count("/") - topic.count("/"), 0.0
     unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), "/")
