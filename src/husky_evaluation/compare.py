@@ -64,19 +64,22 @@ class Comparison:
             return f"starts at which only B fails: {lost}, only A: {won}"
         if not self.pairs:
             return ""
-        a, b = self.values("arrived_at")
-        allowed, high = margin * float(np.mean(a)), bootstrap(np.subtract(b, a)).high
-        return f"it may be {high:.3f} s slower, and {allowed:.3f} s are allowed" if high > allowed else ""
+        times_of_a, times_of_b = self.values("arrived_at")
+        allowed = margin * float(np.mean(times_of_a))
+        slowdown = bootstrap(np.subtract(times_of_b, times_of_a)).high  # upper limit of the interval [s]
+        if slowdown <= allowed:
+            return ""
+        return f"it may be {slowdown:.3f} s slower, and {allowed:.3f} s are allowed"
 
     @property
     def every_scene(self) -> Table:
         """Return a table with a row for each start."""
-        kinds = ("success", "arrived_at", "nearest")
+        quantities = ("success", "arrived_at", "nearest")
         rows = [
-            (a.scene, *(getattr(side, kind) for side in (a, b) for kind in kinds))
+            (a.scene, *(getattr(outcome, quantity) for outcome in (a, b) for quantity in quantities))
             for a, b in zip(self.a, self.b)
         ]
-        header = ["scene", *(f"{side}_{kind}" for side in "ab" for kind in kinds)]
+        header = ["scene", *(f"{side}_{quantity}" for side in "ab" for quantity in quantities)]
         return Table("Every start", header, rows, folded=True)
 
     def figures(self) -> Table:
@@ -93,7 +96,10 @@ class Comparison:
     def result(self, margin: float, source: str) -> Result:
         """Return the result: metrics, failures, every start, and the verdict."""
         why, tables = self.worse(margin), [self.figures()]
-        if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures]:
+        failures = [
+            (f"{a.scene}: only {letter} fails", a.summary, b.summary) for letter, a, b in self.failures
+        ]
+        if failures:
             tables.append(Table("Starts at which only one fails", ("", "A", "B"), failures))
         verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
         lead = f"{len(self.a)} random starts"

@@ -167,6 +167,11 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
 
 
 def _source(place: str) -> str:
+    """Return the source text of a file, or of a module that Python finds by its name.
+
+    Raises:
+        HuskyError: the text cannot be read.
+    """
     try:
         path = Path(place)
         if path.suffix != ".py":
@@ -179,6 +184,7 @@ def _source(place: str) -> str:
 
 @lru_cache(maxsize=4)
 def _module(source: str) -> ModuleType:
+    """Return a new module that has executed a source text."""
     module = ModuleType(f"contestant_{abs(hash(source))}")
     sys.modules[module.__name__] = module  # a dataclass looks up its module in sys.modules
     exec(compile(source, module.__name__, "exec"), vars(module))
@@ -202,10 +208,11 @@ def outcome(
 
     `times` (N,) [s]; true `poses` of base_link (N, 3) [m, m, rad]; `pillar`, its centre at the start [m].
     """
-    gap = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
+    gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
-    away = np.flatnonzero((speeds > STANDS) | (gap > REACHED))
-    arrived = int(away[-1]) + 1 if len(away) else 0
-    arrived_at = float(times[arrived]) if arrived < len(times) else inf
-    return Outcome(scene, arrived_at, float(gap.min()), poses[:: len(poses) // DRAWN_POSES + 1], pillar)
+    rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))
+    arrival_row = int(rows_not_there[-1]) + 1 if len(rows_not_there) else 0
+    arrived_at = float(times[arrival_row]) if arrival_row < len(times) else inf
+    thinned = poses[:: len(poses) // DRAWN_POSES + 1]
+    return Outcome(scene, arrived_at, float(gaps.min()), thinned, pillar)

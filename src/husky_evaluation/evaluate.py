@@ -76,7 +76,7 @@ def figure(
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
-    """Figures of the centre errors [m] in scenes with a pillar; inf if the pillar was not found."""
+    """Return the figures of the centre errors [m] in scenes with a pillar; inf if it was not found."""
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
     return [
@@ -86,26 +86,36 @@ def extraction_figures(title: str, errors: Sequence[float], minimum: float, maxi
 
 
 def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
-    """Figures of the runs from random starts."""
+    """Return the figures of the runs from random starts."""
     bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
-    replay_of_bad, replay_of_touching = (next((run.replay for run in some), "") for some in (bad, touching))
+    good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
-    late, slow = (runs[int(np.argmax(values))].replay for values in (ratios, delays))
-    far, turning = max(runs, key=lambda run: abs(run.final_error)), max(runs, key=lambda run: run.crossings)
+    worst_ratio, worst_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
+    farthest = max(runs, key=lambda run: abs(run.final_error))
+    most_crossings = max(runs, key=lambda run: run.crossings)
     return [
-        figure(GOOD, 100.0 * (len(runs) - len(bad)) / len(runs), "%", 100.0, replay=replay_of_bad),
-        figure("touched something", len(touching), "runs", maximum=0.0, replay=replay_of_touching),
-        figure("largest final distance error", 100.0 * abs(far.final_error), "cm", -inf, 2.0, far.replay),
+        figure(GOOD, good_share, "%", minimum=100.0, replay=bad[0].replay if bad else ""),
+        figure(
+            "touched something", len(touching), "runs", maximum=0.0,
+            replay=touching[0].replay if touching else "",
+        ),
+        figure(
+            "largest final distance error", 100.0 * abs(farthest.final_error), "cm", maximum=2.0,
+            replay=farthest.replay,
+        ),
         figure("time to arrival divided by its bound, median", float(np.median(ratios))),
-        figure("time to arrival divided by its bound, largest", max(ratios), replay=late),
+        figure("time to arrival divided by its bound, largest", max(ratios), replay=worst_ratio.replay),
         figure("time to arrival minus its bound, median", float(np.median(delays)), "s"),
-        figure("time to arrival minus its bound, largest", max(delays), "s", replay=slow),
-        figure("zero crossings of the bearing, largest", turning.crossings, "", -inf, 2.0, turning.replay),
-    ]
+        figure("time to arrival minus its bound, largest", max(delays), "s", replay=worst_delay.replay),
+        figure(
+            "zero crossings of the bearing, largest", most_crossings.crossings, maximum=2.0,
+            replay=most_crossings.replay,
+        ),
+    ]  # fmt: skip
 
 
 def course_figures(run: DriveResult, ratio: float = inf) -> List[Row]:
-    """Figures of the run from the course's start."""
+    """Return the figures of the run from the course's start."""
     return [
         figure(GOOD, 100.0 * run.good, "%", 100.0, replay=run.replay),
         figure("time to arrival", run.arrived_at, "s"),
@@ -116,7 +126,7 @@ def course_figures(run: DriveResult, ratio: float = inf) -> List[Row]:
 
 
 def late_figures(run: DriveResult) -> List[Row]:
-    """Figures of the run from the course's start that may end anywhere."""
+    """Return the figures of the run from the course's start that may end anywhere."""
     is_good = run.arrived_at < inf and not run.touched
     return [
         figure("arrived, no touch", 100.0 * is_good, "%", 100.0, replay=run.replay),
@@ -126,7 +136,7 @@ def late_figures(run: DriveResult) -> List[Row]:
 
 
 def touch_figures(run: DriveResult) -> List[Row]:
-    """Figures of the run from the course's start with stop_distance 0."""
+    """Return the figures of the run from the course's start with stop_distance 0."""
     is_touched = float(run.touched == ("unit_cylinder",))
     return [
         figure("touched the pillar, and nothing else", is_touched, "", 1.0, replay=run.replay),
@@ -139,7 +149,7 @@ def touch_figures(run: DriveResult) -> List[Row]:
 def evaluate_robot(
     seed: int, starts: int, workers: Workers, ground: str, replays: Optional[Path] = None
 ) -> Dict[str, List[Row]]:
-    """Figures of the runs on a real Husky's profile, by title.
+    """Return the figures of the runs on a real Husky's profile, by title.
 
     Its beams do not always hit a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
     time to arrival has no bound. Its wheels are late by 0.3 s, so with the default gain it drives 0.1 m past
@@ -147,11 +157,11 @@ def evaluate_robot(
     """
     setup = setup_of("robot", ground)
     setups = [replace(setup, control=ControlConfig()), setup]
-    standard, slow = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
+    default_run, robot_gains_run = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     return {
-        f"Profile robot, {ground} ground: course start, default gains": late_figures(standard),
-        "Course start, gains of robot.launch": course_figures(slow),
+        f"Profile robot, {ground} ground: course start, default gains": late_figures(default_run),
+        "Course start, gains of robot.launch": course_figures(robot_gains_run),
         f"{starts} random starts, 2-25 m away, gains of robot.launch": start_figures(runs),
     }
 
@@ -174,23 +184,26 @@ def evaluate(
     # groups of 50 scans, because one scan takes only a millisecond
     numbers, chunk = range(scans), min(50, scans // 4 + 1)
     errors = partial(center_error, seed=seed, lidar=lidar)
-    alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
-    among = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
-    false = workers.map(partial(false_pillars, seed=seed, lidar=lidar), numbers, "scenes without", chunk)
-    false_share = 100.0 * float(np.mean([count > 0 for count in false]))
-    gentle = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
-    setups = [replace(setup, control=gains) for gains in (control, gentle, TOUCHING)]
-    standard, gains, touch = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
+    errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
+    errors_in_company = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
+    count_false = partial(false_pillars, seed=seed, lidar=lidar)
+    false_counts = workers.map(count_false, numbers, "scenes without", chunk)
+    false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
+    course_control = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
+    setups = [replace(setup, control=each) for each in (control, course_control, TOUCHING)]
+    default_run, course_gains_run, touching_run = drives(
+        setups, [course_scenario(seed)], workers, "course runs", replays
+    )
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     figures = {
         f"Pillar extraction, {scans} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": [
-            *extraction_figures("pillar alone, 3 beams or more", alone, 99.5, 2.0),
-            *extraction_figures("pillar in company, 3 beams or more", among, 99.5, 2.0),
+            *extraction_figures("pillar alone, 3 beams or more", errors_alone, 99.5, 2.0),
+            *extraction_figures("pillar in company, 3 beams or more", errors_in_company, 99.5, 2.0),
             figure("scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1),
         ],
-        "Course start, default gains": course_figures(standard, 1.15),
-        "Course start, the course's gains 0.1 and 0.4": course_figures(gains),
-        "Course start, stop_distance 0": touch_figures(touch),
+        "Course start, default gains": course_figures(default_run, 1.15),
+        "Course start, the course's gains 0.1 and 0.4": course_figures(course_gains_run),
+        "Course start, stop_distance 0": touch_figures(touching_run),
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
     if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
@@ -226,7 +239,7 @@ def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source
 
 
 def replay_links(folder: Path) -> Table:
-    """Table of all replays in a folder."""
+    """Return a table of all replays in a folder."""
     names = sorted(path.name for path in folder.glob("*.html") if path.name != "index.html")
     links = [[Cell(Path(name).stem.replace("_", " "), "", quote(name))] for name in names]
     return Table(f"All {len(names)} replays", ("drive",), links, folded=True)

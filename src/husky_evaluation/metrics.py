@@ -127,9 +127,11 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     """Return the metrics of a rollout."""
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
-    x, y, yaw = trace.poses.T
-    x, y = x + np.cos(yaw) * lidar_x, y + np.sin(yaw) * lidar_x
-    distances = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS  # lidar to pillar
+    base_x, base_y, yaw = trace.poses.T
+    lidar_in_world = np.column_stack([base_x + np.cos(yaw) * lidar_x, base_y + np.sin(yaw) * lidar_x])
+    distances = (
+        np.hypot(*(trace.pillars - lidar_in_world).T) - PILLAR_RADIUS
+    )  # [m] gap between lidar and pillar
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
     return DriveResult(
@@ -170,5 +172,6 @@ def crossings(trace: Trace) -> int:
     if not len(aligned):
         return 0
     after = bearings[aligned[0] :]
-    sides = np.sign(np.append(after[0], after[np.abs(after) >= ALIGNED]))
+    large = after[np.abs(after) >= ALIGNED]  # a smaller bearing counts as straight ahead
+    sides = np.sign(np.append(after[0], large))
     return int((np.diff(sides) != 0.0).sum())

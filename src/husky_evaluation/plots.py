@@ -5,7 +5,8 @@ In: arrays. Out: PNG.
 
 from __future__ import annotations
 
-from typing import Any, Mapping, NamedTuple, Optional, Sequence, Tuple
+from math import ceil
+from typing import Any, Callable, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
@@ -39,9 +40,9 @@ Marks = Mapping[str, Sequence[float]]  # highlighted points by name, each with a
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
     """Draw curves over one axis, or heat maps over two, with marks; return a PNG."""
-    columns = min(len(panels), 2)
+    columns, rows = min(len(panels), 2), ceil(len(panels) / 2)
     figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
-    for plot, panel in zip(figure.subplots(-(-len(panels) // 2), columns, squeeze=False).flat, panels):
+    for plot, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels):
         if len(axes) == 1:
             _curve(plot, axes[0], panel, marks)
         else:
@@ -102,11 +103,12 @@ def _limits(panel: Panel) -> Tuple[float, float]:
 
 
 def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
+    """Draw the panel of a grid of one axis as a curve, with a vertical line for each mark."""
     plot.plot(axis.values, panel.values, marker="o", markersize=4, color=DRIVEN)
     low, high = _limits(panel)
     plot.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-    for symbol, (name, (value,)) in zip(("-", "--", ":"), marks.items()):
-        plot.axvline(value, color=MARKER, linestyle=symbol, label=name)
+    for line_style, (name, (value,)) in zip(("-", "--", ":"), marks.items()):
+        plot.axvline(value, color=MARKER, linestyle=line_style, label=name)
     if axis.is_geometric:
         plot.set_xscale("log")
         plot.xaxis.set_minor_locator(NullLocator())
@@ -117,12 +119,9 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
-    """Draw cells of equal size, one for each value.
-
-    A mark is on the nearest border above or below, because it would hide the number of a cell.
-    """
+    """Draw the panel of a grid of two axes as cells of equal size, one for each point."""
     norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
-    values = np.ma.masked_invalid(panel.values.T)
+    values = np.ma.masked_invalid(panel.values.T)  # the first axis is horizontal
     colors = "cividis" if panel.is_good_high else "cividis_r"
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
     plot.set_facecolor("0.85")  # cells without a value
@@ -133,32 +132,56 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
                     (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=HATCH, edgecolor="0.4", linewidth=0
                 )
             )
-    for separate, count in zip((plot.axvline, plot.axhline), values.shape[::-1]):
-        for edge in range(1, count):
-            separate(edge - 0.5, color="w", linewidth=0.8)
-    if max(values.shape) <= MAX_LABELLED:
-        size = 9 if max(values.shape) <= 8 else 7
-        for (row, column), value in np.ndenumerate(values.filled(np.nan)):
-            color = image.cmap(norm(value)) if np.isfinite(value) else (0.85, 0.85, 0.85)
-            plot.text(
-                column, row, f"{value:.{panel.digits}f}" if np.isfinite(value) else "-", fontsize=size,
-                ha="center", va="center", color="w" if sum(color[:3]) < 1.5 else "k", zorder=5,
-                # border around the text, because hatching may lie behind the text
-                path_effects=[withStroke(linewidth=3, foreground=color)],
-            )  # fmt: skip
+    rows, columns = values.shape
+    for edge in range(1, columns):
+        plot.axvline(edge - 0.5, color="w", linewidth=0.8)
+    for edge in range(1, rows):
+        plot.axhline(edge - 0.5, color="w", linewidth=0.8)
+    if max(rows, columns) <= MAX_LABELLED:
+        _label_cells(plot, values.filled(np.nan), lambda value: image.cmap(norm(value)), panel.digits)
     else:
         plot.figure.colorbar(image, ax=plot)
     for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
         step = len(axis.values) // (MAX_LABELLED + 1) + 1
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
-    for symbol, (name, values_of_mark) in zip(SYMBOLS, marks.items()):
+    _mark_points(plot, axes, marks)
+    plot.set_ylabel(axes[1].label)
+
+
+def _label_cells(
+    plot: Any, values: np.ndarray, color_of: Callable[[float], Sequence[float]], digits: int
+) -> None:
+    """Write the value into each cell of a heat map, in white or black.
+
+    Args:
+        plot: axes of matplotlib.
+        values: values of the cells, (rows, columns); nan if there is none.
+        color_of: function that returns the colour (r, g, b, a) of a cell with a value.
+        digits: digits after the decimal point.
+    """
+    font_size = 9 if max(values.shape) <= 8 else 7
+    for (row, column), value in np.ndenumerate(values):
+        has_value = np.isfinite(value)
+        color = color_of(value) if has_value else (0.85, 0.85, 0.85)
+        is_dark = sum(color[:3]) < 1.5
+        plot.text(
+            column, row, f"{value:.{digits}f}" if has_value else "-", fontsize=font_size,
+            ha="center", va="center", color="w" if is_dark else "k", zorder=5,
+            path_effects=[withStroke(linewidth=3, foreground=color)],  # hatching may lie below it
+        )  # fmt: skip
+
+
+def _mark_points(plot: Any, axes: Sequence[Axis], marks: Marks) -> None:
+    """Draw the marks of a heat map, each on the nearest border above or below its point.
+
+    In the middle of a cell a mark would hide the number of the cell.
+    """
+    for symbol, (name, values) in zip(SYMBOLS, marks.items()):
         x, y = (
-            float(np.interp(value, axis.values, range(len(axis.values))))
-            for value, axis in zip(values_of_mark, axes)
+            float(np.interp(value, axis.values, range(len(axis.values)))) for value, axis in zip(values, axes)
         )
         border = np.floor(y) + 0.5
         plot.plot(
             x, border, symbol, markersize=12 if symbol == "*" else 8, label=name, color=MARKER,
             markeredgecolor="w", markeredgewidth=1.0, linestyle="none", clip_on=False, zorder=6,
         )  # fmt: skip
-    plot.set_ylabel(axes[1].label)

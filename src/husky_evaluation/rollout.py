@@ -124,19 +124,22 @@ def rollout(
             snapshot = simulation.step()
             for name in snapshot.contacts:
                 touches.setdefault(name, snapshot.stamp)
-            if snapshot.scan is None or snapshot.odometry is None:
+            scan, odometry = snapshot.scan, snapshot.odometry
+            if scan is None or odometry is None:
                 continue
-            odometry, age = snapshot.odometry.filtered, snapshot.stamp - snapshot.scan.stamp
-            base_in_odom = odometry.pose_base_in_odom
-            if age > 0.0:  # the lidar needs time for a scan, and the pose must be the pose at the first beam
-                base_in_odom = advance(base_in_odom, odometry.twist_in_base, -age)
-            observation = Observation(snapshot.scan, laser_in_base, base_in_odom, simulator.robot.footprint)
+            base_in_odom = odometry.filtered.pose_base_in_odom
+            scan_age = snapshot.stamp - scan.stamp
+            if (
+                scan_age > 0.0
+            ):  # the lidar needs time for a scan, and the pose must be the pose at the first beam
+                base_in_odom = advance(base_in_odom, odometry.filtered.twist_in_base, -scan_age)
+            observation = Observation(scan, laser_in_base, base_in_odom, simulator.robot.footprint)
             controller_state, output = controller(
                 controller_state, observation, True, control, detector_config
             )
             simulation.command(output.twist)
             pillar = simulation.pose_of(scenario.pillar).position[:2]
-            rows.append(_row(snapshot, snapshot.scan, output, pillar))
+            rows.append(_row(snapshot, scan, output, pillar))
             arrived_at = min(arrived_at, snapshot.stamp) if output.state is State.ARRIVED else inf
     finally:
         simulation.close()
@@ -156,13 +159,21 @@ def _row(
 
 
 def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Trace:
-    *columns, states, sentences = list(zip(*rows)) or [()] * (len(COLUMNS) + 2)
+    """Return the trace of a run.
+
+    Args:
+        rows: results of `_row`.
+        touches: time of the first touch [s] by body.
+    """
+    no_columns: List[Tuple[Any, ...]] = [()] * (len(COLUMNS) + 2)
+    *columns, states, sentences = list(zip(*rows)) or no_columns
     arrays = {
         name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
         for (name, width), column in zip(COLUMNS.items(), columns)
     }
     for array in arrays.values():
         array.setflags(write=False)
-    events = tuple(next(same) for _, same in groupby(zip(columns[0], sentences), itemgetter(1)))
+    # the first one of several equal sentences in a row is an event
+    events = tuple(next(group) for _, group in groupby(zip(columns[0], sentences), itemgetter(1)))
     first_touches = tuple((stamp, name) for name, stamp in touches.items())
     return Trace(states=states, touches=first_touches, events=events, **arrays)

@@ -183,18 +183,26 @@ def parse_axis(text: str) -> Axis:
         values = _numbers(grid[:-4] if is_geometric else grid, is_geometric)
     except ValueError as error:
         raise ConfigError(f"{name} = '{grid}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
-    typed = tuple(dict.fromkeys(int(round(value)) if kind is int else value for value in values))
-    for value in typed:
-        Setup().with_values({name: value})
-    return Axis(name, typed, is_geometric)
+    if kind is int:
+        values = [int(round(value)) for value in values]
+    different_values = tuple(dict.fromkeys(values))
+    for value in different_values:
+        Setup().with_values({name: value})  # raises if the value is not allowed
+    return Axis(name, different_values, is_geometric)
 
 
 def _numbers(grid: str, is_geometric: bool) -> List[float]:
-    *texts, count = grid.split(":") if ":" in grid else (*grid.split(","), "")
+    """Return the numbers of FIRST:LAST:COUNT, with equal distances or ratios, or of VALUE,VALUE, sorted.
+
+    Raises:
+        ValueError: the text has another form, or the numbers do not fit it.
+    """
+    has_count = ":" in grid
+    *texts, count = grid.split(":") if has_count else (*grid.split(","), "")
     numbers = [float(text) for text in texts]
     if not all(map(math.isfinite, numbers)):
         raise ValueError("every value must be a finite number")
-    if ":" not in grid:
+    if not has_count:
         return sorted(numbers)
     first, last = numbers
     if not 1 <= int(count) <= MAX_VALUES:

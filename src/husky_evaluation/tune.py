@@ -100,10 +100,10 @@ def parse_range(text: str, base: Setup) -> Range:
     """
     name, equals, limits = text.partition("=")
     values = parameter_values(base)
-    own = [item.name for record in (base.control, base.detector) for item in fields(record)]
-    numbers = sorted(key for key in own if type(values[key]) in (int, float))
-    if name not in numbers:
-        raise ConfigError(f"{name} is not a numeric controller parameter; there are: {', '.join(numbers)}")
+    of_controller = [item.name for record in (base.control, base.detector) for item in fields(record)]
+    numeric = sorted(key for key in of_controller if type(values[key]) in (int, float))
+    if name not in numeric:
+        raise ConfigError(f"{name} is not a numeric controller parameter; there are: {', '.join(numeric)}")
     allowed = f"{METADATA[name]['min']}:{METADATA[name]['max']}"
     try:
         low, high = map(float, (limits if equals else allowed).split(":"))
@@ -112,7 +112,7 @@ def parse_range(text: str, base: Setup) -> Range:
     except ValueError:
         raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
     for limit in (low, high):
-        base.with_values({name: type(values[name])(limit)})
+        base.with_values({name: type(values[name])(limit)})  # raises if the limit is not allowed
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
     return Range(name, low, high)
@@ -145,6 +145,16 @@ def tune(
 ) -> Tuned:
     """Try setups, `base` first, and return the one with the smallest cost.
 
+    Args:
+        ranges: parameters to change, with their ranges.
+        base: setup with the other parameters.
+        scenes: scenarios that each setup drives; its cost is their mean.
+        objective: cost of a run.
+        trials: number of setups.
+        seed: random seed of the proposals.
+        workers: processes that drive.
+        drive: function that drives a setup in a scenario.
+
     Raises:
         HuskyError: Optuna is not installed.
     """
@@ -154,12 +164,13 @@ def tune(
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
     rows: List[Dict[str, Any]] = []
     while len(rows) < trials:
-        asked = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
-        proposed = [_propose(trial, ranges, defaults) for trial in asked]
-        items = product([base.with_values(values) for values in proposed], scenes)
-        costs = map(objective.cost, workers.map(drive, items, f"setups from {len(rows) + 1}"))
-        means = np.reshape(list(costs), (len(asked), len(scenes))).mean(axis=1).tolist()
-        for trial, values, mean in zip(asked, proposed, means):
+        optuna_trials = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
+        proposals = [_propose(trial, ranges, defaults) for trial in optuna_trials]
+        setups = [base.with_values(values) for values in proposals]
+        results = workers.map(drive, product(setups, scenes), f"setups from {len(rows) + 1}")
+        costs = [objective.cost(result) for result in results]
+        mean_costs = np.reshape(costs, (len(setups), len(scenes))).mean(axis=1).tolist()
+        for trial, values, mean in zip(optuna_trials, proposals, mean_costs):
             study.tell(trial, mean)
             rows.append({**values, "objective": mean})
     best = min(rows, key=lambda row: row["objective"])
@@ -167,6 +178,11 @@ def tune(
 
 
 def _propose(trial: Any, ranges: Sequence[Range], defaults: Mapping[str, Any]) -> Dict[str, float]:
+    """Return the values that Optuna proposes for a trial, by name, with DIGITS digits.
+
+    A parameter whose default is a whole number gets whole numbers. Other values above 0 are searched on a
+    logarithmic scale.
+    """
     values: Dict[str, float] = {}
     for name, low, high in ranges:
         if type(defaults[name]) is int:
@@ -178,6 +194,11 @@ def _propose(trial: Any, ranges: Sequence[Range], defaults: Mapping[str, Any]) -
 
 
 def _require_optuna() -> Any:
+    """Return the module Optuna, which is optional.
+
+    Raises:
+        HuskyError: Optuna is not installed.
+    """
     try:
         import optuna
     except ImportError as error:
@@ -202,10 +223,11 @@ def check(
     sides = results[: len(scenes)], results[len(scenes) :]
     shares = [100.0 * float(np.mean([result.good for result in side])) for side in sides]
     times = np.array([[result.arrived_at for result in side] for side in sides])
+    both_arrive = np.isfinite(times).all(axis=0)
     costs = [[objective.cost(result) for result in side] for side in sides]
     rows = [
         (f"{GOOD} [%]", *shares, ""),
-        paired_row("time to arrival, mean [s]", times[:, np.isfinite(times).all(axis=0)], "s"),
+        paired_row("time to arrival, mean [s]", times[:, both_arrive], "s"),
         paired_row("objective [s]", costs, "s"),
     ]
     return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
@@ -214,7 +236,16 @@ def check(
 def result_of_tuning(
     tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
 ) -> Result:
-    """Return the result: parameters, metrics of both setups on `fresh` starts, and all tried setups."""
+    """Return the result: parameters, metrics of both setups on fresh starts, and all tried setups.
+
+    Args:
+        tuned: result of `tune`.
+        base: setup with the defaults.
+        objective: cost of a run.
+        fresh: table of `check`.
+        tried: words on the setups that were tried, which end a sentence.
+        source: hash of the results, and the machines that computed them.
+    """
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
@@ -279,6 +310,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
             tried = f"of {options.setups} setups on {options.starts} starts"
             tried += f", seed {seed}, profile {options.profile}"
-            result = result_of_tuning(tuned, base, objective, figures, tried, workers.summary)
+            computed_by = workers.summary
+        result = result_of_tuning(tuned, base, objective, figures, tried, computed_by)
         write_tuned(result, tuned, tried, options.out)
-        print(result.source, file=sys.stderr)
+        print(computed_by, file=sys.stderr)

@@ -16,7 +16,7 @@ import warnings
 from collections import deque
 from concurrent.futures import CancelledError
 from functools import partial
-from typing import Any, Callable, Deque, Dict, FrozenSet, List, Sequence, Tuple, Union
+from typing import Any, Callable, Deque, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Union
 
 from husky_evaluation.tasks.fingerprint import OURS, code_version
 from husky_evaluation.tasks.local import Answer, Answers, Group, perform
@@ -36,6 +36,13 @@ WORKER_DEADLINE = 600.0  # [s] longest wait for a worker that may be used
 POLL_PERIOD = 1.0  # [s] time between two updates of the list of workers
 OUR_PACKAGE = __name__.split(".")[0]
 ROS = "ROS"  # resource of workers on which ROS programs can be started
+
+
+class _Run(NamedTuple):
+    """Group of tasks that is sent to the scheduler."""
+
+    number: int  # number of the group
+    workers: FrozenSet[str]  # addresses of the workers that may compute it
 
 
 class Cluster:
@@ -68,30 +75,25 @@ class Cluster:
             HuskyError: no worker can do the tasks, or the scheduler has gone.
         """
         _send_by_value(task)
-        todo: Deque[int] = deque(range(len(groups)))
-        # number of the group of each task, and the workers that may compute it
-        running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}
+        waiting: Deque[int] = deque(range(len(groups)))
+        running: Dict[Future, _Run] = {}
         looked_at = -POLL_PERIOD
         try:
-            while todo or running:
+            while waiting or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
-                    for future, (number, able_workers) in list(running.items()):
-                        if not able_workers & workers:  # all workers that may compute this group have left
-                            future.cancel()
-                            del running[future]
-                            todo.appendleft(number)
-                while todo and len(running) < 2 * len(workers):
-                    number = todo.popleft()
+                    waiting.extendleft(_take_back(running, workers))
+                while waiting and len(running) < 2 * len(workers):
+                    number = waiting.popleft()
                     try:
                         payload = cloudpickle.dumps((task, groups[number]))
                     except Exception as error:
                         # a task may raise any error, for example if a file cannot be read
                         yield number, error
                         continue
-                    running[self._submit(payload, workers, starts_programs)] = (number, workers)
+                    running[self._submit(payload, workers, starts_programs)] = _Run(number, workers)
                 for future in self._ended(running):
-                    number, _ = running.pop(future)
+                    number = running.pop(future).number
                     failure = future.exception() if future.status == "error" else None
                     if isinstance(failure, KilledWorker):
                         place = f"task {number + 1} of {len(groups)}"
@@ -104,6 +106,7 @@ class Cluster:
                 future.cancel()
 
     def _submit(self, payload: bytes, workers: FrozenSet[str], starts_programs: bool) -> Future:
+        """Let one of these workers do a packed group of tasks, and return the future of its answer."""
         resources = {ROS: 1} if starts_programs else None
         with warnings.catch_warnings():
             # Dask warns of large tasks, but a submission may have some megabytes
@@ -130,14 +133,15 @@ class Cluster:
         while True:
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
             self._check({address: info for address, info in infos.items() if address not in self._refused})
-            workers = self._fit & set(infos)
+            fit_workers = self._fit & set(infos)
+            workers = fit_workers
             if starts_programs:
-                workers = frozenset(w for w in workers if ROS in infos[w].get("resources", {}))
+                workers = frozenset(each for each in workers if ROS in infos[each].get("resources", {}))
             if workers:
                 return workers
             if infos and set(infos) <= set(self._refused):
                 raise HuskyError(f"--cluster {self._address}: every worker is rejected, see above")
-            if infos and self._fit & set(infos):
+            if fit_workers:
                 raise HuskyError(
                     f"--cluster {self._address}: no worker has the resource {ROS}; start one with "
                     f"--resources {ROS}=1"
@@ -149,32 +153,41 @@ class Cluster:
             time.sleep(POLL_PERIOD)
 
     def _check(self, infos: Dict[str, Dict[str, Any]]) -> None:
-        """Check threads, Python and package of new workers, and print which ones are rejected and why."""
+        """Check new workers, and print which ones are rejected and why.
+
+        `infos` has the scheduler's facts on each worker that is not rejected, by its address.
+        """
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
         pythons = self._client.get_versions()["workers"]
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")
-            why = ""
-            if infos[address]["nthreads"] != 1:
-                why = f"it has {infos[address]['nthreads']} threads; start it with --nthreads 1"
-            elif not python:
-                continue  # the worker has not answered, so it is checked again
-            elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
-                why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
-            else:
-                version = self._version_of(address)
-                if not version:
-                    continue  # the worker has left; if the worker returns, it is checked again
-                if version != code_version():
-                    why = f"{version}; here it is {code_version()}"
-            if why:
+            reason = self._reason_against(address, infos[address]["nthreads"], python)
+            if reason is None:
+                continue
+            if reason:
                 name = infos[address].get("name", address)
-                print(f"worker {name} at {address} is rejected: {why}", file=sys.stderr)
-                self._refused[address] = why
+                print(f"worker {name} at {address} is rejected: {reason}", file=sys.stderr)
+                self._refused[address] = reason
             else:
                 self._fit |= {address}
+
+    def _reason_against(self, address: str, threads: int, python: str) -> Optional[str]:
+        """Return why a worker may not be used, by its threads, its Python and its version of the package.
+
+        It is empty if the worker may be used, and None if the worker does not answer, so it is checked again.
+        """
+        if threads != 1:
+            return f"it has {threads} threads; start it with --nthreads 1"
+        if not python:
+            return None
+        if python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
+            return f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
+        version = self._version_of(address)
+        if not version:
+            return None
+        return "" if version == code_version() else f"{version}; here it is {code_version()}"
 
     def _version_of(self, address: str) -> str:
         """Return the version of the package on a worker, or why it has none; empty if it has gone."""
@@ -186,6 +199,14 @@ class Cluster:
             # the code on the worker may raise any error, and other workers may still be usable
             return f"its {OUR_PACKAGE} cannot be read: {type(error).__name__}: {error}"
         return str(version)
+
+
+def _take_back(running: Dict[Future, _Run], workers: FrozenSet[str]) -> List[int]:
+    """Cancel and remove the groups whose workers have all left, and return the numbers of these groups."""
+    lost = [future for future, run in running.items() if not run.workers & workers]
+    for future in lost:
+        future.cancel()
+    return [running.pop(future).number for future in lost]
 
 
 def _send_by_value(task: Callable[[Any], Any]) -> None:
@@ -214,7 +235,7 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
 
 
 def _asker(package: str) -> Callable[[], str]:
-    """Return a function that returns the version of the package on a worker.
+    """Return a function that returns the version of the package on a worker, or why it has none.
 
     A nested function is sent by its code, not by its name, so a worker without the package can answer.
     """

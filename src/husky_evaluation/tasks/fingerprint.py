@@ -41,6 +41,13 @@ def fingerprint(value: Any) -> str:
 
 
 def _pieces(value: Any) -> Iterator[bytes]:
+    """Yield bytes that describe a value: its type and content, and for a container the pieces of its parts.
+
+    A set or a mapping has no order, so the fingerprints of its parts are sorted.
+
+    Raises:
+        TypeError: a part has a type without a fingerprint.
+    """
     if value is None or type(value) in (bool, int, float, str, bytes):
         yield f"{type(value).__name__} {value!r}".encode(errors="backslashreplace")
     elif isinstance(value, Enum):
@@ -79,13 +86,14 @@ def _pieces(value: Any) -> Iterator[bytes]:
 def code_version() -> str:
     """Return the version of the package, and a hash of the sources of OURS, parameters, worlds and robots."""
     digest, sources, share = hashlib.sha256(), Path(__file__).resolve().parents[2], share_folder()
-    found = [path for package in OURS for path in (sources / package).rglob("*.py")]
-    files = {f"src/{path.relative_to(sources).as_posix()}": path for path in found}
+    modules = [path for package in OURS for path in (sources / package).rglob("*.py")]
+    files = {f"src/{path.relative_to(sources).as_posix()}": path for path in modules}
     for folder in ("config", "urdf", "worlds"):
-        found = [path for path in (share / folder).rglob("*") if path.is_file()]
-        files.update({path.relative_to(share).as_posix(): path for path in found})
+        data = [path for path in (share / folder).rglob("*") if path.is_file()]
+        files.update({path.relative_to(share).as_posix(): path for path in data})
     for name in sorted(files):
-        if name.split("/")[2:3] not in ([each] for each in GENERATED):
+        is_generated = any(name.split("/")[2:3] == [folder] for folder in GENERATED)  # src/PACKAGE/FOLDER
+        if not is_generated:
             digest.update(f"{name} {hashlib.sha256(files[name].read_bytes()).hexdigest()}\n".encode())
     manifest = (share / "package.xml").read_text()
     number = manifest.split("<version>", 1)[1].split("<", 1)[0]

@@ -46,36 +46,37 @@ def run_here(
     A killed process is replaced, and its group is done again. The answer of a group that ends its process
     MAX_DEATHS times is a HuskyError. Closing the iterator cancels the other groups.
     """
-    todo = deque(range(len(groups)))
-    deaths: CounterType[int] = Counter()
-    while todo:
+    waiting = deque(range(len(groups)))  # numbers of the groups
+    deaths: CounterType[int] = Counter()  # number of processes that ended with this group
+    while waiting:
         running: Dict[Future, int] = {}
         executor: Executor
         if starts_programs:
             executor = ThreadPoolExecutor(jobs)
         else:
-            executor = ProcessPoolExecutor(jobs, get_context("fork"), _obey_the_first)
+            executor = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
         try:
-            while todo or running:
+            while waiting or running:
                 # a group that may have ended a worker process is run alone, so that no other group can be the
                 # cause
-                while todo and len(running) < (1 if deaths[todo[0]] else 2 * jobs):
-                    running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
-                    todo.popleft()
+                while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
+                    number = waiting[0]
+                    running[executor.submit(perform, task, groups[number])] = number
+                    waiting.popleft()  # only now, because a broken pool makes `submit` fail
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         raise error
                     yield running.pop(future), error or future.result()
         except BrokenProcessPool:
-            losses = sorted(running.values())
+            losses = sorted(running.values())  # a broken pool loses all its groups
             deaths.update(losses)
             worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
                 losses.remove(worst)
-            todo.extendleft(reversed(losses))
+            waiting.extendleft(reversed(losses))
         finally:
             # `shutdown` waits for the running tasks and cancels the waiting tasks; Python 3.8 also runs the
             # waiting tasks. `Future.cancel` is not used, because a pool with cancelled futures may hang at
@@ -83,7 +84,7 @@ def run_here(
             executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
 
 
-def _obey_the_first() -> None:
+def _end_with_parent() -> None:
     """Ignore Ctrl-C, because the first process decides, and end when the first process is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":

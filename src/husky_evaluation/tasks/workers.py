@@ -90,35 +90,38 @@ class Workers:
         `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
         worker. It returns the result of that item.
         """
-        common = fingerprint((code_version(), task)) if self._store else ""
-        keys = [fingerprint((common, item)) for item in items] if self._store else []
-        waiting: List[int] = []
+        code = fingerprint((code_version(), task)) if self._store else ""
+        keys = [fingerprint((code, item)) for item in items] if self._store else []
+        waiting: List[int] = []  # numbers of the items without a kept result
         with Progress(len(items), title) as progress:
             for number in range(len(items)):
-                entry = self._store.load(keys[number]) if self._store else None
-                if entry:
-                    self._machines.add(entry[0])
+                kept = self._store.load(keys[number]) if self._store else None
+                if kept:
+                    computer, result = kept
+                    self._machines.add(computer)
                     progress.update()
-                    yield number, entry[1]
+                    yield number, result
                 else:
                     waiting.append(number)
             groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]
-            chunks = [[items[n] for n in group] for group in groups]
+            items_of_groups = [[items[number] for number in group] for group in groups]
             if self._cluster:
-                answers = self._cluster.run(task, chunks, starts_programs)
+                answers = self._cluster.run(task, items_of_groups, starts_programs)
             else:
-                answers = run_here(task, chunks, self.jobs, starts_programs)
-            with closing(answers):
-                for number, answer in answers:
-                    group = groups[number]
+                answers = run_here(task, items_of_groups, self.jobs, starts_programs)
+            with closing(answers):  # an error here cancels the waiting groups
+                for group_number, answer in answers:
+                    group = groups[group_number]
                     if isinstance(answer, BaseException):
                         if on_error is None or not isinstance(answer, Exception):
                             raise answer
-                        answer = machine(), [on_error(items[n], answer) for n in group]
+                        answer = machine(), [on_error(items[number], answer) for number in group]
                     computer, results = answer
                     self._machines.add(computer)
                     if self._store:
-                        self._store.save({keys[n]: (computer, result) for n, result in zip(group, results)})
+                        self._store.save(
+                            {keys[number]: (computer, result) for number, result in zip(group, results)}
+                        )
                     progress.update(len(group))
                     yield from zip(group, results)
 
