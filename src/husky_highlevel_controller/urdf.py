@@ -16,7 +16,7 @@ import defusedxml.ElementTree
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy, rpy_from_quat
 
-MAX_NUMBER = 1e6  # metres, kilograms or products of them; numbers of robots are far smaller
+MAX_NUMBER = 1e6  # [m], [kg] or products of them; the numbers of robots are far smaller
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
 
 Elements = Dict[str, ET.Element]  # elements by name
@@ -159,4 +159,4 @@ def write_origin(element: ET.Element, pose: Pose) -> None:
 
 def text_of(numbers: Sequence[float]) -> str:
     """Text of an attribute with all digits of its numbers."""
-    return " ".join(repr(float(number) + 0.0) for number in numbers)  # + 0.0 makes -0.0 plain
+    return " ".join(repr(float(number) + 0.0) for number in numbers)  # `+ 0.0` turns -0.0 into 0.0

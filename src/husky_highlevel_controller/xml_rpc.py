@@ -10,7 +10,7 @@ from typing import Any, Optional, Tuple
 from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error, ServerProxy, Transport
 
-DEADLINE = 5.0  # [s] wall time that one answer may take
+DEADLINE = 5.0  # [s] longest wall time of one answer
 
 
 class _Transport(Transport):
@@ -45,7 +45,7 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
         ValueError,
         TypeError,
     ):
-        # no answer, or the answer of another program that listens on the port
+        # the master has not answered, or another program that listens on the port has answered
         return None
     return code, value
 

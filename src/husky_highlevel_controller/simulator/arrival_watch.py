@@ -15,16 +15,16 @@ from husky_highlevel_controller.datatypes import Body, Cylinder, TrueState
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import pose_to_2d
 
-STANDING_TIME = 0.5  # [s] time that an arrived robot stands
-AWAY = 1.0  # [m] gap to the pillar at which the robot may arrive there again
-PERIOD = 0.5  # [s] simulated time between two looks whether it is away
+STANDING_TIME = 0.5  # [s] time for which a robot must stand at a pillar to count as arrived
+AWAY = 1.0  # [m] gap to the pillar from which on the robot may arrive at the pillar again
+PERIOD = 0.5  # [s] simulated time between two checks whether the robot has left the pillar
 
 
 class PillarPlace(NamedTuple):
     """Place of an upright cylinder in the world."""
 
     name: str
-    x: float  # [m] position of its axis
+    x: float  # [m] position of the pillar's axis in the world
     y: float  # [m]
     radius: float  # [m]
 
@@ -32,9 +32,9 @@ class PillarPlace(NamedTuple):
 class Arrival(NamedTuple):
     """Robot that has come to stand at a pillar."""
 
-    stamp: float  # [s] simulated time since which it stands
+    stamp: float  # [s] simulated time since which the robot stands
     pillar: str
-    gap: float  # [m] between the outline of the robot and the surface of the pillar
+    gap: float  # [m] distance between the robot's footprint and the surface of the pillar
 
 
 class ArrivalWatch:
@@ -48,7 +48,8 @@ class ArrivalWatch:
     def forget(self) -> None:
         """Begin again, because the robot was put elsewhere."""
         self._has_driven, self._stands_since = False, inf
-        self._arrived_at: Optional[str] = None  # name of the pillar
+        # name of the pillar at which the robot has arrived; None if it has not arrived
+        self._arrived_at: Optional[str] = None
         self._look_due = -inf  # [s]
 
     def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
@@ -69,7 +70,8 @@ class ArrivalWatch:
         self._stands_since = min(self._stands_since, state.stamp)
         if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
             return None
-        self._has_driven = False  # each stop is checked once; the next check needs another drive
+        # each stop is checked only once; the robot must drive again before the next check
+        self._has_driven = False
         all_pillars = list(pillars())
         gaps = self._gaps(state, all_pillars)
         if not gaps or min(gaps) > REACHED:

@@ -15,10 +15,14 @@ from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
-LOAD_SMOOTHING = 0.02  # [s] low-pass on the wheels' normal forces, because the forces of the solver are noisy
-SUPPORT_SLOPE = 0.5  # smallest cosine of a contact that carries a wheel; otherwise the wheel bumps into it
+# [s] time constant of the low-pass on the wheels' normal forces, because the solver's forces are noisy
+LOAD_SMOOTHING = 0.02
+# smallest cosine of the slope of a contact that carries a wheel; at a steeper contact, the wheel bumps into
+# an object
+SUPPORT_SLOPE = 0.5
 CONTACT_DEPTH = 0.003  # [m] largest distance of a contact point from its tyre's surface
-HULL_FRICTION = 0.25  # friction of contacts without a tyre, as between two bodies with Bullet's defaults
+# coefficient of friction of contacts without a tyre, as between two bodies with Bullet's defaults
+HULL_FRICTION = 0.25
 HULL_SLIP_SPEED = 0.1  # [m/s] speed below which friction is viscous, so that 5 ms steps are stable
 
 Drag = Tuple[Vector3, Vector3, float]  # point [m] and normal of a contact, in base_link, and its force [N]
@@ -108,7 +112,7 @@ class Chassis:
             dt=dt,
             config=self._traction,
         )
-        # a motor carries its tyre's forward force, and turns its wheel faster or slower
+        # a motor's torque balances the forward force on the tyre, and accelerates the wheel
         self.torques = [
             forward * radius + inertia * (speed - last_speed) / dt
             for (forward, _), radius, inertia, speed, last_speed in zip(
@@ -117,7 +121,8 @@ class Chassis:
         ]
         self._angles = [angle + speed * dt for angle, speed in zip(self._angles, speeds)]
         self._speeds = speeds
-        # the engine finds the contacts of this step before it moves the robot, so they belong to this pose
+        # the engine finds the contacts of a step before it moves the robot, so the contacts belong to the
+        # pose before the step
         self._contact_axes, self._contact_position = self._axes, state.pose_in_world.position
         # forces [N] and the points at which they push [m], in base_link
         pushes = [
@@ -126,7 +131,8 @@ class Chassis:
             if load > 0.0
         ]
         pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
-        # turn the forces from base_link into the world; written out, because this runs in each step
+        # the forces are turned from base_link into the world; the products are written out, because this code
+        # runs in each step
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:
@@ -172,7 +178,7 @@ class Chassis:
         footprint. All other contacts are bumps, which `drive` turns into friction.
         """
         axes, (px, py, pz) = self._contact_axes, self._contact_position
-        # sums over the contacts of each wheel: load [N], and load times point [N m]
+        # sums over the contacts of each wheel: the load [N], and the load times the contact point [N m]
         wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
         ground_x = ground_y = ground_z = 0.0  # sum of the normal forces under the wheels [N]
         bumped_bodies = set()

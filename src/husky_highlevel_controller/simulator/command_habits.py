@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 
-RATE_TIME = 1.0  # [s] time of counting the rate, from the first command that moves the robot
-SLOW_GAPS = 8  # a sender is slow if this many successive commands come after the last one has expired
-LONGEST_GAP = 3.0  # [s] a sender with longer gaps is not slow, but a person who presses keys
-ZEROS_TIME = 10.0  # [s] duration of zero commands only
-ZEROS_COUNT = 20  # least number of commands in that time
-OVERRULED_TIME = 2.0  # [s] time that a stronger topic holds the robot although another node commands motion
+# [s] time over which the rate of commands is counted, from the first command that moves the robot
+RATE_TIME = 1.0
+# a sender is slow if this number of successive commands come after the previous command has expired
+SLOW_GAPS = 8
+LONGEST_GAP = 3.0  # [s] a sender with longer gaps does not count as slow, because a person may press keys
+ZEROS_TIME = 10.0  # [s] time with only zero commands after which they are reported
+ZEROS_COUNT = 20  # least number of commands in ZEROS_TIME that are reported
+# [s] time after which it is reported that zero commands on a topic of higher priority overrule another node
+OVERRULED_TIME = 2.0
 
 
 class Habit(Enum):
@@ -34,7 +37,7 @@ class Finding(NamedTuple):
     topic: str
     rate: float = 0.0  # [1/s] commands per simulated second
     timeout: float = 0.0  # [s] age at which a command expires
-    stronger_sender: str = ""  # node that overrules it
+    stronger_sender: str = ""  # name of the node whose commands have priority over `sender`
     stronger_topic: str = ""
 
 
@@ -42,13 +45,15 @@ class Finding(NamedTuple):
 class _Sender:
     """Memory of one sender on one topic."""
 
-    first: float  # [s] stamp of its first command
-    last: float  # [s] stamp of its last command
+    first: float  # [s] stamp of the sender's first command
+    last: float  # [s] stamp of the sender's last command
     count: int = 0
-    moves_since: Optional[float] = None  # [s] stamp of its first command that is not zero
+    # [s] stamp of the sender's first command that is not zero; None if all are zero
+    moves_since: Optional[float] = None
     moves_count: int = 0  # commands since then
-    gaps: Tuple[float, ...] = ()  # [s] successive gaps longer than the timeout
-    overruled_since: Optional[float] = None  # [s] stamp of the first overruled command
+    gaps: Tuple[float, ...] = ()  # [s] last successive gaps between commands that are longer than the timeout
+    # [s] stamp of the first command that another topic has overruled; None if none is overruled
+    overruled_since: Optional[float] = None
 
 
 class CommandHabits:
@@ -63,7 +68,8 @@ class CommandHabits:
         """
         self._timeout, self._may_stand = timeout, may_stand
         self._senders: Dict[Tuple[str, str], _Sender] = {}
-        self._zero_senders: Dict[str, str] = {}  # sender of the last command by topic, if it was zero
+        # sender of the last command of each topic whose last command was zero
+        self._zero_senders: Dict[str, str] = {}
         self._found: Set[Tuple[Habit, str]] = set()
 
     def note(

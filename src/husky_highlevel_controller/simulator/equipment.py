@@ -21,16 +21,17 @@ from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
-# random streams of the seed; each sensor has its own, so that none shifts another's; None is the seed itself
+# random streams of the seed; each sensor has its own stream, so that no sensor changes another's noise; None
+# is the seed itself
 LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
 
 
 class Sensor(NamedTuple):
     """A sensor and its sampling period."""
 
-    steps: int  # physics steps between two samples
-    device: Any  # object with reset(rng) and sample(state, stamp)
-    field: str  # name of its field in the `Snapshot`
+    steps: int  # number of physics steps between two samples
+    device: Any  # sensor, an object with reset(rng) and sample(state, stamp)
+    field: str  # name of the sensor's field in `Snapshot`
     stream: Optional[int]  # random stream of the seed
 
 
@@ -78,7 +79,7 @@ def equip(
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    # the encoders are read with an odometry sample, so their period is a multiple of two periods
+    # the encoders are read for each sample of odometry, so their period is a multiple of two periods
     for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))

@@ -24,17 +24,19 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy, transfor
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
 FALL_DEPTH = 10.0  # [m] a robot this far below its start has fallen off the world
-MAX_SLAB = 0.12  # [m] largest height of a slab that the robot stands on, which is below its hull
+MAX_SLAB = 0.12  # [m] largest height of a slab on which the robot starts; the robot's hull is higher
 MAX_RISE = 5.0  # [m] largest height of a floor above the requested start height
-MAX_DROP = 1.0  # [m] largest fall to the floor; a higher robot is put on the floor
-_WHEELS = 0.3  # [m] approximate distance from base_link to its wheels along x and y
+# [m] largest height from which the robot falls to the floor; from a larger height it is put on the floor
+MAX_DROP = 1.0
+_WHEELS = 0.3  # [m] approximate distance from base_link to the wheels along x and y
 _MIDDLE = ((0.0, 0.0), (-_WHEELS, 0.0), (_WHEELS, 0.0), (0.0, -_WHEELS), (0.0, _WHEELS))
-_FLOOR = 1.0  # [m] least distance that a floor reaches along x and y
+_FLOOR = 1.0  # [m] a floor reaches at least this far from the robot along x and y
 _RISE = 0.1  # [m] step of the search for the top of a floor
 _LEVEL = 1e-3  # [m] largest difference of heights on a level floor
 _DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
-log = logging.getLogger("rosout.world")  # child of rospy's logger, which reaches /rosout without rospy
+# a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
+log = logging.getLogger("rosout.world")
 
 
 def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
@@ -64,11 +66,11 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         for step in range(1, round(MAX_RISE / _RISE)):
             height_above = MAX_SLAB + _RISE * step
             drops_above = _drops(scene, pose_on_ground, _WHEELS, height_above)
-            if all(drops_above):  # no longer in the body
+            if all(drops_above):  # this height is above the body in which the robot would start
                 top, drops = height_above, drops_above
                 break
     height = top - drops[0]
-    if height < 0.0:  # the hull may stand on something between the wheels
+    if height < 0.0:  # the hull may stand on an object between the wheels
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE]
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL and all(drops)
     return height if is_level and abs(height) > _LEVEL else 0.0

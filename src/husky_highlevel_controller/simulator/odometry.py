@@ -44,7 +44,7 @@ class Odometer:
         """
         if wheels is not None:
             turned_for = (step - self._last_wheel_step) * self._dt
-            # mean speeds of the wheels since the last reading [rad/s]
+            # mean speeds [rad/s] of the wheels since the last reading
             front_left, front_right, rear_left, rear_right = (
                 (now - before) / turned_for for now, before in zip(wheels.angles, self._wheels.angles)
             )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Optional
 
-MAX_LAG = 0.5  # [s] lag at which a machine counts as too slow; a shorter one is caught up
+MAX_LAG = 0.5  # [s] lag from which on the machine counts as too slow; a shorter lag is made up
 
 
 class Pacer:

@@ -24,7 +24,7 @@ from typing import Tuple
 from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import PowerState
 
-STANDING = 0.005  # [m/s] slower wheels draw no current
+STANDING = 0.005  # [m/s] wheels that are slower than this draw no current
 FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0  # [V] voltage at rest of two lead-acid batteries of six cells
 RESISTANCE = 0.04  # [Ohm] resistance of the battery and its wires
 ELECTRONICS = 1.5  # [A] current of the controller and of connected devices
@@ -55,7 +55,8 @@ class Power:
     def reset(self) -> None:
         """A battery as charged as the config says, and everything cold."""
         self._uptime, self._charge = 0.0, self._config.charge
-        self._squares = (0.0, 0.0)  # [A^2] low-passed squared current, which warms
+        # [A^2] low-passed squared currents of both motors, which warm drivers and motors
+        self._squares = (0.0, 0.0)
 
     def update(
         self, torques: Tuple[float, float], speeds: Tuple[float, float], duration: float

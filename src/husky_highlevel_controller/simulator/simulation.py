@@ -74,7 +74,9 @@ class Simulation:
             wheel_separation=left.position[1] - right.position[1],
             wheel_radius=left.radius,
         )
-        if config.real:  # a real ground has its own grip; Gazebo's is in the config
+        # in the profile of a real robot, the ground has its own grip; the config has the grip of Gazebo's
+        # ground
+        if config.real:
             ground = config.real.ground
             traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
             config = replace(config, traction=traction)
@@ -91,7 +93,7 @@ class Simulation:
         try:
             self.reset()
         except Exception:
-            self.close()  # otherwise the engine's 35 MB stay allocated
+            self.close()  # an engine that is not closed would keep 35 MB of memory
             raise
 
     def _equip(self) -> Equipment:

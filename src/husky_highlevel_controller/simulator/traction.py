@@ -37,7 +37,8 @@ from husky_highlevel_controller.datatypes import Vector3
 Vector2 = Tuple[float, float]
 
 LOAD_SENSITIVITY = -1.0 / 3.0
-MAX_ITERATIONS, SETTLED = 3, 0.1  # rounds; done if one changes the speeds by less than this fraction of vs
+# largest number of iterations; the last iteration changes the speeds by less than this fraction of vs
+MAX_ITERATIONS, SETTLED = 3, 0.1
 STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
@@ -45,9 +46,12 @@ STANDARD_GRAVITY = 9.81  # [m/s^2]
 class TractionConfig:
     """The tyres."""
 
-    friction: float = 1.0  # mu at a quarter of the robot's weight (Husky URDF: mu1 = mu2 = 1.0)
-    slip_speed: float = 0.01  # vs [m/s]; a robot parked on a slope creeps at about tan(slope) * vs
-    lateral_grip: float = 1.0  # sideways over lengthwise friction; 1.0 if it is the same in all directions
+    # coefficient of friction at a quarter of the robot's weight (Husky URDF: mu1 = mu2 = 1.0)
+    friction: float = 1.0
+    # slip speed vs [m/s] below which friction is viscous; a robot on a slope creeps at about tan(slope) * vs
+    slip_speed: float = 0.01
+    # ratio of sideways to lengthwise friction; 1.0 if friction is equal in all directions
+    lateral_grip: float = 1.0
 
 
 class WheelContact(NamedTuple):

@@ -18,8 +18,9 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
-# a contact point of the robot: the other body, the point in the world [m], the unit normal from that body to
-# the robot, the force along it [N]; a plain tuple, because every physics step makes several
+# a contact point of the robot: name of the other body, the point in the world [m], the unit normal from the
+# other body to the robot, and the force along the normal [N]; a plain tuple, because every physics step makes
+# several
 ContactPoint = Tuple[str, Vector3, Vector3, float]
 
 
@@ -31,7 +32,8 @@ class RobotWorld(BulletWorld):
         self._model = model
         self._robot = self._load(pose)
         self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
-        # neither Bullet's friction (traction.py computes it) nor damping
+        # Bullet's friction is switched off, because traction.py computes the friction; damping is switched
+        # off, too
         self._engine.changeDynamics(
             self._robot, BASE_INDEX, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0
         )
@@ -39,7 +41,7 @@ class RobotWorld(BulletWorld):
 
     def _load(self, pose: Pose) -> int:
         """Id of a new body with the robot's shape at `pose`."""
-        # Bullet reads URDFs from files only, and caches them by name, so each has a new name
+        # Bullet reads URDFs only from files and caches them by name, so each URDF gets a new name
         handle, path = tempfile.mkstemp(suffix=".urdf")
         try:
             with os.fdopen(handle, "w") as file:

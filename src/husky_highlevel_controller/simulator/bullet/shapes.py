@@ -16,7 +16,7 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-_FLATTEST = 1e-9  # [m^3] least volume, for a flat mesh
+_FLATTEST = 1e-9  # [m^3] smallest volume, which a flat mesh gets
 
 
 def center_of(geometries: Sequence[Geometry]) -> Vector3:
@@ -56,7 +56,8 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
     }
     shapes = [geometry.shape for geometry in geometries]
     arguments: Dict[str, Any] = {}
-    with tempfile.TemporaryDirectory() as folder:  # a name of its own, because Bullet caches files by name
+    # a new folder for each mesh, because Bullet caches files by name
+    with tempfile.TemporaryDirectory() as folder:
         if any(isinstance(shape, TriangleMesh) for shape in shapes):
             names = [os.path.join(folder, f"{number}.obj") for number in range(len(shapes))]
             flag = 0 if is_movable else pybullet.GEOM_FORCE_CONCAVE_TRIMESH
@@ -70,7 +71,8 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
             shapeTypes=[kinds[type(shape)] for shape in shapes],
             radii=[getattr(shape, "radius", 0.0) for shape in shapes],
             lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-            halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # read for boxes only
+            # Bullet reads this list only for boxes
+            halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],
             collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
             collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
             **arguments,

@@ -34,19 +34,24 @@ from husky_highlevel_controller.simulator.bullet.shapes import center_of, compou
 ROBOT = "husky"  # name of the robot among the bodies
 BASE_INDEX = -1  # Bullet's link index of a body's base
 
-log = logging.getLogger("rosout.engine")  # child of rospy's logger, which reaches /rosout without rospy
+# a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
+log = logging.getLogger("rosout.engine")
 
-_SOLVER_ITERATIONS = 20  # Bullet's default is 50; this gives the same motion to 0.1 % in half the time
-# [m] Bullet's contact threshold; its default of 0.02 lets a tyre's flanks touch the ground 5 mm below them
+# number of iterations; Bullet's default is 50, but 20 give the same motion to 0.1 % in half the time
+_SOLVER_ITERATIONS = 20
+# [m] Bullet's contact threshold; with the default of 0.02, a tyre's flanks would touch the ground 5 mm below
+# them
 _BREAKING_THRESHOLD = 0.005
-# On rigid ground the load of four rigid wheels is not determined, so the solver may share it in any way. On
-# springs there is one way, which depends neither on the solver nor on the step.
+# On rigid ground, the loads of four rigid wheels are not determined, so the solver may distribute the weight
+# in any way. On springs, only one distribution is possible, which depends neither on the solver nor on the
+# time step.
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
-_LIFT_FROM = 1e-3  # [m] a body that is sunk deeper into the ground is put on top of it
+_LIFT_FROM = 1e-3  # [m] a body that is deeper in the ground than this is put on top of the ground
 # indices in a point of getClosestPoints: unit normal from the second body, and distance, negative inside
 _NORMAL, _DISTANCE = 7, 8
-_TOO_DEEP = 2e-3  # [m] a body this deep in another stands inside it; triangles are 1 mm thick
+# [m] a body that is deeper in another body than this stands inside it; triangles are 1 mm thick
+_TOO_DEEP = 2e-3
 
 
 class PlacementError(HuskyError):
@@ -94,7 +99,8 @@ class BulletWorld:
         self._shapes: Dict[Tuple[Any, ...], int] = {}
         self._shape_ids: Dict[int, int] = {}
         self._planes: List[int] = []
-        self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are poses of this frame
+        # frame of the centre of mass in the body's frame, by id; Bullet's poses are poses of this frame
+        self._inertial_in_body: Dict[int, Pose] = {}
         # ids of the bodies of each model that pass through one another
         self._models: Dict[str, List[int]] = {}
 
@@ -136,7 +142,8 @@ class BulletWorld:
 
     def _remove(self, body_id: int) -> None:
         for bodies in self._models.values():
-            if body_id in bodies:  # Bullet gives the id to the next body, together with its settings
+            # Bullet gives the id to the next body, together with the settings, so the settings are reset
+            if body_id in bodies:
                 bodies.remove(body_id)
                 self._set_collides(body_id, bodies, collides=True)
         self._engine.removeBody(body_id)
@@ -252,7 +259,7 @@ class BulletWorld:
         checked_ids = self._ids[name] if copy is None else [copy]
         body_ids = set(self._ids[name])
         links_of_model = [bodies for bodies in self._models.values() if not body_ids.isdisjoint(bodies)]
-        self._engine.performCollisionDetection()  # updates the contacts to the present poses
+        self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
             # first the bodies whose bounding boxes overlap, which Bullet finds quickly
             parts = range(BASE_INDEX, self._engine.getNumJoints(checked_id))

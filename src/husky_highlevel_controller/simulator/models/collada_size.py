@@ -57,7 +57,8 @@ class _Scene:
             size = SceneSize(0, sum(map(_corners, element.iter())))
         elif tag in ("instance_node", "instance_geometry"):
             targets = self._named.get(element.get("url", "").lstrip("#"), [])
-            # if several elements have this id, the COLLADA reader uses one of them; the largest size counts
+            # if several elements have this id, the COLLADA reader uses any one of them, so the largest size
+            # counts
             sizes = [self._of(target) for target in targets]
             size = SceneSize(*(max(numbers) for numbers in zip(NOTHING, *sizes)))
         elif tag in ("node", "visual_scene"):

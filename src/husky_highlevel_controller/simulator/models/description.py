@@ -21,10 +21,12 @@ _FLAG = ("|".join(FLAGS), "true|false")
 CAMERA_FRAME = "camera_frame_optical"
 _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
-# variables of the Husky's own launch files; variables of drivers and one of marking have no effect here
+# patterns of the environment variables of the Husky's launch files; those of drivers have no effect in this
+# simulator
 _WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
 _OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
-# pattern of each argument's value, and its form for messages; no value may have a `$`, which xacro expands
+# pattern of each argument's value, and the form that messages show; no value may contain a `$`, because xacro
+# would expand it
 ARGUMENTS = {
     "robot": ("|".join((*ROBOTS, *VERSIONS)), "|".join((*ROBOTS, *VERSIONS))),
     "laser_enabled": _FLAG,
@@ -74,11 +76,11 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
         pattern, form = ARGUMENTS[name]
         if not re.fullmatch(pattern, value):
             raise DescriptionError(f"{name} is '{value}'; use {form}")
-    import xacro  # needed only to make a URDF, not to read one
+    import xacro  # imported only here, because only making a URDF needs xacro
 
     source = share_folder() / "urdf" / load_robot(robot).description
     mappings = {name: value.lower() if value in FLAGS else value for name, value in arguments.items()}
-    # in lines, because Bullet cuts a URDF's lines after 8 kB
+    # the URDF is written in short lines, because Bullet cuts lines after 8 kB
     return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))
 
 

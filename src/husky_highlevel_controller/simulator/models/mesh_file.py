@@ -24,11 +24,13 @@ from husky_highlevel_controller.simulator.models.collada_size import SceneSize, 
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
 ENDINGS = (".dae", ".stl", ".obj")
-MAX_BYTES = 50_000_000  # size of a file
-MAX_BYTES_IN_ALL = 200_000_000  # size of all files of a world
-MAX_NODES = 20_000  # nodes of a .dae file; each instance of a node counts
-MAX_TRIANGLES = 3_000_000  # triangles of a .dae file; the triangles of each instance count
-MAX_FACES = 100_000  # faces of a file; a mesh with more is made coarser
+MAX_BYTES = 50_000_000  # [bytes] largest size of a mesh file
+MAX_BYTES_IN_ALL = 200_000_000  # [bytes] largest size of all mesh files of a world together
+# largest number of nodes of a .dae file; a node that is used several times counts several times
+MAX_NODES = 20_000
+# largest number of triangles of a .dae file; a mesh that is used several times counts several times
+MAX_TRIANGLES = 3_000_000
+MAX_FACES = 100_000  # largest number of faces of a mesh; a mesh with more faces is made coarser
 
 
 class MeshError(HuskyError):
@@ -93,7 +95,8 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         if ending == ".dae":
             document = parse_xml(data, str(path))
             unit = _unit_of(document)
-            _check_size(scene_size(document))  # only a .dae can name one mesh again and again
+            # only a .dae file can use one mesh many times, so that a small file becomes large
+            _check_size(scene_size(document))
         options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
         scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
         vertices, faces = _parts_of(scene, part)
@@ -159,7 +162,7 @@ def find_mesh(uri: str, source: str) -> Path:
         for path in _places(uri, source):
             if path.is_file():
                 return Path(os.path.realpath(path))
-    except (OSError, ValueError):  # a name that no file can have
+    except (OSError, ValueError):  # the path contains characters that no file name can have
         pass
     raise MeshError("is not on this machine")
 

@@ -13,8 +13,10 @@ from husky_highlevel_controller.robot import ROBOTS, Robot, load_robot
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.urdf import DescriptionError
 
-VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"  # names the parameter that holds a user's own robot description
-MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"  # name that spawn_model gives the robot among Gazebo's models
+# environment variable with the name of the parameter that has a user's own robot description
+VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"
+# environment variable with the name that spawn_model gives the robot among Gazebo's models
+MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"
 
 
 def robot_of(text: str) -> Optional[str]:

@@ -25,16 +25,19 @@ from husky_highlevel_controller.geometry import (
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.urdf import DescriptionError
 
-# A tyre is crowned, so that it stands on the middle of its tread. Otherwise a rigid wheel would stand on one
-# of its edges, and the wheels would share the load in another way. So the tread is a narrow disc, and the
-# flanks are a slightly smaller cylinder.
+# Width of the tread, a narrow disc on which the wheel stands. The flanks of the tyre are a slightly smaller
+# cylinder. Without this shape, a rigid wheel would stand on one of its edges, and the load on each wheel
+# would be different.
 TREAD_WIDTH = 0.004  # [m]
 FLANK_DEPTH = 0.005  # [m]
 
-# Beyond these limits the numbers of the engine overflow, and the robot's pose becomes NaN without an error.
+# Limits of a robot description. Beyond these limits, numbers in the engine overflow, and the robot's pose
+# becomes NaN without an error.
 MIN_MASS = 0.001  # [kg] least mass of the body and of each wheel
 MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
-FLATNESS = 1.001  # largest moment by the sum of the other two; 1 for a flat plate, and a margin for rounding
+# largest ratio of a moment of inertia to the sum of the other two; it is 1 for a flat plate, plus a margin
+# for rounding
+FLATNESS = 1.001
 MIN_SEPARATION = 0.01  # [m] least distance of left and right wheels
 MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of collision shapes
 
@@ -45,7 +48,7 @@ class Wheel:
 
     joint: str
     link: str
-    pose: Pose  # pose of its link in base_link at angle 0
+    pose: Pose  # pose of the wheel's link in base_link at angle 0
     radius: float  # [m] radius of the collision cylinder
     width: float  # [m] width of the collision cylinder
     mass: float  # [kg]
@@ -68,11 +71,12 @@ class RobotModel:
 
     fixed_poses: Mapping[str, Pose]  # pose in base_link of every link that is fixed to it
     fixed_joints: Tuple[Tuple[str, str, Pose], ...]  # parent and child link, pose_child_in_parent
-    laser_frame: str  # origin of the rays; not in fixed_poses if the robot has no lidar
+    # frame of the lidar, the origin of the rays; not in `fixed_poses` if the robot has no lidar
+    laser_frame: str
     mass: float  # [kg] mass of the robot, wheels included
     com: Vector3  # [m] centre of mass in base_link, wheels included
     inertia: np.ndarray  # (3, 3) [kg m^2] inertia about com, along base_link's axes, wheels included
-    wheels: Tuple[Wheel, ...]  # front left, front right, rear left, rear right
+    wheels: Tuple[Wheel, ...]  # wheels in the order front left, front right, rear left, rear right
     physics_urdf: str  # URDF for PyBullet: base_link with all fixed links, and the wheels; no meshes
 
 
@@ -123,7 +127,7 @@ def robot_model(
             f"link '{min(other_links)}' is neither fixed to base_link nor a wheel; only wheels can move"
         )
     for element in physics.iter():
-        element.tail = "\n"  # Bullet cuts lines after 8 kB
+        element.tail = "\n"  # each element ends a line, because Bullet cuts lines after 8 kB
     return RobotModel(
         fixed_poses=MappingProxyType(poses),
         fixed_joints=fixed_joints,
@@ -176,7 +180,7 @@ def _write_wheel(
     return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
 
 
-# mass [kg], its centre [m], inertia about the centre (3, 3) [kg m^2]
+# mass [kg], centre of mass [m], inertia about the centre of mass (3, 3) [kg m^2]
 Inertial = Tuple[float, Vector3, np.ndarray]
 
 
@@ -220,7 +224,8 @@ def _require_solid(inertial: Inertial, what: str) -> None:
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:
         problem = "they must be positive"
-    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would set all three to zero
+    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):
+        # the engine would set all three moments of inertia to zero
         problem = "no moment can be above the sum of the other two"
     elif mass < MIN_MASS or moments[0] < smallest or moments[-1] > largest:
         gyration = f"the radii of gyration must be within {MIN_GYRATION} and {MAX_GYRATION:g} m"
@@ -257,7 +262,7 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
                     f"{where}: a <collision> needs a <geometry> of {', '.join(urdf.SIZES)}"
                 )
             shape, sizes = shape_and_sizes
-            if shape.tag == "mesh":  # the file may be one that only RViz can find or read
+            if shape.tag == "mesh":  # the mesh may be in a file that only RViz can find or read
                 continue
             if not all(MIN_SIZE <= size <= MAX_SIZE for size in sizes):
                 raise DescriptionError(

@@ -20,15 +20,17 @@ class FrameScope:
     """Frames of a world or model by name, each as a pose in that world or model."""
 
     holder: Node  # the world or model
-    name: str = "world"  # name of the model
-    outer: Optional[FrameScope] = None  # frames of the world or model around it
+    name: str = "world"  # name of the model, or "world"
+    outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
     pose_in_outer: Optional[Pose] = None  # pose in `outer`; None until it is resolved
     _known: Dict[str, Pose] = field(default_factory=dict)
-    _open: List[str] = field(default_factory=list)  # frames being resolved, outermost first
+    # names of the frames whose poses are being resolved, outermost first
+    _open: List[str] = field(default_factory=list)
 
     @cached_property
     def _models(self) -> Dict[str, Model]:
-        return {model.name: model for model in reversed(list(models_in(self.holder)))}  # the first of a name
+        # reversed, so that the first of several models with one name counts
+        return {model.name: model for model in reversed(list(models_in(self.holder)))}
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:

@@ -15,8 +15,9 @@ from husky_highlevel_controller.simulator.models.mesh_file import MeshError
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 Solid = Union[Box, Cylinder, Sphere]
-# Diffuse colours of gazebo.material of Gazebo classic 11. SkyBlue is the ambient colour, because only
-# that one is sky blue. A textured material has about the colour that its texture has from afar.
+# Diffuse colours in gazebo.material of Gazebo classic 11. Gazebo/SkyBlue has its ambient colour here, because
+# its diffuse colour is not blue. A textured material has about the colour that its texture has from a
+# distance.
 _SCRIPT_COLOURS: Dict[str, Rgba] = {
     "Gazebo/Grey": (0.7, 0.7, 0.7, 1.0),
     "Gazebo/DarkGrey": (0.175, 0.175, 0.175, 1.0),

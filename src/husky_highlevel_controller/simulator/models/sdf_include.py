@@ -23,12 +23,14 @@ from husky_highlevel_controller.simulator.models.sdf_parser import (
 )
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
-# The ground of every Gazebo world: a static plane, 100 m of it drawn (osrf/gazebo_models, ground_plane).
+# Model of the ground in every Gazebo world: a static plane, of which 100 m are drawn (osrf/gazebo_models,
+# ground_plane).
 _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</static><link name="link">
 <collision name="ground"><geometry><plane><size>100 100</size></plane></geometry></collision>
 <visual name="ground"><geometry><plane><size>100 100</size></plane></geometry></visual>
 </link></model></sdf>"""
-# app.gazebosim.org serves these two by name; other models of Fuel need a network
+# addresses of the models ground plane and sun on Fuel (app.gazebosim.org), which are known here without a
+# network
 _FUEL = re.compile(r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE)
 
 
@@ -72,7 +74,7 @@ def _included(include: Node) -> Optional[Node]:
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        # the pose is read again for the model itself, where a broken pose would be an error
+        # a broken pose is replaced here, because it would be an error when the pose of the model is read
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
     uri_node = include.child("uri")
     if uri_node is None:
@@ -102,7 +104,8 @@ def _included(include: Node) -> Optional[Node]:
         files[str(path)] = open_sdf(read_bytes(path), str(path), include.load)
     root = files[str(path)]
     model = root.child("model")
-    if model is None and not root.child("light"):  # a lamp, like model://sun, is nothing to drive against
+    # a file with only a light, such as model://sun, needs no note, because the robot cannot touch a light
+    if model is None and not root.child("light"):
         include.note("an <include> of a file without a <model> is left out", uri)
     return model
 

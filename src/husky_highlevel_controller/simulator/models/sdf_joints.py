@@ -16,7 +16,7 @@ from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
-_WORLD = "world"  # name of the ground at the end of a joint
+_WORLD = "world"  # name of the world, which may be the end of a joint
 
 
 @dataclass
@@ -26,9 +26,11 @@ class Assembly:
     name: str  # name of the model
     pose_in_world: Pose = IDENTITY  # pose of the model
     links: Dict[str, Body] = field(default_factory=dict)
-    frames: Dict[str, str] = field(default_factory=dict)  # frame, link or model to which each is attached
+    # for each frame, name of the frame, link or model to which it is attached
+    frames: Dict[str, str] = field(default_factory=dict)
     joints: List[Node] = field(default_factory=list)
-    scopes: List[str] = field(default_factory=list)  # full name of the model of each joint
+    # full name of the model that contains each joint of `joints`
+    scopes: List[str] = field(default_factory=list)
     self_colliding: Set[str] = field(default_factory=set)  # links
 
     def add_joint(self, joint: Node, scope: str) -> None:
@@ -89,7 +91,8 @@ class Assembly:
         if name == _WORLD:
             return _WORLD
         name = f"{scope}::{name}"
-        for _ in self.frames:  # a frame may be attached to a frame, at most as often as there are frames
+        # repeated, because a frame may be attached to another frame, at most as often as there are frames
+        for _ in self.frames:
             name = self.frames.get(name, name)
         return name if name in self.links else ""
 

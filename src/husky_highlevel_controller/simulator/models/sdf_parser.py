@@ -16,9 +16,10 @@ from husky_highlevel_controller.simulator.models.mesh_file import MeshFiles
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
-NEWEST = 7  # minor version of the newest that is read whole
+NEWEST = 7  # minor version of the newest SDF 1.x that is read completely
 
-# Children that each element may have without a warning: they are read, or have no effect here.
+# Children that each element may have without a warning, because they are read or have no effect in this
+# simulator.
 KNOWN = {
     "sdf": "world",
     "world": "model include frame state gravity physics light scene gui audio spherical_coordinates"
@@ -41,17 +42,19 @@ Value = TypeVar("Value")
 class Load:
     """State of one load: files read so far, and notes for warnings."""
 
-    # sentence -> the place of each element, by its id, because an element may be read more than once
+    # place of each element by its id, for each sentence of a warning; by id, because an element may be read
+    # more than once
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
-    names: Set[str] = field(default_factory=set)  # names of models and bodies
-    files: Dict[str, Node] = field(default_factory=dict)  # <sdf> of each model file, by path
-    # <model> of each <include> met; None if there is nothing to build
+    names: Set[str] = field(default_factory=set)  # names of models and bodies that are already used
+    files: Dict[str, Node] = field(default_factory=dict)  # element <sdf> of each model file, by path
+    # element <model> for each <include> that was read; None if the <include> adds no model
     included: Dict[ElementTree.Element, Optional[Node]] = field(default_factory=dict)
-    open_files: List[str] = field(default_factory=list)  # models being included, outermost first
+    # paths of the model files that are being included, outermost first
+    open_files: List[str] = field(default_factory=list)
     meshes: MeshFiles = field(default_factory=MeshFiles)
-    models: int = 0  # number of models in the world, with ignored ones, without grounds
-    lost: int = 0  # shapes and models that the lidar would see, but that are left out
-    includes: int = 0  # models included so far, each as often as it is
+    models: int = 0  # number of models in the world, including ignored models, but without grounds
+    lost: int = 0  # number of shapes and models that the lidar would see, but that are left out
+    includes: int = 0  # number of included models so far; a model that is included twice counts twice
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,7 @@ class Node:
         """Note every child that is neither read nor harmless to leave out."""
         supported = KNOWN[self.tag].split()
         for child in self.children():
-            # Gazebo saves an empty <wind> into every world
+            # an empty <wind> needs no note, because Gazebo saves one in every world
             is_default_wind = child.tag == "wind" and not len(child.element)
             if child.tag not in supported and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")

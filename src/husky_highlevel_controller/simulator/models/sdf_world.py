@@ -41,9 +41,10 @@ from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, read
 from husky_highlevel_controller.simulator.spawn_request import FARTHEST, MASSES, SIZES
 
 MAX_GRAVITY = 1000.0  # [m/s^2]
-MAX_INCLUDES = 1000  # model files in one world
+MAX_INCLUDES = 1000  # largest number of model files that a world may include
 
-log = logging.getLogger("rosout.world")  # child of rospy's logger, which reaches /rosout without rospy
+# a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
+log = logging.getLogger("rosout.world")
 
 
 def load_world(path: Union[str, Path]) -> World:
@@ -82,8 +83,8 @@ def find_world(name: str) -> Path:
     """
     folders = [share_folder() / "worlds", share_folder(), *search_path("GAZEBO_RESOURCE_PATH")]
     for folder in folders:
-        path = folder / name  # an absolute name stays as it is
-        if os.path.isfile(path):  # false for a name that is too long, too
+        path = folder / name  # an absolute `name` is the whole path
+        if os.path.isfile(path):  # `os.path.isfile` is also false for a name that is too long
             return path
     for folder in folders:
         path = folder / Path(name).name
@@ -144,11 +145,12 @@ class _Place:
 
     frames: FrameScope  # frames of the world or the model
     state: SavedState = field(default_factory=SavedState)
-    full_name: str = ""  # name with the names of the models around it
+    full_name: str = ""  # name of the model, after the names of the models around it
     pose_in_world: Pose = IDENTITY
     static: bool = False
     self_collides: bool = False
-    assembly: Optional[Assembly] = None  # assembly of the outermost model; None in the world
+    # assembly to which the outermost model's links are added; None outside of models
+    assembly: Optional[Assembly] = None
 
     def scoped(self, name: str) -> str:
         return f"{self.full_name}::{name}" if self.full_name else name

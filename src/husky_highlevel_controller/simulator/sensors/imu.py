@@ -21,7 +21,8 @@ from husky_highlevel_controller.datatypes import ImuSample, MagSample, RobotStat
 from husky_highlevel_controller.geometry import cross, minus, quat_inverse, rotate
 
 FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T] components east, north, up
-FIELD_NOISE = 0.3e-6  # [T] standard deviation on each axis; typical of such sensors, not measured
+# [T] standard deviation of the noise on each axis; a typical value of such sensors, not measured
+FIELD_NOISE = 0.3e-6
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ class Imu:
         attitude, config = state.pose_in_world.quat_xyzw, self._config
         turning = cross(state.angular_velocity_in_base, self._position_in_base)
         velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))  # v + w x r
-        # velocity in the world, because there gravity is constant and velocities may be subtracted
+        # the force is computed in the world's frame, where gravity is constant and velocities may be
+        # subtracted
         force_in_world = [
             (now - before) / self._period - gravity
             for before, now, gravity in zip(

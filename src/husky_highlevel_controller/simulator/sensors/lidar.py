@@ -16,7 +16,8 @@ from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, even_beams
 from husky_highlevel_controller.geometry import compose
 
-# (pose of the laser in the world, its beams, max_range [m]) -> distances (N,) [m], +inf for a miss
+# function of the laser's pose in the world, its beams and max_range [m]; it returns the distances (N,) [m],
+# +inf if a beam meets nothing
 CastRays = Callable[[Pose, Beams, float], np.ndarray]
 
 
@@ -54,7 +55,8 @@ class Lidar:
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
         ranges = self._cast_rays(pose_laser_in_world, self._beams, config.range_max)
-        # one draw per beam, hit or miss, so that the noise of a beam never depends on the other beams
+        # one random number for every beam, even if it meets nothing, so that the noise of a beam does not
+        # depend on the other beams
         noisy = self._rng.normal(0.0, config.noise, len(ranges))
         noisy += ranges
         np.maximum(noisy, config.range_min, out=noisy)

@@ -28,13 +28,16 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
 SAMPLES = 5  # number of rays from one beam to the next
-WIDEST_SPOT = 0.0208  # [rad] half the angle of the spot at 0.3 m, and also nearer
-PIECES = 5  # parts of a sweep, each cast from its middle pose; the error is below 1.5 mm at 1 m/s
+WIDEST_SPOT = 0.0208  # [rad] half the angle of the spot at 0.3 m and at smaller distances
+# number of pieces of a scan; the rays of a piece start at the pose at its middle; the error is below 1.5 mm
+# at 1 m/s
+PIECES = 5
 ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
 FARTHEST = 60.0  # [m] largest distance of an echo
-STANDING = 1e-3  # [m/s], [rad/s] slower counts as standing
+STANDING = 1e-3  # [m/s], [rad/s] slower motion counts as standing
 DARK, DARK_RANGE = 0.1, 18.0  # remission of a dark surface, and its detection range [m]
-INTENSITY_SCALE = 255.0  # intensity of a full spot on a surface that returns all light; our own scale
+# intensity of a full spot on a surface that returns all light; the scale is our own choice
+INTENSITY_SCALE = 255.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class Lms1xx:
         """The sweep that ends at `stamp` [s]; the scan's own stamp is the time of its first beam."""
         config = self._config
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        # a moving robot is at another pose for each piece of the sweep
+        # if the robot moves, it has another pose for each piece of the scan
         is_moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING
         echoes = []
         for piece in _pieces(config, PIECES if is_moving else 1):
@@ -89,7 +92,8 @@ class Lms1xx:
             depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
             echoes.append(_echoes(depths, piece, config))
         ranges, light_fractions = (np.concatenate(part) for part in zip(*echoes))
-        # one draw per beam, hit or miss, so that the noise of a beam never depends on the other beams
+        # one random number for every beam, even if it meets nothing, so that the noise of a beam does not
+        # depend on the other beams
         noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
         noisy = np.round(noisy / config.resolution) * config.resolution
         is_echo = (ranges > 0.0) & (noisy >= config.range_min) & (noisy <= config.range_max)
@@ -122,9 +126,9 @@ class _Piece(NamedTuple):
     """Neighbouring beams that are cast from one pose."""
 
     beams: int  # number of beams
-    age: float  # [s] time from their middle beam to the end of the sweep
+    age: float  # [s] time from the middle beam of this piece to the end of the scan
     rays: Beams  # rays that sample all spots of the beams
-    offsets: np.ndarray  # (S,) [rad] rays of a spot relative to its beam
+    offsets: np.ndarray  # (S,) [rad] angles of the rays of a spot, relative to the beam
 
 
 @lru_cache(maxsize=8)
@@ -176,7 +180,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         is_strong = (fraction > 0.0) & (fraction * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
         ranges[beams[is_strong]] = mean[is_strong]
         fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
-        depth[in_echo] = inf  # too weak, so the next echo behind it counts
+        depth[in_echo] = inf  # the echo is too weak, so the next echo behind it counts
         is_weak = ~is_strong & (fraction > 0.0)
         beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions

@@ -15,7 +15,7 @@ import numpy as np
 
 from husky_highlevel_controller.config import number, setting
 
-FAR = 1e6  # [m] height beyond any point
+FAR = 1e6  # [m] height above all points
 MAX_DIRECTIONS = 100_000
 
 

@@ -19,18 +19,18 @@ from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat
 
 Indices = np.ndarray
 
-_SLACK = 1e-9  # [rad] extra width of a segment, so that no beam slips through between two
+_SLACK = 1e-9  # [rad] additional width of a segment, so that no beam passes between two neighbouring segments
 
 
 class RayMesh(NamedTuple):
     """Mesh of a scene."""
 
-    vertices: np.ndarray  # (V, 3) [m] corners in its own frame
+    vertices: np.ndarray  # (V, 3) [m] corners in the mesh's frame
     faces: np.ndarray  # (3, F), rows of `vertices`
-    centre: Vector3  # [m] centre of the ball around it, in its own frame
-    bound: float  # [m] radius of that ball
-    position: Vector3  # [m] position of its frame in the world
-    axes: Sequence[Vector3]  # directions of its own x, y and z, in the world
+    centre: Vector3  # [m] centre of the ball around the mesh, in the mesh's frame
+    bound: float  # [m] radius of the ball around the mesh
+    position: Vector3  # [m] position of the mesh's frame in the world
+    axes: Sequence[Vector3]  # directions of the mesh's x, y and z axes in the world
 
 
 def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:
@@ -104,7 +104,8 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     # bearings between which the beams may meet each segment [rad]
     start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
     low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
-    # a segment behind the laser reaches over the seam at +-pi, so it has beams at both ends of the scan
+    # a segment behind the laser may contain the angle +-pi, so it is split there, so it has beams at both
+    # ends of the scan
     is_over_seam = high - low > pi
     segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_over_seam)])
     low, high = (

@@ -19,7 +19,7 @@ from husky_highlevel_controller.geometry import dot
 
 BOX, CYLINDER, SPHERE = 0, 1, 2
 
-Number = Any  # a float of one shape, or an array with a number for each
+Number = Any  # a number of one shape, or an array with a number for each shape
 Number3 = Tuple[Number, Number, Number]
 Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
@@ -77,7 +77,7 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 class Formula(NamedTuple):
     """Intersection formula of one kind of shape."""
 
-    axes: slice  # axes that matter for this shape
+    axes: slice  # axes of the shape that its formula needs
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
     enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -88,7 +88,8 @@ FORMULAS = (  # formulas of BOX, CYLINDER and SPHERE
     Formula(slice(0, 0), _prepare_sphere, _enter_sphere),
 )
 
-Span = Tuple[np.ndarray, np.ndarray]  # limits of t while a ray is inside [m]; nan or reversed if it never is
+# smallest and largest distance [m] along a ray inside the shape; nan or reversed if the ray misses the shape
+Span = Tuple[np.ndarray, np.ndarray]
 
 
 def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:

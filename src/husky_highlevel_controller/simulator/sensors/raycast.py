@@ -45,9 +45,9 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     SPHERE,
 )
 
-# Largest number of solid shapes that beams meet one by one; more of them are met all at once, as arrays. With
-# arrays, the scan of the course takes three times as long. One by one, a scan of 1000 objects takes ten times
-# as long.
+# Largest number of solid shapes that are computed one by one. If there are more, all are computed at once, as
+# arrays. With arrays, a scan in the course's world would take three times as long. One by one, a scan of 1000
+# objects would take ten times as long.
 FEW = 10
 KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
@@ -56,10 +56,10 @@ class RaySolid(NamedTuple):
     """Solid shape of a scene, in plain numbers."""
 
     kind: int  # BOX, CYLINDER or SPHERE
-    size: Vector3  # [m] half the edges of the box around it, along its own axes
-    bound: float  # [m] radius of the ball around it
-    position: Vector3  # [m] position of its centre in the world
-    axes: Sequence[Vector3]  # directions of its own x, y and z, in the world
+    size: Vector3  # [m] half the edges of the box around the solid, along the solid's axes
+    bound: float  # [m] radius of the ball around the solid
+    position: Vector3  # [m] position of the solid's centre in the world
+    axes: Sequence[Vector3]  # directions of the solid's x, y and z axes in the world
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class RayScene:
 
     solids: List[RaySolid]  # (M,)
     planes: Tuple[Tuple[Vector3, Vector3], ...]  # point and unit normal of each plane in the world
-    # the same solids as arrays
+    # the following arrays describe the same solids, with one row for each
     kinds: np.ndarray  # (M,)
     sizes: np.ndarray  # (M, 3)
     bounds: np.ndarray  # (M,)
@@ -131,7 +131,7 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
     )
 
 
-# parallel to a face: inf, or more than a float holds; beside a round shape: nan
+# a beam parallel to a face gives inf or overflows; a beam beside a round shape gives nan
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
     """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range` [m].
@@ -145,7 +145,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        # otherwise no beam gets there, such as from a level laser to the floor
+        # if the plane is farther, no beam can reach it, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
             along = height / np.dot((x, y), beams.directions)
             along[along < 0.0] = inf
@@ -179,7 +179,8 @@ def _meet_one(
         laser o--------(   +   )---     radius  of the circle, sqrt(bound^2 - z^2)
                 spread  \_____/         spread  asin(radius / flat), on either side of atan2(y, x)
     """
-    # 1. the ball in the laser's frame, and the circle in which the scan plane cuts it
+    # 1. the ball around the solid, in the laser's frame, and the circle in which the scan plane cuts the
+    # ball
     center = along_axes(laser, minus(solid.position, origin))
     x, y, z = center
     flat, square = hypot(x, y), solid.bound * solid.bound - z * z

@@ -33,7 +33,8 @@ class Renderer:
 
     def __init__(self, config: CameraConfig) -> None:
         self._pipe, end = Pipe()
-        # multiprocessing would run the simulator's main script again in the new process
+        # a new program, because multiprocessing would run the simulator's main script again in the new
+        # process
         command = [sys.executable, "-m", __name__, str(end.fileno())]
         self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
         end.close()
@@ -69,7 +70,8 @@ def _serve_requests(pipe: Connection) -> None:
     It ends when the pipe closes. The Bullet world here only holds shapes, and its physics never steps. Bodies
     that have changed are replaced, and the others are only moved.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pipe ends this process
+    # Ctrl-C is ignored, because the process ends when its pipe is closed
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     config: CameraConfig = pipe.recv()
     bullet = BulletWorld(1.0)
     bullet.clear((0.0, 0.0, 0.0))

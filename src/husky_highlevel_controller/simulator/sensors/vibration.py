@@ -30,8 +30,9 @@ from husky_highlevel_controller.datatypes import ImuSample, RobotState
 from husky_highlevel_controller.simulator.sensors.imu import Imu
 
 CORRELATION_1, CORRELATION_2 = 0.15, -0.40  # correlation of samples one and two periods apart, at 50 Hz
-DEGREES_OF_FREEDOM = 7  # parameter of Student's distribution: 8 standard deviations once in 5 minutes
-# Yule-Walker: x[n] = A x[n-1] + B x[n-2] + e[n], of variance 1
+# parameter of Student's distribution; with 7, a sample of 8 standard deviations comes once in 5 minutes
+DEGREES_OF_FREEDOM = 7
+# coefficients of x[n] = A x[n-1] + B x[n-2] + e[n] with variance 1, by the Yule-Walker equations
 A = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
 B = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
 INNOVATION = sqrt(
