@@ -17,9 +17,10 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.xml_rpc import ask
 
 NOTICE_TIME = 6.0  # [s] time for which a notification is shown
-CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0  # [s] wall time for a service call, and for a long one
-MASTER_DEADLINE = 2.0  # [s] wall time for an answer of the ROS master
-Work = Callable[[], Optional[str]]  # returns a sentence for the page, or None
+# [s] longest wall time of a service call, and of a call that takes long
+CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0
+MASTER_DEADLINE = 2.0  # [s] longest wall time for an answer of the ROS master
+Work = Callable[[], Optional[str]]  # work of a button; it returns a sentence for the page, or None
 
 
 class Actions:
@@ -42,7 +43,7 @@ class Actions:
             except HuskyError as error:
                 sentence, is_good = str(error), False
                 rospy.logwarn(f"{title}: {error}")
-            except Exception as error:  # an error of one button's call must not end the others
+            except Exception as error:  # an error of one call must not stop the calls of other buttons
                 sentence, is_good = f"{type(error).__name__}: {error}", False
                 rospy.logwarn(f"{title}: {traceback.format_exc()}")
             if sentence and client is not None:

@@ -16,17 +16,20 @@ import viser
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.viser_private import place, show_in_page
 
-SIDES = 48  # sides of the ground's rim and of the sky's dome
+SIDES = 48  # number of sides of the ground's rim and of the sky's dome
 RADIUS = 400.0  # [m] distance from the robot to the horizon
-# [m] distance from the robot to the end of the checker; distance of two lines; half of a line's width
+# [m] distance from the robot to the end of the checker pattern; distance between two lines; half the width of
+# a line
 CHECKER, SECTION, LINE = 25, 5, 0.03
-CONTRAST = 0.09  # contrast of the checker's 1 m squares to the ground's colour, near the robot
-STEP = 2 * SECTION  # [m] step of the checker behind the robot; its pattern repeats itself
-SHADOW_HEIGHT = 0.004  # [m] above the ground
-# shadows: rim beyond the footprint [m], side of the picture [px], largest opacity
+# contrast between the 1 m squares of the checker pattern and the ground's colour, near the robot
+CONTRAST = 0.09
+# [m] step with which the checker pattern follows the robot; the pattern repeats after this length
+STEP = 2 * SECTION
+SHADOW_HEIGHT = 0.004  # [m] height of the shadow above the ground
+# shadow of the robot: rim beyond the footprint [m], side of its picture [px], largest opacity
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
 UNLIT = "KHR_materials_unlit"
-Colour = Tuple[float, float, float]  # linear, before the browser's tone mapping
+Colour = Tuple[float, float, float]  # colour with linear components, before the browser's tone mapping
 
 
 class Look(NamedTuple):
@@ -36,7 +39,7 @@ class Look(NamedTuple):
     haze: Colour  # colour of the ground at the horizon
     horizon: Colour  # colour of the sky at the horizon
     zenith: Colour
-    line: float  # fraction by which a line is brighter than the ground
+    line: float  # fraction by which a line on the ground is brighter than the ground
     sun: float  # intensity of the directional light
     sky: float  # intensity of the light from above and below
 
@@ -98,8 +101,10 @@ def _fade(length: float) -> np.ndarray:
 def scenery(look: Look) -> bytes:
     """Return ground, with a checker of 1 m and lines every SECTION, and sky as a binary glTF."""
     parts = (checker(look), _surroundings(look))
-    quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))  # (N, 4, 3) [m], (N, 4, 3)
-    brightness = float(colors.max())  # glTF's colours end at 1
+    # corners (N, 4, 3) [m] and their colours (N, 4, 3)
+    quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))
+    # the colours are divided by the largest one, because the colours of glTF end at 1
+    brightness = float(colors.max())
     rgb = np.round(255.0 * colors / brightness).astype(np.uint8).reshape(-1, 3)
     faces = 4 * np.arange(len(quads))[:, None, None] + np.array([(0, 1, 2), (0, 2, 3)])
     mesh = trimesh.Trimesh(quads.reshape(-1, 3), faces.reshape(-1, 3), vertex_colors=rgb, process=False)

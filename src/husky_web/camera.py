@@ -13,16 +13,16 @@ from husky_highlevel_controller.geometry import quat_from_rpy, rotate, wrap_angl
 from husky_web.viser_private import look
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
-FIELD_OF_VIEW = radians(34.0)  # angle of the view's height; with a wider one, upright objects seem to lean
+FIELD_OF_VIEW = radians(34.0)  # vertical field of view; with a wider angle, upright objects seem to lean
 # [m] offsets of the camera from its target; for FOLLOW, x is along the robot's heading
 OFFSETS = {FOLLOW: (-5.5, 1.75, 0.45), PILLAR: (-6.4, -7.1, 1.6), ABOVE: (-0.01, 0.0, 34.0)}
-AIM = (
-    0.75  # [m] height of the target above the robot or pillar; seen from above, upright objects seem to lean
-)
-JUMP = 1.0  # [m] motion that means that the robot was moved by a service
-TURN_SHARE = 0.08  # fraction of the heading error corrected per update
-STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad] motion below which no message is sent
-SENT, SAME = 100, 0.01  # number of remembered positions; [m] distance of two equal ones
+# [m] height of the camera's target above the robot or pillar; with a lower target, upright objects would lean
+AIM = 0.75
+JUMP = 1.0  # [m] the robot was moved by a service if it has moved farther than this between two updates
+TURN_SHARE = 0.08  # fraction of the heading error that the camera corrects in each update
+STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad] motion of the camera below which no message is sent
+# number of sent positions that are remembered; [m] positions nearer to each other than this count as equal
+SENT, SAME = 100, 0.01
 
 
 class Camera:

@@ -14,10 +14,11 @@ from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, solids_of
 from husky_web.viser_private import wxyz
 
-LETTER_SCALE = 1.0  # scale of a text marker: 12 px for any size in the scene, sharp at any distance
-LINE_WIDTH = 0.01  # [m] width of a line without a width
-DASH, MAX_DASHES = 0.25, 100.0  # [m] length of a dash and of a gap; length of all dashes
-MIN_OPACITY = 0.02  # a fainter piece is not drawn, as in RViz
+# scale of a text marker, which is 12 px high for every size of the marker, and sharp at any distance
+LETTER_SCALE = 1.0
+LINE_WIDTH = 0.01  # [m] width of a line whose marker gives no width
+DASH, MAX_DASHES = 0.25, 100.0  # [m] length of a dash and of a gap; largest length of all dashes
+MIN_OPACITY = 0.02  # a piece with less opacity is not drawn, as in RViz
 _warned: Set[str] = set()  # sources
 
 
@@ -29,7 +30,7 @@ def left_out(source: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # the page continues after any message
+    except Exception as error:  # the page continues after any error of a marker
         warn_left_out(source, f"{type(error).__name__}: {error}")
 
 
@@ -67,7 +68,7 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
     return True
 
 
-_KINDS: Any = {  # function that adds a piece, and type that it returns
+_KINDS: Any = {  # function that adds each kind of piece to the scene, and the type that the function returns
     Solid: (viser.SceneApi.add_mesh_simple, viser.MeshHandle),
     Lines: (viser.SceneApi.add_line_segments, viser.LineSegmentsHandle),
     Points: (viser.SceneApi.add_point_cloud, viser.PointCloudHandle),

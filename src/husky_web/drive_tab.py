@@ -31,21 +31,23 @@ PAD = """<div class="husky-block husky-drive">
 <div>Drag the pad<span class="husky-has-keys">,
 or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to stop.<br>
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
-# label, limit of Teleop and highest value of each slider [m/s], [rad/s]
+# sliders: label, limit in `Teleop` that the slider sets, highest value [m/s] or [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
 # name, unit and digits of each number below the lights; the state bar has the other numbers
 READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("scans", "Hz", 1))
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
 BACK = "Back to the start"
-SERVICES: Dict[str, Any] = {  # the simulator's service of each button: name, deadline, type, request
+SERVICES: Dict[str, Any] = {  # service of the simulator for each button: name, deadline, type, request
     PAUSE: ("pause", CALL_TIMEOUT, Trigger),
     STEP: ("step", LONG_TIMEOUT, StepWorld, 20),
     RESUME: ("resume", CALL_TIMEOUT, Trigger),
     BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
-STALE_STATUS = 1.0  # [s] wall time after a request in which a status that contradicts it is an old one
-MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown; characters of a name or a message
+# [s] wall time after a request in which a contradicting status counts as older than the request
+STALE_STATUS = 1.0
+# largest number of diagnostics that are shown; largest number of characters of a name or a message
+MAX_LIGHTS, MAX_LETTERS = 50, 200
 
 
 class DriveTab:
@@ -62,11 +64,12 @@ class DriveTab:
     ) -> None:
         """Build the tab; `moves` is entered while something is moved."""
         self._actions, self._teleop, self._moves = actions, teleop, moves
-        self._stops = Actions()  # own queue, because a stop must not wait for other calls
+        self._stops = Actions()  # a separate queue for stops, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
-        self._state = ""  # state of the controller, by its diagnostics
-        self._request: Optional[bool] = None  # start or stop from a page, if it is newer than the state
+        self._state = ""  # state of the controller, from its diagnostics
+        # start (True) or stop (False) that a page has requested after the last state; None if there is none
+        self._request: Optional[bool] = None
         self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
@@ -95,7 +98,8 @@ class DriveTab:
                 if name.startswith(self._controller.strip("/")):
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
-                    # messages that were sent before the service answered are older than the answer
+                    # a state that contradicts the request may come from a message that was sent before the
+                    # service answered
                     if (self._state != STOPPED) is self._request or now - self._requested_at > STALE_STATUS:
                         self._request = None
 

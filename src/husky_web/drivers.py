@@ -11,9 +11,11 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT
 from husky_web.topics import INPUTS, Received
 
-MIN_WALL_TIME = 0.25  # [s] wall time that a command counts, because a person's node repeats it by that clock
+# [s] wall time for which a command counts, because nodes for driving by hand repeat commands in wall-clock
+# time
+MIN_WALL_TIME = 0.25
 MAX_SENDERS = 100  # largest number of senders that are kept
-_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")  # end of such a name: process and time
+_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")  # end of the name of an anonymous node: process and time
 
 
 class Command(NamedTuple):

@@ -11,8 +11,8 @@ from typing import Deque, Dict, List, Optional, Tuple
 from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 
-MEMORY = 100  # poses that are kept for each frame, which is 2 s at the 50 Hz of a Husky's odometry
-MAX_DEPTH = 100  # length of a chain beyond which it must be a circle
+MEMORY = 100  # number of poses that are kept for each frame, which is 2 s at the 50 Hz of a Husky's odometry
+MAX_DEPTH = 100  # a longer chain of frames must be a circle
 
 
 class Frames:
@@ -20,7 +20,8 @@ class Frames:
 
     def __init__(self) -> None:
         self._parents: Dict[str, str] = {}
-        self._poses: Dict[str, Deque[Tuple[float, Pose]]] = {}  # stamp and pose in the parent, oldest first
+        # stamps and poses in the parent frame, oldest first, by frame
+        self._poses: Dict[str, Deque[Tuple[float, Pose]]] = {}
 
     @property
     def names(self) -> List[str]:
@@ -70,7 +71,8 @@ def _nearest(poses: Deque[Tuple[float, Pose]], stamp: Optional[float]) -> Pose:
     """
     nearest_stamp, nearest = poses[-1]
     if stamp is not None:
-        for pose_stamp, pose in reversed(poses):  # the drawn moment is among the newest
+        # the search begins with the newest pose, because the drawn moment is recent
+        for pose_stamp, pose in reversed(poses):
             if abs(pose_stamp - stamp) > abs(nearest_stamp - stamp):
                 break
             nearest_stamp, nearest = pose_stamp, pose

@@ -19,8 +19,8 @@ class Layer(NamedTuple):
 
     name: str
     title: str
-    color: Optional[Rgb]  # None if it has several
-    is_shown: bool  # shown at the beginning
+    color: Optional[Rgb]  # colour of the layer; None if it has several colours
+    is_shown: bool  # true if the layer is shown when the page opens
 
 
 LAYERS = (

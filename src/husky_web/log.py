@@ -15,15 +15,16 @@ from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional
 from husky_highlevel_controller.ros.refused_connection import shorten
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
-CAPACITY = 2000  # lines that are kept
-EARLIER = 1000  # earlier lines that are read from the file
-# pattern of a line of rosout.log; file and line of the code and the node's topics are in brackets
+CAPACITY = 2000  # largest number of lines that are kept
+EARLIER = 1000  # largest number of earlier lines that are read from rosout.log
+# pattern of a line of rosout.log; brackets contain the file and line of the code, and the topics of the node
 _ROSOUT = re.compile(
     r"(\d+\.\d+) (DEBUG|INFO|WARN|ERROR|FATAL) (\S+) (?:\[[^\]]*\] )?(?:\[topics: [^\]]*\] )?(.*)"
 )
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
-DAY_ONE = 1e9  # [s] smallest stamp (2001) that is not simulated time
-SHOWN, SHOWN_LETTERS = 150, 30_000  # lines and characters of one page; a browser is too slow for more
+DAY_ONE = 1e9  # [s] a larger stamp (after 2001) is wall-clock time, a smaller one simulated time
+# largest number of lines and characters that a page shows, because a browser is too slow for more
+SHOWN, SHOWN_LETTERS = 150, 30_000
 MAX_LETTERS = 5000  # largest number of characters of a line
 
 
@@ -39,7 +40,7 @@ class Line(NamedTuple):
 class Counted(NamedTuple):
     """Row of the log that is shown."""
 
-    line: Line  # newest of equal lines
+    line: Line  # newest line of a group of equal lines
     times: int  # number of equal lines
 
 
@@ -47,8 +48,8 @@ class Filter(NamedTuple):
     """Conditions of a shown line, which must all be met; every line has an empty text."""
 
     level: int = LEVELS["info"]  # lowest level
-    node: str = ""  # part of the node's name
-    text: str = ""  # part of the line, in upper or lower case
+    node: str = ""  # text that the node's name must contain
+    text: str = ""  # text that the line must contain, in upper or lower case
 
     def passes(self, line: Line) -> bool:
         """Return whether a line is shown."""
@@ -63,8 +64,8 @@ class LogBuffer:
     """The last lines of the whole network."""
 
     def __init__(self) -> None:
-        self.count = 0  # number of all lines that ever came
-        self.warning: Optional[Line] = None  # the newest line of that level, or a worse one
+        self.count = 0  # number of all lines that have come so far
+        self.warning: Optional[Line] = None  # newest line with the level WARN or worse; None if there is none
         self._lines: Deque[Line] = deque(maxlen=CAPACITY)
 
     def add(self, msg: Any) -> None:

@@ -19,13 +19,17 @@ from husky_highlevel_controller.ros.conversions import pose_from_msg
 from husky_web import shapes
 from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
-MAX_COPIES = 2000  # copies of a cube or sphere in a list; a page with more does not turn smoothly
-# cost of drawing in a browser, in points of a cloud; with more, its emergency stop would come late
-MAX_POINTS, MAX_COST = 100_000, 300_000  # limit of one marker, limit of all
+# largest number of copies of a cube or sphere in a list; a view with more copies does not turn smoothly
+MAX_COPIES = 2000
+# cost of drawing in a browser, in points of a cloud; with more points, the page's emergency stop would come
+# late
+MAX_POINTS, MAX_COST = 100_000, 300_000  # largest number of points of one marker; largest cost of all markers
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
 MAX_LETTERS = 500  # largest number of characters of a text
-ARROW_HEAD = 0.23  # head's fraction of an arrow that is given by its length
-PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03  # nav_msgs/Path: green, as in RViz; width [m]
+# length of the head as a fraction of the arrow's length, for an arrow that is given by its length
+ARROW_HEAD = 0.23
+# colour and width [m] of a nav_msgs/Path; green, as in RViz
+PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03
 Key = Tuple[str, str, int]  # topic, namespace, id
 
 
@@ -132,7 +136,7 @@ class Markers:
 
     def __init__(self) -> None:
         self.shown: Dict[Key, Marker] = {}
-        self.is_full = False  # a marker was left out, because it would exceed MAX_COST
+        self.is_full = False  # true if a marker was left out, because the cost would exceed MAX_COST
         self._cost = 0
         self._ends: Dict[Key, float] = {}  # [s]
 

@@ -12,11 +12,15 @@ from husky_web.pages import DELETE, LOOK, MOVE, PUT, Page
 from husky_web.scene import BASE, Scene
 from husky_web.state_bar import Moving
 
-if TYPE_CHECKING:  # the module imports messages, which tests without a workspace do not have
+# not imported at run time, because world_tab needs messages, which tests without a built workspace do not
+# have
+if TYPE_CHECKING:
     from husky_web.world_tab import WorldTab
 
-FARTHEST = 200.0  # [m] largest distance of a click, because one just below the horizon is not exact
-# slope below the horizon above which a grasp moves on its level; with a flatter ray it would move too far
+# [m] largest distance of a clicked point, because a click just below the horizon is not exact
+FARTHEST = 200.0
+# an object is dragged at the level of the grasp if the ray is steeper than this; with a flatter ray it would
+# move too far
 STEEP = 0.05
 
 
@@ -85,7 +89,8 @@ class Mouse:
         if self._tool(event) == DELETE and key in self._objects.shown and not self._objects.delete(key):
             self._world.delete(event.client, key[1])
 
-    async def _on_drag_object(self, key: Key, event: Any) -> None:  # async, because viser keeps their order
+    # async, because viser keeps the order of async callbacks
+    async def _on_drag_object(self, key: Key, event: Any) -> None:
         shown = self._objects.shown.get(key)
         if shown is None or self._tool(event) != MOVE:
             return

@@ -45,13 +45,13 @@ from husky_web.topics import Topics
 from husky_web.tuning import Tuning
 from husky_web.world_tab import WorldTab
 
-READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
-CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
-NETWORK_PERIOD = 3.0  # [s] between two looks at the topics of the network
-ROSOUT_BYTES = 1_000_000  # bytes of rosout's file that are read; a line has about 700
-IDLE_PERIOD = 1.0  # [s] longest wait without a page, until the node checks whether to end
+READINGS_PERIOD = 0.2  # [s] time between two updates of numbers and diagnostics
+CURVES_PERIOD = 1.0  # [s] time between two updates of curves and of the log
+NETWORK_PERIOD = 3.0  # [s] time between two queries of the topics of the ROS graph
+ROSOUT_BYTES = 1_000_000  # number of bytes at the end of rosout.log that are read; a line has about 700 bytes
+IDLE_PERIOD = 1.0  # [s] longest wait while no page is open, after which the node checks whether it must end
 
-SOFTWARE = (  # shown by viser_client.js instead of viser's warning, which covers the scene
+SOFTWARE = (  # text that viser_client.js shows instead of viser's own warning, which would cover the scene
     '<div class="husky-block husky-software">This browser has no graphics card, so it draws '
     "fewer pictures per second.</div>"
 )
@@ -94,14 +94,14 @@ class WebNode:
         )
         self._build(config)
         self._is_master_gone, self._registration = False, Registration()
-        self._is_paused: Optional[bool] = None  # None if there is no simulator
+        self._is_paused: Optional[bool] = None  # true if simulated time is paused; None without a simulator
         self._reason = StopReason()
         self._world_name = ""  # name of the simulator's world
-        self._was_master_silent = False  # state at the last look at the network
-        # read after the subscription, because /rosout_agg is not latched and no line must be lost in between
+        self._was_master_silent = False  # true if the ROS master did not answer at the last query
+        # the file is read after the subscription to /rosout_agg, so that no line is lost between the two
         self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
-        # an address with a token is only printed to this terminal, because everybody can read the log
+        # an address with a token is only printed in this terminal, because everybody can read the log
         (print if has_token else rospy.loginfo)(f"open this page in a browser: {address}")
 
     def _build(self, config: WebConfig) -> None:
@@ -111,7 +111,8 @@ class WebNode:
         server.initial_camera.fov = FIELD_OF_VIEW
         self._scene = Scene(server, config.fixed_frame, config.controller)
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
-        self._state_bar = StateBar(server.gui)  # above the tabs, so each tab shows it
+        # the state bar is above the tabs, so that it is visible in each tab
+        self._state_bar = StateBar(server.gui)
         self._moving, self._drivers = Moving(), Drivers()
         group = server.gui.add_tab_group()
         names = ("Drive", "World", "Tune", "Curves", "Log", "View")
@@ -269,7 +270,7 @@ class WebNode:
         self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
         activity, level, fault = self._drive.activity()
-        # while the emergency stop is on, it is the reason
+        # no time is given while the emergency stop is on, because then the emergency stop is the reason
         self._reason.update(activity, None if self._teleop.is_locked else numbers.time, self._log.warning)
         is_by_hand, other_driver = self._teleop.is_held, ""
         obeyed = self._drivers.command(numbers.time, now)
@@ -324,7 +325,7 @@ def title(robot: str, world: str) -> str:
 def give_memory_back() -> None:
     """Return freed memory to the system, because glibc would keep it."""
     gc.collect()
-    with contextlib.suppress(AttributeError, OSError):  # another C library has no malloc_trim
+    with contextlib.suppress(AttributeError, OSError):  # malloc_trim exists only in the GNU C library
         ctypes.CDLL(None).malloc_trim(0)
 
 

@@ -12,7 +12,8 @@ from husky_web.plots import Curve
 from husky_web.scene import Scene
 from husky_web.topics import Topics
 
-NO_NEWS_TIME = 2.0  # [s] wall time without odometry, after which the page reports it
+# [s] wall time without odometry after which the page reports that the robot is not responding
+NO_NEWS_TIME = 2.0
 RATE_WINDOW = 3.0  # [s] time over which rates are measured
 UNKNOWN = (nan, nan)
 
@@ -25,7 +26,7 @@ class Numbers:
         self._curves = curves
         self.scans = Curve(1, RATE_WINDOW)  # number of scans
         self.clock = Curve(1, RATE_WINDOW)  # [s] simulated time
-        self._heard_at = -inf  # [s] time `now` of the last odometry
+        self._heard_at = -inf  # [s] wall time of the last odometry
         self._speeds: Dict[str, Tuple[float, float]] = {}  # [m/s], [rad/s] commanded and measured
         self.time: Optional[float] = None  # [s] simulated time
         self.distance: Optional[float] = None  # [m] remaining distance

@@ -27,8 +27,8 @@ from husky_web.shapes import Piece, Solid
 from husky_web.topics import Received
 from husky_web.viser_private import place
 
-Key = Tuple[str, str]  # server's topic, name of the marker
-WIDEST = 50.0  # [m] size of a sheet above which the page's own ground replaces it
+Key = Tuple[str, str]  # topic of the interactive marker's server, and name of the marker
+WIDEST = 50.0  # [m] a flat object that is larger than this is replaced by the page's own ground
 MOVABLE = (
     InteractiveMarkerControl.MOVE_PLANE,
     InteractiveMarkerControl.MOVE_ROTATE,
@@ -43,7 +43,7 @@ class Object(NamedTuple):
     node: Any
     frame: str
     pose_in_frame: Pose
-    shapes: List[Any]  # nodes that can be clicked
+    shapes: List[Any]  # nodes of the scene that can be clicked
     menu: Tuple[Tuple[int, str], ...]  # id and title
     is_movable: bool
 
@@ -55,7 +55,7 @@ class Objects:
         self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
         self.shown: Dict[Key, Object] = {}
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
-        self.dragged: Dict[Key, Pose] = {}  # poses in the fixed frame while a page drags them
+        self.dragged: Dict[Key, Pose] = {}  # pose in the fixed frame of each object that a page drags
         self._feedback: Dict[str, rospy.Publisher] = {}
 
     def update(self, received: List[Received]) -> None:
@@ -152,7 +152,8 @@ class Objects:
         """Draw an interactive marker of the server with this topic, in place of its earlier drawing."""
         key = (topic, marker.name)
         self._erase(key)
-        self._publisher(topic)  # made now, so it is connected before the first drag ends
+        # the publisher is made now, so that it is connected before the first drag ends
+        self._publisher(topic)
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
         nodes: List[Any] = []

@@ -35,11 +35,13 @@ from husky_web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
-MAX_MESSAGE = 1000  # [B] largest message on the drive channel
-MAX_PAGES = 20  # pages that are open at the same time; each takes up to 1.6 MB in this process
+MAX_MESSAGE = 1000  # [bytes] largest message on the drive channel
+# largest number of pages that are open at the same time; each page takes up to 1.6 MB in this process
+MAX_PAGES = 20
 TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
-# the browser rejects requests to any other host; viser's page unpacks itself by script and runs workers
+# Content-Security-Policy of the page. The browser rejects requests to any other host. viser's page needs
+# inline scripts and workers.
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'none'"
 Message = Dict[str, Any]
 OnMessage = Callable[[int, Message], None]
@@ -76,7 +78,8 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a page may leave at any moment
     gate = Gate(is_loopback, token, on_message, on_leave)
     is_behind_gate = started_behind(gate.answer, gate.with_drive_channel)
-    with is_behind_gate, contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
+    # the output of viser is hidden, because viser prints a table with an address without the token
+    with is_behind_gate, contextlib.redirect_stdout(io.StringIO()):
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     server.gate = gate
     port_and_token = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
@@ -169,7 +172,7 @@ class Gate:
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            return None  # counted by the handler, because two may come at once
+            return None  # the handler counts the connections, because two requests may come at the same time
         if self._connections[False] >= MAX_PAGES:
             return _response(
                 http.HTTPStatus.SERVICE_UNAVAILABLE, TOO_MANY.encode(), "text/plain; charset=utf-8"

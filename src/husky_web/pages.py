@@ -16,9 +16,12 @@ from husky_web.log import LEVELS, Filter, LogBuffer, log_to_html
 from husky_web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
-BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # light and dark; text has a contrast of 4.5
-DARK, IS_DARK = "dark", "is-dark"  # keys of the browser's storage: the choice, and the result of page.js
-STORAGE_TIMEOUT = 30.0  # [s]; a browser that draws by software answers late
+# colour of the brand for light (False) and dark (True) pages, so that text has a contrast of at least 4.5
+BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}
+# keys of the browser's storage: the user's choice, and the result that page.js has stored
+DARK, IS_DARK = "dark", "is-dark"
+# [s] longest wait for the browser's storage, because a browser without a graphics card answers late
+STORAGE_TIMEOUT = 30.0
 
 
 class Page:
@@ -105,7 +108,8 @@ class Page:
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
-        self._hint.content = _HINTS[self.tool]  # shown last, because its action works from now on
+        # the hint is shown last, because the action of the tool works only from now on
+        self._hint.content = _HINTS[self.tool]
 
 
 _HINTS = {
@@ -122,7 +126,8 @@ class Pages:
     def __init__(self, server: viser.ViserServer, tabs: Mapping[str, Any], log: LogBuffer) -> None:
         self.open: Dict[int, Page] = {}
         self.came = threading.Event()
-        self.on_tool: Callable[[], None] = lambda: None  # called when a page's mouse gets another tool
+        # function that is called when the mouse of a page gets another tool
+        self.on_tool: Callable[[], None] = lambda: None
         self.on_leave: Callable[[int], None] = lambda page: None
         self._server, self._tabs, self._log = server, tabs, log
         self._arrivals: Deque[Tuple[viser.ClientHandle, bool]] = deque()
@@ -153,7 +158,7 @@ def wants_dark(client: viser.ClientHandle) -> bool:
     """Return whether a browser prefers dark colours, by its remembered choice or its settings."""
     try:
         return client.local_storage.get_item(IS_DARK, STORAGE_TIMEOUT) == "1"
-    except (RuntimeError, TimeoutError):  # the page is closed, or has no storage
+    except (RuntimeError, TimeoutError):  # the page was closed, or its browser has no storage
         return False
 
 

@@ -14,9 +14,10 @@ import yaml
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-WIDEST_SLIDER = 1e4  # largest range of a slider; a wider one cannot be set sensibly
+WIDEST_SLIDER = 1e4  # largest range of a parameter with a slider; in a wider range, a slider is too coarse
 STEPS = 1000  # smallest number of steps of a slider
-# groups of this package's controller, by prefixes of names, because dynparam needs flat parameters
+# groups of the controller's parameters, by prefixes of their names; the parameters have no groups of their
+# own, because dynparam needs flat names
 GROUPS = {
     "Gains": ("p_gain_",),
     "Limits": ("max_linear", "max_angular", "stop_distance", "arrival_"),
@@ -29,13 +30,13 @@ class Parameter(NamedTuple):
     """Value that can be changed while its node runs."""
 
     name: str
-    kind: str  # double, int, bool or str
+    kind: str  # type of the parameter: double, int, bool or str
     default: Any
     min: Any
     max: Any
     help: str
     choices: Tuple[Tuple[str, Any], ...] = ()  # name and value of each choice of an enumeration
-    server_group: str = ""  # group on its server
+    server_group: str = ""  # group that the dynamic_reconfigure server gives the parameter
 
     @property
     def group(self) -> str:

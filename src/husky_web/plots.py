@@ -13,28 +13,30 @@ from typing import Any, Deque, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 import viser
 
-CAPACITY = 1000  # samples of a curve
+CAPACITY = 1000  # largest number of samples of a curve
 WINDOW = 30.0  # [s] time that a chart shows
-RESOLUTION = 0.4  # [s] between two points of a curve, because more are not visible but sent each time
-# size of a chart in px in a window of 1280 px, and the space for labels at its sides
+# [s] time between two points of a curve; more points would not be visible, but would be sent each time
+RESOLUTION = 0.4
+# size of a chart [px] in a window of 1280 px, and the space for labels at its sides [px]
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 PLOT_RIGHT, PLOT_BOTTOM = WIDTH - RIGHT, HEIGHT - BOTTOM  # [px] right and lower edge of the curves
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
-SLACK = 0.02  # fraction of a step that a curve may go past the last tick: 1.003 m/s needs no tick at 1.5
+# fraction of a step by which a curve may exceed the last tick, so that 1.003 m/s needs no tick at 1.5
+SLACK = 0.02
 LARGEST = 1e9  # largest value that is drawn
-MAX_MARKS = 8  # changes of parameters in one chart
+MAX_MARKS = 8  # largest number of parameter changes that a chart shows
 Mark = Tuple[float, str]  # time [s] and text of a change of a parameter
 
 
 class Chart(NamedTuple):
     """Chart of one quantity."""
 
-    name: str  # name of its curve
+    name: str  # name of the value's curve
     title: str
     unit: str
-    series: Tuple[str, ...]  # names; the line of "commanded" is dashed
-    least: Tuple[float, float]  # range that is always shown, so noise does not look large
-    zero: str = ""  # name of the line at 0, if it has one
+    series: Tuple[str, ...]  # names of the curves; the line of "commanded" is dashed
+    least: Tuple[float, float]  # range that is always shown, so that noise does not look large
+    zero: str = ""  # name of the line at 0; empty if the chart has no such line
 
 
 CHARTS = (
@@ -51,7 +53,8 @@ class Curve:
     def __init__(self, series: int, window: float = WINDOW) -> None:
         """Begin empty; `series` is the number of values of a sample, without its time."""
         self._window, self._series = window, series
-        self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # times and values, the newest last
+        # rows with the time and the values, the newest last
+        self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)
 
     def add(self, stamp: float, *values: float) -> None:
         """Add a sample; a time that runs backwards clears it, a repeated time adds nothing."""

@@ -17,7 +17,7 @@ from husky_web.actions import Actions
 
 MAX_TIME = 3600.0  # [s] longest recording, because it is kept in memory
 RECORD, END, SAVE = "Record", "End", "Save as a page"
-# time [s]; x, y, yaw of base_link; x, y of the pillar, NaN if unknown [m, rad]
+# row of a recording: time [s]; x, y [m] and yaw [rad] of base_link; x, y [m] of the pillar, NaN if unknown
 Row = Tuple[float, ...]
 
 

@@ -53,22 +53,28 @@ from husky_web.topics import Topics
 from husky_web.viser_private import place
 
 POINT_SIZE = 0.05  # [m] size of the scan's points
-RAYS = 60  # largest number of drawn beams, because a few show which ones have returned
+RAYS = 60  # largest number of drawn beams; a few beams are enough to show which beams meet an object
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] spacing of trail points; maximum number of points
 LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
-# [m] distances behind the robot up to which the trail has its colour, and from which on it has faded
+# [m] distances along the trail behind the robot: up to the first the trail has its full colour, from the
+# second on it is faded
 TRAIL_NEW, TRAIL_OLD = 3.0, 15.0
-FADED_COLOR = (125, 148, 176)  # visible by day and by night, but not striking
+# colour of the faded trail, visible with light and dark colours, but not striking
+FADED_COLOR = (125, 148, 176)
 LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
 GAMMA = 2.2  # gamma of a screen's colours
-TRAIL_JUMP = 1.0  # [m] motion that means that the robot was moved by a service, so the trail restarts
+# [m] the trail begins again if the robot has moved farther than this in one update, because a service has
+# moved it
+TRAIL_JUMP = 1.0
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m] size and colour of the dragged robot
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
-MAX_SCAN_AGE = 0.3  # [s] age of a scan, relative to the newest pose, beyond which the view ignores its stamp
-LOOKS_PERIOD = 0.2  # [s] between two updates of the appearance of markers and plan
-MAX_AXES = 200  # frames that are shown
+# [s] if a scan is older than the newest pose by more than this, the view ignores the scan's stamp
+MAX_SCAN_AGE = 0.3
+LOOKS_PERIOD = 0.2  # [s] time between two updates of the appearance of markers and plan
+MAX_AXES = 200  # largest number of frames that are shown
 BASE, FOOTPRINT = "base_link", "base_footprint"
-# namespaces of the controller's markers: the trail begins with its path; the state bar shows its state
+# namespaces of the controller's markers; the trail begins with the points of PATH, and the state bar shows
+# STATE
 TARGET, PATH, STATE = "target", "path", "state"
 
 
@@ -77,10 +83,10 @@ class DrawnMarker:
     """Marker in the view."""
 
     node: Any
-    placed: Optional[Marker] = None  # message that has given its node the pose
-    drawn: Optional[Marker] = None  # message of which its parts were drawn
+    placed: Optional[Marker] = None  # marker message from which the node has its pose
+    drawn: Optional[Marker] = None  # marker message from which the parts were drawn
     appearance: Optional[Tuple[Any, ...]] = None
-    parts: List[Any] = field(default_factory=list)  # nodes of its pieces
+    parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts in the scene
 
 
 class Scene:
@@ -96,7 +102,7 @@ class Scene:
         self._robot: Dict[str, Any] = {}  # node of each frame of the robot
         self.robot_name = ""
         self._shadow: Any = None
-        self.robot_shapes: List[Any] = []  # nodes that the mouse can grasp
+        self.robot_shapes: List[Any] = []  # nodes of the robot that the mouse can grasp
         self._drawn: Dict[Key, DrawnMarker] = {}
         self._axes: Dict[str, Any] = {}  # node of each TF frame
         self._trail: List[Tuple[float, float, float]] = []  # [m] points in the fixed frame, the oldest first
@@ -107,7 +113,8 @@ class Scene:
         self._scan = add_points("/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, **exact)
         self._cloud = add_points("/depth", empty, CLOUD_COLOR, point_size=0.03, **exact)
         self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
-        # a browser draws a line white if it has one colour first, and a colour for each point later
+        # the line has a colour for each point from the start, because viser draws it white if it first has
+        # only one colour
         self._trail_line = self._add_lines("/trail", np.zeros((0, 2, 3), np.uint8), thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
         self._looks_due = 0.0  # [s]
@@ -120,7 +127,8 @@ class Scene:
 
     def draw_robot(self, description: str) -> None:
         """Draw the robot of a URDF, or log a warning if it cannot be read."""
-        for node in reversed(self._robot.values()):  # children before their parent
+        # nodes are removed in reverse order, so that children are removed before their parents
+        for node in reversed(self._robot.values()):
             node.remove()
         self._robot, self.robot_shapes, self._shadow = {}, [], None
         try:
@@ -129,7 +137,7 @@ class Scene:
             rospy.logwarn(str(error))
             return
         for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
-            # wheels and the like are children of the base, so one pose moves them all
+            # links are children of the base in the scene, so that the pose of the base moves all of them
             parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
@@ -311,7 +319,7 @@ class Scene:
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
-            return  # the marker keeps the pose in the fixed frame that it had when it came
+            return  # the marker keeps its pose in the fixed frame from the time when it came
         drawing.placed = marker
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)

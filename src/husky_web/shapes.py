@@ -17,12 +17,12 @@ from trimesh import creation
 from husky_highlevel_controller.datatypes import HuskyError, Rgba, Vector3
 from husky_highlevel_controller.drawing.robot_mesh import CELL, coarser
 
-SIDES = 24  # sides of a cylinder, a cone, and a sphere's equator
+SIDES = 24  # number of sides of a cylinder, of a cone, and of a sphere's equator
 MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box that replaces an unreadable mesh
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
-# triangles of a part above which it is simplified, because without a graphics card the Husky's own triangles
-# take a third of the time of a picture; smallest number of cells along a part
+# a part with more triangles is simplified, because without a graphics card the Husky's triangles take a third
+# of the time of a picture; smallest number of cells along a simplified part
 MANY, CELLS = 500, 25.0
 
 
@@ -38,7 +38,8 @@ class Solid(NamedTuple):
 
     mesh: Mesh
     rgba: Rgba
-    scale: Vector3 = (1.0, 1.0, 1.0)  # factors along x, y and z, which are cheaper to change than a mesh
+    # factors along x, y and z; a change of the factors costs less than a new mesh
+    scale: Vector3 = (1.0, 1.0, 1.0)
 
     @property
     def extents(self) -> np.ndarray:
@@ -74,7 +75,7 @@ class MeshFile(NamedTuple):
 
     uri: str
     scale: Vector3
-    rgba: Optional[Rgba]  # None for the file's own colours
+    rgba: Optional[Rgba]  # colour of the mesh; None for the colours in the mesh file
 
 
 Piece = Union[Solid, Lines, Points, Label, MeshFile]
@@ -104,7 +105,8 @@ def cylinder() -> Mesh:
 @lru_cache(maxsize=None)
 def sphere() -> Mesh:
     """Return a sphere of diameter 1 around the origin."""
-    # the sphere of trimesh has twice the sides, and with an even number of rings no equator
+    # trimesh's own sphere is not used, because it has twice as many sides, and no equator if the number of
+    # rings is even
     angles = np.linspace(-pi / 2.0, pi / 2.0, SIDES // 2 + 1)
     return _turned([(0.5 * np.cos(angle), 0.5 * np.sin(angle)) for angle in angles])
 
@@ -169,7 +171,7 @@ def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
             for part in loaded.dump()
             if isinstance(part, trimesh.Trimesh)
         )
-    except Exception as error:  # any error of the reader, because a mesh file may be broken in any way
+    except Exception as error:  # a broken mesh file may cause any error of the reader
         raise HuskyError(f"mesh '{uri}' cannot be read: {type(error).__name__}: {error}") from None
     if not parts:
         raise HuskyError(f"mesh '{uri}' has no triangles")

@@ -31,29 +31,30 @@ PHRASES = {
     ARRIVED: "at the pillar",
 }
 BY_HAND, MOVING, NO_DRIVER = "driven by hand", "being moved", "no node drives the robot"
-MAX_REASON = 200  # characters of a reason
+MAX_REASON = 200  # largest number of characters of a reason
 FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 REASON_TIME = 3.0  # [s] longest time between the controller's stop and the warning with its reason
-SEEN_AFTER = 0.03  # [s] simulated time of one scan or two, in which a controller notices a moved object
-SEEN_AT_LAST = 0.3  # [s] wall time, for a robot without a clock
+# [s] simulated time of one or two scans, after which the controller has noticed a moved object
+SEEN_AFTER = 0.03
+SEEN_AT_LAST = 0.3  # [s] the same in wall time, for a robot without simulated time
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
 class RobotStatus(NamedTuple):
     """Facts that the state bar shows in words."""
 
-    is_locked: bool = False  # the emergency stop is on
-    has_listener: bool = True  # another node subscribes to the emergency stop
-    is_master_gone: bool = False  # the master ended or restarted
-    is_paused: bool = False  # the simulated world is paused
-    is_silent: bool = False  # no odometry has come for a while
-    moving: str = ""  # object that a page moves
+    is_locked: bool = False  # true if the emergency stop is on
+    has_listener: bool = True  # true if another node subscribes to the emergency stop
+    is_master_gone: bool = False  # true if the ROS master has ended or was started again
+    is_paused: bool = False  # true if simulated time is paused
+    is_silent: bool = False  # true if no odometry has come for NO_NEWS_TIME
+    moving: str = ""  # name of the object that a page moves; empty if no page moves one
     is_by_hand: bool = False  # a person drives
-    driver: str = ""  # another node than the controller that drives
+    driver: str = ""  # name of the node that drives the robot, if it is not the controller
     level: int = 0  # level of the controller's diagnostics
     activity: str = ""  # state of the controller
-    fault: str = ""  # fault by the controller's diagnostics
-    reason: str = ""  # warning that came when the controller stopped
+    fault: str = ""  # fault that the controller's diagnostics report; empty if none
+    reason: str = ""  # text of the warning that came when the controller stopped
 
 
 class Figures(NamedTuple):
@@ -70,7 +71,8 @@ class Moving:
     def __init__(self) -> None:
         self._text = ""
         self._ended_at: Optional[float] = None  # [s] wall time
-        self._seen_from: Optional[float] = None  # [s] first simulated time after the end
+        # [s] first simulated time after the end of the motion; None if unknown
+        self._seen_from: Optional[float] = None
 
     @contextmanager
     def __call__(self, text: str) -> Iterator[None]:
@@ -127,7 +129,8 @@ class StateBar:
     """State, emergency stop and next actions, shown on every tab."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self.on_again: Callable[[Any], None] = lambda client: None  # called with the page of the button
+        # function that is called with the page whose button was pressed
+        self.on_again: Callable[[Any], None] = lambda client: None
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._state = gui.add_html(state_html(RobotStatus(), Figures()))
         self._e_stop = gui.add_html(e_stop_html(False))

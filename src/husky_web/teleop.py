@@ -15,10 +15,13 @@ from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import contained, publish
 
-PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
+# [s] time between two commands; the twist_mux drops an input after 0.5 s, and the wheels stop after 0.25 s
+# without a command
+PERIOD = 0.05
 
-SLOWEST = 0.1  # [m/s], [rad/s] lowest value of a slider of speed
-EXPIRY = 0.25  # [s] silence of the page, which sends every 0.05 s while a key is held
+SLOWEST = 0.1  # [m/s], [rad/s] lowest value of the sliders of speed
+# [s] the robot stops if a page sends nothing for this time; a page sends every 0.05 s while a key is held
+EXPIRY = 0.25
 
 
 def clamp_axis(value: Any) -> Optional[float]:
@@ -78,15 +81,16 @@ class Teleop:
 
     def __init__(self, simulator: str) -> None:
         """Start the thread; the node `simulator` latches its emergency stop on its topic `locked`."""
-        self.on_lock: Callable[[], None] = lambda: None  # called when a page presses the emergency stop
+        # function that is called when a page presses the emergency stop
+        self.on_lock: Callable[[], None] = lambda: None
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] speeds while a key is held
-        self.is_locked = False  # true if any sender has locked e_stop
+        self.is_locked = False  # true if any node has switched the emergency stop on
         self._hold = HoldToDrive()
         self._turn = threading.Lock()
         self._wake = threading.Event()
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
-        # a simulator latches it for a page that starts later; a twist_mux does not
+        # a simulator also publishes the latched state for a page that starts later; a twist_mux does not
         for topic in ("e_stop", f"{simulator}/locked"):
             rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()

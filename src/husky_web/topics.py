@@ -20,12 +20,17 @@ from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdat
 
 from husky_highlevel_controller.robot import load_robot
 
-PAUSE, NUMBERS_PAUSE = 0.05, 0.1  # [s] between two readings of a drawn topic, and of a number
-BURST_SHARE = 0.2  # fraction of a pause; a message that is read so soon after it came during the pause
-QUEUE = 2000  # messages of one topic that are kept between two looks; beyond, the oldest are lost
+# [s] pause after a message of a drawn topic, and after a message with a number
+PAUSE, NUMBERS_PAUSE = 0.05, 0.1
+# fraction of a pause; a message that is read within this time after a pause has come during the pause
+BURST_SHARE = 0.2
+# largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
+# lost
+QUEUE = 2000
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
-INPUTS = load_robot().topics.velocity  # the strongest first, the controller's last; the same for every robot
+# topics of commands, with the highest priority first and the controller's topic last; equal for every robot
+INPUTS = load_robot().topics.velocity
 Received = Tuple[str, Any]  # topic and message
 
 
@@ -35,12 +40,14 @@ class Topics:
     def __init__(self, names: Dict[str, str]) -> None:
         """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
-        self.scan_count = 0  # number of scans that ever came
-        self._pause_ended = threading.local()  # [s] time for each thread, of which each publisher has one
+        self.scan_count = 0  # number of scans that have come so far
+        # [s] end of the last pause, for each thread; rospy has a thread for each publisher
+        self._pause_ended = threading.local()
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
-        self._subscribers: Dict[str, rospy.Subscriber] = {}  # subscriber by use, or otherwise by topic
+        # subscribers by their use, or by topic if they have no fixed use
+        self._subscribers: Dict[str, rospy.Subscriber] = {}
 
     @property
     def is_open(self) -> bool:
@@ -53,7 +60,7 @@ class Topics:
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
-        for name in INPUTS:  # relative names, which `take_all("inputs")` returns, too
+        for name in INPUTS:  # the names are relative, as in the result of `take_all("inputs")`
             self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:

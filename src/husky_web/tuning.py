@@ -25,7 +25,7 @@ from husky_web.parameters import (
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
 SUFFIX = "/parameter_descriptions"
 FOLDED = ("Detection",)
-SMALL = '<i class="husky-small" hidden></i>'  # viser.css makes the next button small
+SMALL = '<i class="husky-small" hidden></i>'  # element after which viser.css makes the next button small
 
 
 class Tuning:
@@ -33,7 +33,8 @@ class Tuning:
 
     def __init__(self, server: viser.ViserServer, actions: Actions, tab: Any) -> None:
         self._gui, self._actions, self._tab = server.gui, actions, tab
-        self.on_change: Callable[[str], None] = lambda change: None  # called with "parameter old \u2192 new"
+        # function that is called with the text "parameter old \u2192 new"
+        self.on_change: Callable[[str], None] = lambda change: None
         self._servers: Dict[str, _Server] = {}
         buttons = self._gui.add_button_group(
             "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
@@ -106,7 +107,7 @@ class _Server:
     def close(self) -> None:
         for subscriber in self._subscribers:
             subscriber.unregister()
-        with self._turn:  # a late message must not change removed fields
+        with self._turn:  # held, so that a late message does not change fields that are removed here
             self._is_closed = True
             self._fields.clear()
             self._folder.remove()
@@ -194,7 +195,7 @@ class _Server:
         return field
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
-        if event.client is None:  # `_show` has changed the field, not a page
+        if event.client is None:  # the client is None if `_show` has changed the field, and not a page
             return
         value = dict(parameter.choices).get(event.target.value, event.target.value)
         try:

@@ -15,7 +15,9 @@ from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 
-INVISIBLE = 5e-4  # [m] change of a coordinate that is not sent; also of a quaternion's component, 1 mrad
+# [m] a smaller change of a coordinate is not sent; also limit for a component of a quaternion, where it is 1
+# mrad
+INVISIBLE = 5e-4
 
 
 class LoopEvent(asyncio.Event):
@@ -56,7 +58,8 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
     """
     original: Any = websockets.asyncio.server.serve
     logger = logging.getLogger("husky_web.websockets")
-    logger.setLevel(logging.CRITICAL)  # a plain page request is not a failed handshake
+    # errors are hidden, because websockets would report each plain request of the page as a failed handshake
+    logger.setLevel(logging.CRITICAL)
 
     def serve(handler: Any, *args: Any, **kwargs: Any) -> Any:
         kwargs.update(process_request=process_request, logger=logger)

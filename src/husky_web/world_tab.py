@@ -21,9 +21,9 @@ from husky_highlevel_controller.ros import conversions
 from husky_web.actions import LONG_TIMEOUT, Actions, answer_of, call
 from husky_web.state_bar import Moving
 
-ROBOT = "husky"  # name of the robot in the simulator's services
+ROBOT = "husky"  # name of the robot in the services of the simulator
 GROUND = "ground_plane"
-MOVE_ATTEMPTS = 10  # attempts to find a free position
+MOVE_ATTEMPTS = 10  # largest number of attempts to find a free position
 SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
 
 
@@ -106,7 +106,7 @@ class WorldTab:
         for _ in range(MOVE_ATTEMPTS - 1):
             with suppress(HuskyError):
                 return self._move(name, random_pose())
-        return self._move(name, random_pose())  # the last attempt raises its error
+        return self._move(name, random_pose())  # an error of the last attempt is raised
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""

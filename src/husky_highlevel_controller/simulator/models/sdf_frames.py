@@ -19,7 +19,7 @@ from husky_highlevel_controller.simulator.models.sdf_parser import Node
 class FrameScope:
     """Frames of a world or model by name, each as a pose in that world or model."""
 
-    holder: Node  # the world or model
+    holder: Node  # element of the world or model whose frames these are
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
     pose_in_outer: Optional[Pose] = None  # pose in `outer`; None until it is resolved
