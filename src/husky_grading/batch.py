@@ -17,7 +17,7 @@ import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
@@ -108,23 +108,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     batch.out.mkdir(parents=True, exist_ok=True)
     # a catkin workspace around this folder must not build the unpacked packages
     (batch.out / "CATKIN_IGNORE").touch()
-    results: Dict[str, MarkingResult] = {}
-    waiting: List[Job] = []
-    installed = installed_packages(batch.setups)
-    for hand_in in hand_ins:
-        job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
-        job = replace(job, installed=installed)
-        if hand_in.problem:
-            remove_tree(Path(job.out))  # the folder may have the result of another entry of this student
-            results[job.name] = unmarked(job, hand_in.problem)
-            continue
-        if job.name in batch.only:  # the build is removed, too
-            Path(job.out, WORKSPACE).unlink(missing_ok=True)
-        earlier = None if job.name in batch.only else _earlier(job)
-        if earlier is not None:
-            results[job.name] = earlier
-        elif not batch.only or job.name in batch.only:
-            waiting.append(job)
+    results, waiting = _look_up_results(hand_ins, overrides, config, batch)
     jobs = batch.jobs
     # without a private network, a submission could change the ROS graph of another submission
     if jobs > 1 and not private_network.can_be_made():
@@ -135,25 +119,65 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             marked = _marked_by(workers, waiting, bool(batch.cluster))
             for number, result in enumerate(marked, 1):
                 results[result.name] = result
-                if result.problem or not sys.stderr.isatty():  # a terminal shows a progress bar
-                    why = f": {result.problem}" if result.problem else ""
-                    tqdm.write(
-                        f"{number} of {len(waiting)}: {result.name}: {_sum(result)}{why}", file=sys.stderr
-                    )
-                    sys.stderr.flush()
+                _report_progress(result, number, len(waiting))
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; run the same command again to continue") from None
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
     for result in ordered:
         print(f"{result.name:<40}{_sum(result)}")
-    if open_ones := [each.name for each in ordered if each.state is not ResultState.MARKED]:
-        print(f"\nnot completely graded, so not in moodle.csv: {', '.join(open_ones)}")
+    unfinished = [each.name for each in ordered if each.state is not ResultState.MARKED]
+    if unfinished:
+        print(f"\nnot completely graded, so not in moodle.csv: {', '.join(unfinished)}")
     print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
     return ordered
 
 
+def _look_up_results(
+    hand_ins: Sequence[HandIn], overrides: Mapping[str, Override], config: MarkingConfig, batch: Batch
+) -> Tuple[Dict[str, MarkingResult], List[Job]]:
+    """Return the results that need no run, by the student's name, and the jobs of all other submissions.
+
+    If `batch.only` names submissions, only these have jobs, and other submissions may have no result.
+
+    Raises:
+        PointsError: points in marking.yaml do not fit the rubric.
+    """
+    results: Dict[str, MarkingResult] = {}
+    waiting: List[Job] = []
+    installed = installed_packages(batch.setups)
+    for hand_in in hand_ins:
+        job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
+        job = replace(job, installed=installed)
+        if hand_in.problem:
+            remove_tree(Path(job.out))  # the folder may have the result of another entry of this student
+            results[job.name] = unmarked(job, hand_in.problem)
+            continue
+        kept_result = None
+        if job.name in batch.only:
+            Path(job.out, WORKSPACE).unlink(missing_ok=True)  # makes marking build it again
+        else:
+            kept_result = _kept_result(job)
+        if kept_result is not None:
+            results[job.name] = kept_result
+        elif not batch.only or job.name in batch.only:
+            waiting.append(job)
+    return results, waiting
+
+
+def _report_progress(result: MarkingResult, number: int, count: int) -> None:
+    """Print a line on a new result, the n-th of `count`; a terminal shows a progress bar instead.
+
+    A submission that could not be marked has a line on a terminal, too.
+    """
+    if result.problem or not sys.stderr.isatty():
+        why = f": {result.problem}" if result.problem else ""
+        tqdm.write(f"{number} of {count}: {result.name}: {_sum(result)}{why}", file=sys.stderr)
+        sys.stderr.flush()
+
+
 def _sum(result: MarkingResult) -> str:
+    """Return the points of a result as text."""
     return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
 
 
@@ -223,7 +247,7 @@ def installed_packages(setups: Sequence[str]) -> str:
     return fingerprint(sorted(path for pattern in patterns for path in glob.glob(pattern)))
 
 
-def _earlier(job: Job) -> Optional[MarkingResult]:
+def _kept_result(job: Job) -> Optional[MarkingResult]:
     """Return the earlier result of a job, judged again by the present rules; None if it must be marked again.
 
     Other files, settings or versions, or an unreadable result, make marking necessary.
@@ -236,13 +260,7 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
         if (out / FINGERPRINT).read_text() not in (job.fingerprint, job.fingerprint + job.installed):
             return None
         result = load_result(out / RESULT)
-        is_as_before = not (out / WORKSPACE).exists()
-        # if the old job cannot be read, the rules of the old result are unknown
-        with contextlib.suppress(HuskyError):
-            before = load(Job, out / JOB)
-            same = ("name", "config", "override")
-            is_as_before |= all(getattr(before, field) == getattr(job, field) for field in same)
-        judged = result if is_as_before else judge_again(job)
+        judged = result if _has_same_rules(job) else judge_again(job)
     except PointsError:
         raise
     except Exception:
@@ -257,6 +275,21 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
     return judged
 
 
+def _has_same_rules(job: Job) -> bool:
+    """Return whether the kept result of a job was judged by the same rules, points by hand and penalties.
+
+    Without a workspace nothing can be judged again, so the kept result counts.
+    """
+    out = Path(job.out)
+    if not (out / WORKSPACE).exists():
+        return True
+    try:
+        before = load(Job, out / JOB)
+    except HuskyError:  # the rules of the earlier judgement are unknown
+        return False
+    return (before.name, before.config, before.override) == (job.name, job.config, job.override)
+
+
 def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[MarkingResult]:
     """Yield the result of each job as soon as it comes, with a progress bar.
 
@@ -269,6 +302,7 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
         return
 
     def failed(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
+        """Return the files of a job that failed on its worker."""
         return {RESULT: to_json(_failed(packed[0], error)).encode()}
 
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]

@@ -109,13 +109,13 @@ def kept_submission(job: Job) -> Optional[Submission]:
     root = Path(job.out, "ws")
     is_here = submission.root == root and (root / "src").is_dir()
     isolation = kind_of_sandbox(), private_network.reach()
-    is_shut = (submission.sandbox, submission.network) == isolation and {*map(Path, job.hidden)} <= {
-        *submission.workspace.hidden
-    }
+    has_same_isolation = (submission.sandbox, submission.network) == isolation
+    hides_all = {*map(Path, job.hidden)} <= {*submission.workspace.hidden}
     is_same = bool(job.made_of) and submission.made_of == job.made_of
     # a submission that missed packages is prepared again, because they may be installed now
     misses = MISSES_PACKAGES & {note.kind for note in submission.notes}
-    return submission if is_here and is_shut and is_same and not misses else None
+    is_usable = is_here and has_same_isolation and hides_all and is_same and not misses
+    return submission if is_usable else None
 
 
 def main(arguments: Optional[List[str]] = None) -> None:

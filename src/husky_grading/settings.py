@@ -32,7 +32,7 @@ def load_rules(path: Path, items: Sequence[str]) -> Rules:
     """
     rules = from_plain(Rules, read_settings(path), f"{path}: ")
     for name in [*rules.weights, *rules.by_person]:
-        _known(name, items, f"{path}: '{name}' is not an item")
+        _check_known(name, items, f"{path}: '{name}' is not an item")
     return rules
 
 
@@ -45,7 +45,7 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
     path = folder / FILE
     overrides = from_plain(_MarkingFile, read_settings(path) if path.exists() else {}, f"{path}: ").students
     for name in overrides:
-        _known(name, students, f"{path}: students: {name!r} is not known")
+        _check_known(name, students, f"{path}: students: {name!r} is not known")
     return dict(overrides)
 
 
@@ -64,7 +64,12 @@ def read_settings(path: Path) -> Any:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from error
 
 
-def _known(name: str, names: Sequence[str], refusal: str) -> None:
+def _check_known(name: str, names: Sequence[str], refusal: str) -> None:
+    """Check that a name is one of some names.
+
+    Raises:
+        ConfigError: the name is another one; its text begins with `refusal`.
+    """
     if name not in names:
         raise ConfigError(f"{refusal}; there are: {', '.join(names)}")
 

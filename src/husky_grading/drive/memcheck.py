@@ -66,6 +66,13 @@ class Place(NamedTuple):
     line: int
 
 
+class Read(NamedTuple):
+    """Read of a value that was never written."""
+
+    line: Optional[Place]  # line that reads the value; None if the value is sent
+    origin: Optional[Place]  # line that made the memory of the value; None if unknown
+
+
 def is_worth_checking(submission: Submission) -> bool:
     """Return whether a C++ program of a submission may read a variable before it writes it.
 
@@ -103,18 +110,22 @@ def find_unwritten_variable(
         def subscribes() -> bool:
             return robot.config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
 
+        def cpu_seconds() -> float:
+            _, seconds = state_of_tree(process.popen.pid)
+            return seconds
+
         nodes = len(submission.nodes)
-        joined = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
+        gets_scans = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
         heard = robot
         if robot.is_guess:
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
         if heard.config != robot.config:
             simulator.kill()
             simulate(network, trial, replace(heard.config, pace=1.0))
-            joined = process.running
-        if joined:
-            _, before = state_of_tree(process.popen.pid)
-            wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - before > CPU, WALL)
+            gets_scans = process.running
+        if gets_scans:
+            start_of_callbacks = cpu_seconds()
+            wait(lambda: not process.running or cpu_seconds() - start_of_callbacks > CPU, WALL)
         # the logs are read while the node runs, because an interrupted `getParam` leaves its variable
         # unwritten
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
@@ -152,25 +163,24 @@ def _texts(sources: Path) -> Dict[str, str]:
     return {path.name: text for path, text in texts_in(sources, SOURCES)}
 
 
-def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Place]]]:
-    """Return (line that reads, line that made the memory) for each read in memcheck's log.
+def reads_in(log: str, sources: Path) -> List[Read]:
+    """Return the reads of values that were never written, by memcheck's log.
 
-    Only lines of the submission's `sources` count. A value that is only printed does not count. The reading
-    line is None if the value is sent.
+    Only lines of the submission's `sources` count. A value that is only printed does not count.
     """
     own_files = {path.name for path in walk(sources) if path.suffix in SOURCES}
-    places: List[Tuple[Optional[Place], Optional[Place]]] = []
+    found: List[Read] = []
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
-        reads, _, creation = text.partition("Uninitialised value was created")
-        origin = _first_own(creation, own_files)
-        if reads.startswith(("Conditional jump", "Use of uninitialised value")):
-            line = _first_own(reads, own_files)
+        reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
+        origin = _first_own(creation_stack, own_files)
+        if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
+            line = _first_own(reading_stack, own_files)
             if line is not None:
-                places.append((line, origin))
-        elif reads.startswith("Syscall param") and "ros::" in reads and origin is not None:
-            places.append((None, origin))
-    return places
+                found.append(Read(line, origin))
+        elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
+            found.append(Read(None, origin))
+    return found
 
 
 def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
@@ -187,18 +197,18 @@ def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
     return None
 
 
-def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: Path) -> str:
+def sentence(reads: Sequence[Read], sources: Path) -> str:
     """Return a sentence on the first read, with the variable's name if its line has it; empty if none."""
     if not reads:
         return ""
     texts = _texts(sources)
-    places = _declared(texts)
+    declarations = _declared(texts)
     for line, _ in reads:
         if line is not None:
             code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
-            names = [name for name in re.findall(r"\w+", " ".join(code)) if name in places]
+            names = [name for name in re.findall(r"\w+", " ".join(code)) if name in declarations]
             if names:
-                place = places[names[0]]
+                place = declarations[names[0]]
                 name = f"`{names[0]}` ({place.file}:{place.line})"
                 return f"{name} is read at {line.file}:{line.line} before it is written"
     line, origin = reads[0]

@@ -66,16 +66,17 @@ class Registered(NamedTuple):
 
 def registered(uri: str, our_nodes: Collection[str]) -> Registered:
     """Return the registrations of the nodes that are not ours."""
+    # publishers by topic, subscribers by topic, and providers by service; none if the master does not answer
     state = [
-        {topic: set(nodes) - set(our_nodes) for topic, nodes in part}
-        for part in _ask(uri, "getSystemState") or ()
+        {name: set(nodes) - set(our_nodes) for name, nodes in part}
+        for part in _ask(uri, "getSystemState") or ((), (), ())
     ]
-    topics = [
+    advertised, subscribed = (
         frozenset(topic for topic, nodes in part.items() if nodes and topic not in EVERY_NODE_HAS)
         for part in state[:2]
-    ]
-    nodes = frozenset(node for part in state for nodes in part.values() for node in nodes)
-    return Registered(nodes, *topics)
+    )
+    all_nodes = frozenset(node for part in state for nodes in part.values() for node in nodes)
+    return Registered(all_nodes, advertised, subscribed)
 
 
 def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
@@ -86,8 +87,8 @@ def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
 
 def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
     """Return the topics to which a node that is not ours subscribes."""
-    state = _ask(uri, "getSystemState")
-    return tuple(topic for topic, nodes in state[1] if set(nodes) - set(our_nodes)) if state else ()
+    _, subscribers, _ = _ask(uri, "getSystemState") or ((), (), ())
+    return tuple(topic for topic, nodes in subscribers if set(nodes) - set(our_nodes))
 
 
 def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:

@@ -18,7 +18,7 @@ import zipfile
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import IO, Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 from husky_grading.isolation.files import walk
 from husky_highlevel_controller.datatypes import HuskyError
@@ -37,8 +37,15 @@ MAX_NAMED = 5  # largest number of files that a note names
 UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes]
 MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes] memory, [s] CPU and wall time, for one archive
-# name; whether it is executable; whether it is left out; content
-_Member = Tuple[str, bool, bool, Optional[IO[bytes]]]
+
+
+class _Member(NamedTuple):
+    """Entry of an archive."""
+
+    name: str
+    is_executable: bool
+    is_special: bool  # a link, a device or the like, which is left out
+    content: Optional[IO[bytes]]  # None if it is not a file
 
 
 class ArchiveError(HuskyError):
@@ -101,20 +108,21 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
     Raises:
         ArchiveError: the archive cannot be unpacked.
     """
-    left_out, names = 0, set()
+    links = 0
+    names: Set[str] = set()
     large: List[str] = []
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
-        for name, executable, special, content in members(archive):
-            left_out += special
+        for name, is_executable, is_special, content in members(archive):
+            links += is_special
             if content is not None and name not in names:
                 names.add(name)
                 with content:
-                    target = folder / _inside(name, archive)
+                    target = folder / _safe_path(name, archive)
                     target.parent.mkdir(parents=True, exist_ok=True)
                     if not _copy(content, target, allowance, archive):
                         large.append(name)
-                    elif executable:
+                    elif is_executable:
                         target.chmod(0o755)
     except (ArchiveError, MemoryError):
         raise
@@ -124,7 +132,7 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
     except Exception as error:
         # a broken archive may raise any error of zipfile, tarfile, zlib, lzma, bz2 and struct
         raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
-    return left_out, large
+    return links, large
 
 
 def main(archive: str, folder: str, files: str, size: str) -> None:
@@ -133,27 +141,22 @@ def main(archive: str, folder: str, files: str, size: str) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
     allowance = Allowance(int(files), int(size))
     try:
-        left_out, large = _unpack(Path(archive), Path(folder), allowance)
+        links, large = _unpack(Path(archive), Path(folder), allowance)
         problem = ""
     except ArchiveError as error:
-        left_out, large, problem = 0, [], str(error)
-    print(json.dumps([left_out, large, allowance.files, allowance.size, problem]))
+        links, large, problem = 0, [], str(error)
+    print(json.dumps([links, large, allowance.files, allowance.size, problem]))
 
 
-def _inside(name: str, archive: Path) -> PurePosixPath:
-    """Return a member's name as a path below the folder.
+def _safe_path(name: str, archive: Path) -> PurePosixPath:
+    """Return a member's name as a path that stays below the folder of the archive.
 
     Raises:
         ArchiveError: the name leads out of the folder.
     """
     path = PurePosixPath(name.replace("\\", "/"))
-    if (
-        path.is_absolute()
-        or ".." in path.parts
-        or "\0" in name
-        or not path.parts
-        or path.parts[0][1:2] == ":"
-    ):
+    is_absolute = path.is_absolute() or (bool(path.parts) and path.parts[0][1:2] == ":")  # C: on Windows
+    if is_absolute or ".." in path.parts or "\0" in name or not path.parts:
         raise ArchiveError(f"{archive.name} leads out of its folder: {name[:200]!r}")
     return path
 
@@ -184,13 +187,14 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
 
 
 def _zip_members(archive: Path) -> Iterator[_Member]:
+    """Yield the members of a zip archive."""
     with zipfile.ZipFile(archive) as opened:
         for info in opened.infolist():
             mode = info.external_attr >> 16
-            special = stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR)
+            is_special = stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR)
             name = _zip_name(info)
-            content = None if special or name.endswith("/") else opened.open(info)
-            yield name, bool(mode & 0o100), special, content
+            content = None if is_special or name.endswith("/") else opened.open(info)
+            yield _Member(name, bool(mode & 0o100), is_special, content)
 
 
 def _zip_name(info: zipfile.ZipInfo) -> str:
@@ -203,10 +207,12 @@ def _zip_name(info: zipfile.ZipInfo) -> str:
 
 
 def _tar_members(archive: Path) -> Iterator[_Member]:
+    """Yield the members of a tar archive."""
     with tarfile.open(archive) as opened:
         for info in opened:
             content = opened.extractfile(info) if info.isfile() else None
-            yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
+            is_special = not (info.isfile() or info.isdir())
+            yield _Member(info.name, bool(info.mode & 0o100), is_special, content)
 
 
 class PackedPath:

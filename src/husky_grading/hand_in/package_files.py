@@ -55,14 +55,16 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
-        elsewhere = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
-        owner = elsewhere.get(files[0].name) if planned.rviz and len(files) == 1 else None
+        owners = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
+        is_only_file = bool(planned.rviz) and len(files) == 1
+        owner = owners.get(files[0].name) if is_only_file else None
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
             source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
             return _config(source, files[0], remaps)
-        files = [path for path in files if path.name not in elsewhere]
+        files = [path for path in files if path.name not in owners]
     configs = [_config(path.name, path, remaps) for path in files]
-    return max(configs, key=_wanted_displays, default=RvizConfig(started=bool(planned.rviz), missing=missing))
+    no_config = RvizConfig(started=bool(planned.rviz), missing=missing)
+    return max(configs, key=_count_needed_displays, default=no_config)
 
 
 def _without_the_simulators(planned: Plan) -> Plan:
@@ -75,17 +77,22 @@ def _without_the_simulators(planned: Plan) -> Plan:
     return replace(planned, rviz=tuple(node for node, path in paths if not (path and is_below(path, share))))
 
 
-def _wanted_displays(config: RvizConfig) -> int:
+def _count_needed_displays(config: RvizConfig) -> int:
+    """Return how many of frames, robot model and laser scan a configuration displays."""
     return len({TF, ROBOT, SCAN} & {display.kind for display in config.displays})
 
 
 def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     """Return sentences on .rviz files of a package that belong to other launch files than this one."""
     folder = planned.package_path
-    named = _named_by_others(folder, launch_file, not planned.rviz) if folder else {}
-    there = {path.name for path in walk(folder)} if folder else set()
+    if not folder:
+        return []
+    owners = _named_by_others(folder, launch_file, not planned.rviz)
+    existing_names = {path.name for path in walk(folder)}
     return [
-        f"{name} belongs to {path.name}, so it is not graded" for name, path in named.items() if name in there
+        f"{name} belongs to {owner.name}, so it is not graded"
+        for name, owner in owners.items()
+        if name in existing_names
     ]
 
 
@@ -122,6 +129,7 @@ def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[
 
 
 def _display_config(arguments: str) -> Optional[Path]:
+    """Return the configuration that the arguments of an rviz node name, or None."""
     try:
         options = shlex.split(arguments)
     except ValueError:  # the arguments have an opening quote without a closing quote
@@ -133,6 +141,7 @@ def _display_config(arguments: str) -> Optional[Path]:
 
 
 def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
+    """Return the configuration of an .rviz file; a broken file has a `problem`."""
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):

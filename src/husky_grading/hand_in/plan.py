@@ -53,9 +53,10 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
 
 
 def _roots(workspace: Workspace) -> List[Path]:
-    """Return the folders with packages."""
+    """Return the folders in which a program of a workspace finds packages."""
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if root]
-    roots += [root for s in workspace.setups for root in (s.parent / "share", s.parents[1] / "src")]
+    for setup in workspace.setups:  # WORKSPACE/devel/setup.bash
+        roots += [setup.parent / "share", setup.parents[1] / "src"]
     return [*roots, *workspace.packages]
 
 
@@ -90,19 +91,25 @@ def plans(
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
     for event in read_events(events_file):
-        number += event.event == "launchable"
-        events.get(number, []).append(event)
+        if event.event == "launchable":  # the events of the next launchable follow
+            number += 1
+        if number in events:  # a submission may write any events
+            events[number].append(event)
     planned = []
-    for each in events.values():
-        read = next((event.plan for event in each if event.plan), None)
-        notes = notes_on(each, "")
-        if read is None:
+    for own_events in events.values():
+        read_plan = next((event.plan for event in own_events if event.plan), None)
+        notes = notes_on(own_events, "")
+        if read_plan is None:
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
-        elif not read.nodes:
+        elif not read_plan.nodes:
             notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
-        package = package_path(each, workspace)
         planned.append(
-            replace(read or Plan(), is_read=read is not None, package_path=package, notes=tuple(notes))
+            replace(
+                read_plan or Plan(),
+                is_read=read_plan is not None,
+                package_path=package_path(own_events, workspace),
+                notes=tuple(notes),
+            )
         )
     return planned
 

@@ -107,8 +107,9 @@ def first_cause(recording: Recording) -> Note:
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
     if reasons:
         return reasons[0]
-    if not is_up(recording) and (others := [note for note in recording.notes if note.kind in OF_OTHERS]):
-        return others[0]
+    notes_on_others = [note for note in recording.notes if note.kind in OF_OTHERS]
+    if notes_on_others and not is_up(recording):
+        return notes_on_others[0]
     if not recording.subscribed:
         return NO_SCANS
     if not recording.command_count and unread:
