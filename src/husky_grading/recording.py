@@ -161,8 +161,11 @@ def closed(recording: Recording, closing: Closing) -> Recording:
     """Return a recording with marking's observations, and notes on a flood of commands and a run cut off."""
     notes, ended = list(closing.notes), closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
-    has_ended = any(note.kind in ends for note in notes)
-    notes += [note for note in recording.notes if not (has_ended and note.kind is Kind.UNANSWERED_SCANS)]
+    has_node_ended = any(note.kind in ends for note in notes)
+    for note in recording.notes:
+        # the end of a node already explains scans without an answer
+        if not (has_node_ended and note.kind is Kind.UNANSWERED_SCANS):
+            notes.append(note)
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
         text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s of simulated time"
@@ -185,11 +188,12 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
     """
     mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
     for scan in scans if len(times) else ():
-        x, y, yaw = poses[min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)]
+        row = min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)
+        x, y, yaw = poses[row]
         ranges = scan.ranges[scan.valid]
         angles = scan.bearings[scan.valid] * (-1.0 if mount.upside_down else 1.0) + yaw
-        across, along = y + mount.x * np.sin(yaw), x + mount.x * np.cos(yaw)
-        points = along + ranges * np.cos(angles), across + ranges * np.sin(angles)
+        lidar_x, lidar_y = x + mount.x * np.cos(yaw), y + mount.x * np.sin(yaw)
+        points = lidar_x + ranges * np.cos(angles), lidar_y + ranges * np.sin(angles)
         hits.append(np.column_stack([np.full(len(ranges), scan.stamp), *points]))
     return np.round(np.concatenate(hits), 3)
 

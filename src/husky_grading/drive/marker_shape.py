@@ -46,7 +46,7 @@ def draw(
 
     `axis` is the vertical axis, x and y in the world [m].
     """
-    references, corners = _shape(kind, scale, points)
+    references, corners = _references_and_outline(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
     position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
     outline = np.array([transform_point(pose_in_world, corner) for corner in corners])
@@ -54,10 +54,14 @@ def draw(
     return Drawn(position, hull_distance(outline[:, :2] - np.asarray(axis)), low, high)
 
 
-def _shape(
+def _references_and_outline(
     kind: int, scale: Sequence[float], points: Sequence[Sequence[float]]
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
-    """Return reference points, of which the best counts, and points whose convex hull is drawn."""
+    """Return the reference points of a shape, and the points whose convex hull it covers.
+
+    The reference point that is nearest to the pillar counts as the position of the marker. All points are in
+    the marker's frame [m].
+    """
     if kind == ARROW and len(points) >= 2:
         return [points[1]], [points[1]]
     if kind == ARROW:  # an arrow points along the x axis of its pose, and has the length scale.x

@@ -9,7 +9,7 @@ import shutil
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, Match, NamedTuple, Optional, Sequence, Set, Tuple
 from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
@@ -134,38 +134,17 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     room = MAX_BYTES
     copies: Dict[str, Path] = {}
     for package in packages:
-        target = copies[package.name] = root / "src" / package.name
-        scripts: List[str] = []
-        older: List[str] = []
-        target.mkdir()
-        # the size of the content, and not of the blocks on the disk, because copying fills the holes of a
-        # sparse file
-        sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
-        for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
-            if size > min(MAX_FILE, room):
-                large.append(path.name)
-                continue
-            room -= size
-            copy = target / path.relative_to(package.path)
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(path, copy)
-            executable = bool(path.stat().st_mode & 0o100)
-            with copy.open("rb") as file:
-                is_script = file.read(2) == b"#!"
-            if is_script and _repair_interpreter(copy):
-                older.append(path.name)
-            if is_script and not executable:
-                scripts.append(path.name)
-            copy.chmod(0o755 if executable or is_script else 0o644)
-        if scripts:
-            notes.append(
-                f"scripts were made executable, because an archive may lose this: {', '.join(scripts)}"
-            )
-        if older:
-            notes.append(
-                f"scripts run by Python 3 instead of the program in their first line: {', '.join(older)}"
-            )
-        notes += _repair_manifest(target, package)
+        copies[package.name] = root / "src" / package.name
+        copied = _copy_package(package, copies[package.name], room)
+        room -= copied.size
+        large += copied.large
+        if copied.made_executable:
+            names = ", ".join(copied.made_executable)
+            notes.append(f"scripts were made executable, because an archive may lose this: {names}")
+        if copied.other_interpreter:
+            names = ", ".join(copied.other_interpreter)
+            notes.append(f"scripts run by Python 3 instead of the program in their first line: {names}")
+        notes += _repair_manifest(copies[package.name], package)
     notes += large_files_note(large)
     paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
     if paths:
@@ -173,6 +152,44 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
         notes.append(f"paths of another computer were replaced by files of the submission: {shown}")
     (root / "src" / ".catkin_workspace").touch()
     return Folders(root, copies), notes
+
+
+class _CopiedPackage(NamedTuple):
+    """Facts of a copy of a package; files are given by their names."""
+
+    size: int  # [bytes] size of all files that were copied
+    large: List[str]  # files that were too large to be copied
+    made_executable: List[str]  # scripts that were not executable
+    other_interpreter: List[str]  # scripts that Python 3 runs instead of another program
+
+
+def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
+    """Copy the files of a package into a new folder, the smallest ones first, and make scripts executable.
+
+    Files of more than MAX_FILE bytes are left out, and all files that exceed `room` [bytes] together.
+    """
+    copied = _CopiedPackage(0, [], [], [])
+    target.mkdir()
+    # the size of the content, and not of the blocks on the disk, because copying fills the holes of a sparse
+    # file
+    sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
+    for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
+        if size > min(MAX_FILE, room - copied.size):
+            copied.large.append(path.name)
+            continue
+        copied = copied._replace(size=copied.size + size)
+        copy = target / path.relative_to(package.path)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copy)
+        is_executable = bool(path.stat().st_mode & 0o100)
+        with copy.open("rb") as file:
+            is_script = file.read(2) == b"#!"
+        if is_script and _repair_interpreter(copy):
+            copied.other_interpreter.append(path.name)
+        if is_script and not is_executable:
+            copied.made_executable.append(path.name)
+        copy.chmod(0o755 if is_executable or is_script else 0o644)
+    return copied
 
 
 def _repair_interpreter(script: Path) -> bool:
@@ -407,8 +424,8 @@ def build_error(output: str, root: Path) -> str:
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
     match = _ERROR.search(output)
     if match:
-        header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
-        debian = debian_packages([header.group(1)]).values() if header else ()
+        missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
+        debian = debian_packages([missing_header.group(1)]).values() if missing_header else ()
         hint = "".join(f" (apt install {package})" for package in debian)
         return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]

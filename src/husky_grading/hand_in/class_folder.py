@@ -59,6 +59,7 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
 
 
 def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
+    """Return the submissions of entries, which have one or more paths by the name of the entry."""
     names, folders = _shown_names(list(entries)), _folder_names(list(entries))
     hand_ins = []
     for entry, paths in entries.items():
@@ -93,6 +94,7 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
 
 
 def _decoded(entry: str) -> str:
+    """Return the name of an entry as text, which may be UTF-8 or Latin-1; an umlaut is one character."""
     name = os.fsencode(entry)
     try:
         text = name.decode()
@@ -127,4 +129,5 @@ def _underscored(entry: str) -> str:
 
 
 def _digest(name: str) -> str:
+    """Return a short hash of a name."""
     return hashlib.sha256(os.fsencode(name)).hexdigest()[:DIGITS]

@@ -11,6 +11,7 @@ import os
 import re
 import stat
 import threading
+from math import ceil
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple
 
@@ -121,7 +122,7 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
                     status = os.statvfs(root + folder)
                     # only a file system of the sandbox counts; while the sandbox is made, another one is at
                     # this path
-                    if status.f_blocks <= -(-TEMPORARY_FILES // status.f_frsize):
+                    if status.f_blocks <= ceil(TEMPORARY_FILES / status.f_frsize):
                         size += (status.f_blocks - status.f_bfree) * status.f_frsize
                 return size
     return size
@@ -132,17 +133,19 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
 
     The calling thread enters the sandbox's namespace for it, and stays there.
     """
-    marking, own = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
+    marking, thread = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # the process has ended
-            if own == marking != os.readlink(namespace):
+            has_own_namespace = os.readlink(namespace) != marking
+            if thread == marking and has_own_namespace:
                 with open(namespace) as file:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
-                own = os.readlink("/proc/thread-self/ns/ipc")
-    if own == marking:
+                thread = os.readlink("/proc/thread-self/ns/ipc")
+    if thread == marking:
         return 0
     rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()[1:]]
+    # columns of sysvipc(5): 6 is nattch, the number of attached processes; 14 is rss, the size in memory
     return sum(int(row[14]) for row in rows if row[6] == "0")
 
 

@@ -40,13 +40,18 @@ class Network:
             raise
 
     def _start_master(self) -> None:
+        """Start the master on a free port, and set `port` and `uri`.
+
+        Raises:
+            MarkingError: the master does not start.
+        """
         for _ in range(10):  # another program may take the free port before our master does
             with socket.socket() as free:
                 free.bind(("127.0.0.1", 0))
                 self.port = free.getsockname()[1]
             self.uri = f"http://127.0.0.1:{self.port}"
             master = self.start("master", [*self.master, "-p", str(self.port)])
-            if wait(partial(_decided, master, self.port), START_DEADLINE) and master.running:
+            if wait(partial(_has_started_or_ended, master, self.port), START_DEADLINE) and master.running:
                 return
         raise MarkingError(f"{self.master[0]} does not start: " + self.processes[-1].output.strip()[-300:])
 
@@ -121,7 +126,7 @@ class Network:
         self.close()
 
 
-def _decided(master: Process, port: int) -> bool:
+def _has_started_or_ended(master: Process, port: int) -> bool:
     """Return whether a master has ended, or listens on its port."""
     with socket.socket() as probe:
         return not master.running or probe.connect_ex(("127.0.0.1", port)) == 0

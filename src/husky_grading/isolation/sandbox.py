@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
 from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
@@ -152,6 +152,14 @@ def _secrets(folder: str) -> List[Path]:
     return secrets
 
 
+class _Mount(NamedTuple):
+    """Mount of a path in the sandbox."""
+
+    path: Path
+    rank: int  # rank among paths of the same depth: 0 hides a folder, 1 shows a path, 2 makes it writable
+    options: List[str]  # options of bubblewrap
+
+
 def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
     """Return bubblewrap's options for all mounts: hidden folders, read-only files, and the writable folder.
 
@@ -162,30 +170,31 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         folder: the only folder that it may write.
         env: environment, which names further files.
     """
-    homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
-    roots = {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
-    place = folder.resolve()
+    home_variables = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
+    homes = {path.resolve() for path in home_variables} - {Path("/"), *map(Path, TEMPORARY)}
+    writable = folder.resolve()
     own = own_files(workspace.own)
     hidden = {
         path
-        for path in roots | {path.resolve() for path in workspace.hidden} | own.hidden
-        if path.is_dir() and place not in (path, *path.parents)
+        for path in homes | {path.resolve() for path in workspace.hidden} | own.hidden
+        if path.is_dir() and writable not in (path, *path.parents)
     }
-    steps = [(len(path.parts), 0, ["--tmpfs", str(path)]) for path in hidden]
     needed = _needed(workspace, env)
-    bound = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
-    bound = {path for path in bound if not any(path in root.parents for root in roots)}
-    steps += [(len(path.parts), 1, ["--ro-bind", str(path), str(path)]) for path in bound]
-    whole = {*bound, *(Path("/", name) for name in SYSTEM)}
+    shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
+    shown = {path for path in shown if not any(path in home.parents for home in homes)}
+    mounts = [_Mount(path, 0, ["--tmpfs", str(path)]) for path in hidden]
+    mounts += [_Mount(path, 1, ["--ro-bind", str(path), str(path)]) for path in shown]
+    mounts.append(_Mount(writable, 2, ["--bind", str(writable), str(writable)]))
+    visible = {*shown, *(Path("/", name) for name in SYSTEM)}
     for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
-        around = next((each for each in (link, *link.parents) if each in whole | hidden), None)
+        around = next((each for each in (link, *link.parents) if each in visible | hidden), None)
         # only the target of the link is visible so far, so the link is made in the sandbox
-        if around not in whole:
-            steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
-    steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
-    mounts = chain.from_iterable(options for _, _, options in sorted(steps, key=lambda step: step[:2]))
+        if around not in visible:
+            mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
+    mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
+    options = chain.from_iterable(mount.options for mount in mounts)
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
-    return [*_system(), *mounts, *read_only]
+    return [*_system(), *options, *read_only]
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:

@@ -131,17 +131,8 @@ class MarkerWatch:
         now = self._now()
         for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
-                problem = _invisible(marker)
-                if (
-                    not problem
-                    and marker.type == Marker.MESH_RESOURCE
-                    and not self._has(marker.mesh_resource)
-                ):
-                    problem = "its mesh does not exist"
-                marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
-                self._points_left -= len(marker.points)
-                marker.colors, marker.text, marker.mesh_resource = [], "", ""
-                marker.ns, marker.header.frame_id = marker.ns[:MAX_NAME], marker.header.frame_id[:MAX_NAME]
+                problem = self._problem_of(marker)
+                self._shorten(marker)
                 lifetime = marker.lifetime.to_sec()
                 sample = MarkerSample(
                     topic, marker.ns, marker.id, now, marker.header.stamp.to_sec(),
@@ -150,6 +141,20 @@ class MarkerWatch:
                     problem=problem, finite=_is_finite(marker),
                 )  # fmt: skip
                 self._samples.append((sample, marker))
+
+    def _problem_of(self, marker: Marker) -> str:
+        """Return why RViz would draw nothing of a marker; empty if it draws it."""
+        problem = _invisible(marker)
+        if not problem and marker.type == Marker.MESH_RESOURCE and not self._finds_mesh(marker.mesh_resource):
+            return "its mesh does not exist"
+        return problem
+
+    def _shorten(self, marker: Marker) -> None:
+        """Cut a marker to the parts that place it, because all markers of a run are kept in memory."""
+        marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
+        self._points_left -= len(marker.points)
+        marker.colors, marker.text, marker.mesh_resource = [], "", ""
+        marker.ns, marker.header.frame_id = marker.ns[:MAX_NAME], marker.header.frame_id[:MAX_NAME]
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
         """Return whether a marker that comes now is kept, and count it.
@@ -167,7 +172,7 @@ class MarkerWatch:
         self._moments[key] = at, count + 1
         return True
 
-    def _has(self, mesh: str) -> bool:
+    def _finds_mesh(self, mesh: str) -> bool:
         """Return whether RViz finds a mesh, file://PATH or package://NAME/PATH; not http, without a network.
 
         Only files of packages count, so a submission cannot learn which other files this machine has.
@@ -175,11 +180,13 @@ class MarkerWatch:
         scheme, _, place = mesh.partition("://")
         if scheme == "file":
             return any(_is_file_of(Path(folder), place) for folder in self._packages)
+        if scheme != "package":
+            return False
         package, _, path = place.partition("/")
         folders = [Path(folder, package) for folder in self._packages]
         with suppress(rospkg.ResourceNotFound):
             folders.append(Path(_installed().get_path(package)))
-        return scheme == "package" and any(_is_file_of(folder, path) for folder in folders)
+        return any(_is_file_of(folder, path) for folder in folders)
 
     def samples(
         self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
@@ -250,6 +257,11 @@ class MarkerWatch:
         raise tf2_ros.TransformException(str(refusal))
 
     def _lookup(self, frame: str, moment: float) -> Pose:
+        """Return the pose of a frame in base_link at a moment [s].
+
+        Raises:
+            TransformException: no transform connects the two frames at this moment.
+        """
         transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time.from_sec(moment))
         return conversions.pose_from_transform(transform)
 
@@ -272,7 +284,7 @@ def _pose(marker: Marker) -> Pose:
 
 
 def _invisible(marker: Marker) -> str:
-    """Return why RViz would draw nothing of a marker; empty if it draws it."""
+    """Return why RViz would draw nothing, by the marker's own values; empty if it draws the marker."""
     scale = marker.scale
     if marker.action != Marker.ADD:
         return ""
@@ -295,6 +307,7 @@ def _invisible(marker: Marker) -> str:
 
 
 def _is_finite(marker: Marker) -> bool:
+    """Return whether pose, scale and points of a marker are finite numbers."""
     p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
     points = [number for point in marker.points for number in (point.x, point.y, point.z)]
     return all(map(isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w, scale.x, scale.y, scale.z, *points)))
@@ -302,4 +315,5 @@ def _is_finite(marker: Marker) -> bool:
 
 @lru_cache(maxsize=1)
 def _installed() -> Any:
+    """Return the index of the installed packages; to make it takes some time."""
     return rospkg.RosPack()

@@ -16,7 +16,7 @@ import shutil
 import signal
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Set
+from typing import Any, Dict, List, NamedTuple, Optional, Set
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
@@ -221,9 +221,33 @@ def load_launchable(
         ours: nodes, launch files and places of the grading package, and the packages of the robot whose nodes
             the submission (`by_submission`) or marking (`by_marking`) starts.
     """
-    config = roslaunch.config.ROSLaunchConfig()
-    leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
     loader = TolerantLoader(reporter, ours["files"])
+    config = read_launchable(launchable, reporter, loader)
+    nodes = sort_nodes(config.nodes, reporter, ours)
+    config.nodes = nodes.to_start
+    reporter.packages = {node.name: node.package for node in nodes.to_start}
+    config.tests = []
+    for name in OUR_PARAMETERS & set(config.params):
+        del config.params[name]
+    config.clear_params = [name for name in config.clear_params if name != "/"]
+    plan = {
+        "nodes": [f"{node.package}/{node.type}" for node in nodes.to_start],
+        "left_out": sorted(set(nodes.left_out)),
+        "left_out_arguments": nodes.left_out_arguments,
+        "rviz": nodes.rviz,
+        "uses": sorted({*loader.uses, *(node.package for node in nodes.to_start)}),
+        "digest": digest_of(config),
+        "pillar": loader.pillar,
+    }
+    reporter.write("plan", plan=plan)
+    return config
+
+
+def read_launchable(
+    launchable: List[str], reporter: Reporter, loader: TolerantLoader
+) -> roslaunch.config.ROSLaunchConfig:
+    """Read a launch file or node, write the event "package", and return the configuration of all nodes."""
+    config = roslaunch.config.ROSLaunchConfig()
     kind, package, name, *arguments = launchable
     with contextlib.suppress(ResourceNotFound):
         reporter.write("package", path=RosPack().get_path(package))
@@ -232,52 +256,61 @@ def load_launchable(
         text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
         loader.load_string(text, config, verbose=False)
     else:
-        (file, *_) = (
-            [name] if os.path.isabs(name) else roslaunch.rlutil.resolve_launch_arguments([package, name])
-        )
+        file = name
+        if not os.path.isabs(name):
+            file, *_ = roslaunch.rlutil.resolve_launch_arguments([package, name])
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
-    nodes_to_start, left_out, rviz, left_out_arguments = [], [], [], []
-    own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in ours["rviz"]]
-    for node in config.nodes:
-        if node.package == "rviz" and node.name in ours["rviz"] and own_rviz:
+    return config
+
+
+class SortedNodes(NamedTuple):
+    """Nodes of a launch file by their use."""
+
+    to_start: List[Any]  # nodes of the submission
+    rviz: List[Dict[str, Any]]  # name, arguments and remaps of nodes of RViz, which are not started
+    left_out: List[str]  # package/type of the nodes that are not the submission's
+    left_out_arguments: List[List[str]]  # package/type and arguments of nodes of the simulator and the like
+
+
+def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]]) -> SortedNodes:
+    """Sort the nodes of a launch file, and write the event "own" for each node of the grading package.
+
+    Nodes to start write to the terminal, and a terminal or debugger in front of them is dropped. For `ours`,
+    see `load_launchable`.
+    """
+    leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
+    has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
+    result = SortedNodes([], [], [], [])
+    for node in nodes:
+        if node.package == "rviz" and node.name in ours["rviz"] and has_own_rviz:
             # this RViz belongs to this package's launch files, and the submission starts its own RViz
             continue
         if node.package == "rviz":
-            rviz.append({"name": node.name, "args": node.args, "remap": [list(r) for r in node.remap_args]})
+            remaps = [list(remap) for remap in node.remap_args]
+            result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
         elif (
             node.package in leave_out
             or node.package.startswith("rqt")
             or node.namespace + node.name in ours["nodes"]
         ):
-            left_out.append(f"{node.package}/{node.type}")
-            left_out_arguments.append([left_out[-1], node.args or ""])
+            result.left_out.append(f"{node.package}/{node.type}")
+            result.left_out_arguments.append([f"{node.package}/{node.type}", node.args or ""])
         elif is_own(node, ours["places"]):
-            left_out.append(f"{node.package}/{node.type}")
-            reporter.write("own", node=left_out[-1])
+            result.left_out.append(f"{node.package}/{node.type}")
+            reporter.write("own", node=f"{node.package}/{node.type}")
         else:
             node.output = "screen"
             drop_prefix(node, reporter)
-            nodes_to_start.append(node)
-    config.nodes = nodes_to_start
-    reporter.packages = {node.name: node.package for node in nodes_to_start}
-    config.tests = []
-    for name in OUR_PARAMETERS & set(config.params):
-        del config.params[name]
-    config.clear_params = [name for name in config.clear_params if name != "/"]
-    nodes = [f"{node.package}/{node.type}" for node in nodes_to_start]
-    uses = sorted({*loader.uses, *(node.package for node in nodes_to_start)})
-    plan = {
-        "nodes": nodes, "left_out": sorted(set(left_out)), "left_out_arguments": left_out_arguments,
-        "rviz": rviz, "uses": uses,
-    }  # fmt: skip
-    started = [
-        (node.package, node.type, node.namespace, node.args, node.remap_args) for node in nodes_to_start
-    ]
+            result.to_start.append(node)
+    return result
+
+
+def digest_of(config: roslaunch.config.ROSLaunchConfig) -> str:
+    """Return a hash of nodes and parameters; two launch files with the same hash start the same programs."""
+    nodes = [(node.package, node.type, node.namespace, node.args, node.remap_args) for node in config.nodes]
     parameters = [(name, config.params[name].value) for name in sorted(config.params)]
-    plan["digest"] = hashlib.sha256(repr((sorted(map(repr, started)), parameters)).encode()).hexdigest()
-    reporter.write("plan", plan={**plan, "pillar": loader.pillar})
-    return config
+    return hashlib.sha256(repr((sorted(map(repr, nodes)), parameters)).encode()).hexdigest()
 
 
 def is_own(node: Any, places: List[str]) -> bool:

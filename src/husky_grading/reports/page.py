@@ -69,12 +69,13 @@ def class_page(
         for result in ordered
     ]
     shares = [result.points / result.max_points for result in ordered if result.max_points]
+    counts = [(state.value, sum(result.state == state for result in ordered)) for state in COLOURS]
     return render(
         "class.html",
         rows=rows,
         columns=columns,
         settings=ordered[0].settings if ordered else {},
-        counts=[(state.value, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
+        counts=[(state, count) for state, count in counts if count],
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
         course_robot=_course_robot(ordered),
@@ -143,6 +144,9 @@ def _course_robot(results: Sequence[MarkingResult]) -> str:
 
 
 def _grade(points: float, max_points: float) -> str:
+    """Return the CSS class of points: full, some or none; empty for an item without points."""
     if not max_points:
-        return "none" if points < 0.0 else ""
-    return "full" if points >= max_points - 1e-9 else "some" if points > 0.0 else "none"
+        return "none" if points < 0.0 else ""  # a penalty has negative points
+    if points >= max_points - 1e-9:
+        return "full"
+    return "some" if points > 0.0 else "none"

@@ -86,9 +86,11 @@ def _label(
     """
     angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
     offset = gap * cos(angle), gap * sin(angle)
-    side = "left" if offset[0] > 5.0 else "right" if offset[0] < -5.0 else "center"
+    alignment = "center"
+    if abs(offset[0]) > 5.0:  # the text begins or ends at the offset, so it does not cover the position
+        alignment = "left" if offset[0] > 0.0 else "right"
     axis.annotate(
-        text, at, offset, textcoords="offset points", ha=side, va="center", fontsize=9, zorder=8, **more
+        text, at, offset, textcoords="offset points", ha=alignment, va="center", fontsize=9, zorder=8, **more
     )
 
 
@@ -118,8 +120,9 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
-    before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
-    points = before[before[:, 0] == before[:, 0].max()][:, 1:] if len(before) else before[:, 1:]
+    hits_before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
+    latest = hits_before[:, 0].max(initial=0.0)  # [s] time of the last scan before the moment
+    points = hits_before[hits_before[:, 0] == latest][:, 1:]
     robot = load_robot(recording.robot)
     axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
     laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)

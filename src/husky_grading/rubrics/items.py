@@ -60,13 +60,14 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     """Return the items of a submission that behaves by chance; all except RViz are graded by hand."""
-    judged, reason, first = [], f"{cause}, so it drives by chance", [INITIALISE]
+    judged: List[Item] = []
+    reason, first_hint = f"{cause}, so it drives by chance", INITIALISE
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
             evidence = by_hand(f"{reason}; in our run: {item.evidence} ({item.points:g} points)")
-            hint = "; then ".join(filter(None, [*first, item.hint]))
+            hint = "; then ".join(filter(None, [first_hint, item.hint]))
             item = replace(item, points=None, evidence=evidence, hint=hint)
-            reason, first = "by chance, as above", []
+            reason, first_hint = "by chance, as above", ""  # the next items refer to this one
         judged.append(item)
     return judged
 
@@ -89,13 +90,14 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
 
 def told_once(items: Sequence[Item]) -> List[Item]:
     """Return items in which a hint that an earlier item has is replaced by a reference to that item."""
-    first: Dict[str, str] = {}
-    return [
-        replace(item, hint=f"the same as for '{first[item.hint]}'")
-        if item.hint and first.setdefault(item.hint, item.name) != item.name
-        else item
-        for item in items
-    ]
+    first_names: Dict[str, str] = {}  # name of the first item with a hint, by the hint
+    told = []
+    for item in items:
+        first_name = first_names.setdefault(item.hint, item.name)
+        if item.hint and first_name != item.name:
+            item = replace(item, hint=f"the same as for '{first_name}'")
+        told.append(item)
+    return told
 
 
 def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
