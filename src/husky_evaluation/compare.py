@@ -180,7 +180,8 @@ def main(
                 )
             end_programs_on_signals()
         options.out.mkdir(parents=True, exist_ok=True)
-        # the programs of a launch file are unknown and may change, so its results are not kept
+        # results of launch files are not kept, because the programs of a launch file are unknown and may
+        # change
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
             comparison = compare(a, b, random_starts(options.starts, options.seed), workers)
             result = comparison.result(options.margin, workers.summary)

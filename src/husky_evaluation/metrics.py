@@ -62,7 +62,7 @@ class DriveResult:
     gap: float  # [m] true distance from the hull's front to the pillar at the end
     pushed: float  # [m] displacement of the pillar
     touched: Tuple[str, ...]
-    crossings: int  # zero crossings of the true bearing after the first alignment with a target
+    crossings: int  # number of sign changes of the true bearing after the robot has first faced the pillar
     overshoot: float  # [m] largest true distance that the lidar drove past the stop distance
     nearest: float  # [m] smallest true gap between footprint and pillar
     replay: str = ""  # file name of the run's replay; empty if there is none
@@ -129,9 +129,8 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     base_x, base_y, yaw = trace.poses.T
     lidar_in_world = np.column_stack([base_x + np.cos(yaw) * lidar_x, base_y + np.sin(yaw) * lidar_x])
-    distances = (
-        np.hypot(*(trace.pillars - lidar_in_world).T) - PILLAR_RADIUS
-    )  # [m] gap between lidar and pillar
+    # [m] gap between lidar and pillar
+    distances = np.hypot(*(trace.pillars - lidar_in_world).T) - PILLAR_RADIUS
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
     return DriveResult(

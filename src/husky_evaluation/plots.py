@@ -124,7 +124,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     values = np.ma.masked_invalid(panel.values.T)  # the first axis is horizontal
     colors = "cividis" if panel.is_good_high else "cividis_r"
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
-    plot.set_facecolor("0.85")  # cells without a value
+    plot.set_facecolor("0.85")  # colour of cells without a value
     if panel.hatched is not None:
         for column, row in np.argwhere(panel.hatched & np.isfinite(panel.values)):
             plot.add_patch(
@@ -167,7 +167,8 @@ def _label_cells(
         plot.text(
             column, row, f"{value:.{digits}f}" if has_value else "-", fontsize=font_size,
             ha="center", va="center", color="w" if is_dark else "k", zorder=5,
-            path_effects=[withStroke(linewidth=3, foreground=color)],  # hatching may lie below it
+            # border around the text, because hatching may lie behind it
+            path_effects=[withStroke(linewidth=3, foreground=color)],
         )  # fmt: skip
 
 

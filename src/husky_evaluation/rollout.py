@@ -173,7 +173,7 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
     }
     for array in arrays.values():
         array.setflags(write=False)
-    # the first one of several equal sentences in a row is an event
+    # only the first of several equal sentences in a row counts as an event
     events = tuple(next(group) for _, group in groupby(zip(columns[0], sentences), itemgetter(1)))
     first_touches = tuple((stamp, name) for name, stamp in touches.items())
     return Trace(states=states, touches=first_touches, events=events, **arrays)

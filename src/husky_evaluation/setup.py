@@ -187,7 +187,7 @@ def parse_axis(text: str) -> Axis:
         values = [int(round(value)) for value in values]
     different_values = tuple(dict.fromkeys(values))
     for value in different_values:
-        Setup().with_values({name: value})  # raises if the value is not allowed
+        Setup().with_values({name: value})  # raises an error if the value is not allowed
     return Axis(name, different_values, is_geometric)
 
 

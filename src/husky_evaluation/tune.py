@@ -47,7 +47,7 @@ from husky_highlevel_controller.result import Result, Table, every_row
 
 # number of setups that are proposed at once; a constant, because the proposals depend on this number
 BATCH = 8
-DIGITS = 4  # digits of a proposed value, so that the file has exactly the values that were driven
+DIGITS = 4  # number of digits of a proposed value, so that tuned.yaml has exactly the values of the runs
 HEADER = ("defaults", "found", "found - defaults")
 
 
@@ -112,7 +112,7 @@ def parse_range(text: str, base: Setup) -> Range:
     except ValueError:
         raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
     for limit in (low, high):
-        base.with_values({name: type(values[name])(limit)})  # raises if the limit is not allowed
+        base.with_values({name: type(values[name])(limit)})  # raises an error if the limit is not allowed
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
     return Range(name, low, high)

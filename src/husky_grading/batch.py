@@ -62,13 +62,13 @@ DEADLINE = 3600.0  # [s] longest wall time for one submission, in addition to th
 PROGRAM = "husky_grading.mark"
 DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
 CLEANUP_DEADLINE = 10.0  # [s] wall time from Ctrl-C until the marking program is killed
-MAX_RETURNED = 50_000_000  # [bytes] size of a file that a cluster sends back
+MAX_RETURNED = 50_000_000  # [bytes] largest size of a file that a worker of a cluster sends back
 SEED = "seed"  # file in the folder of results with the class's seed
 # number of possible seeds; seed plus number of a run must fit into a ROS parameter, which has 31 bits
 SEEDS = 2**30
-# folders that are made from the submission, or by it
+# folders with files from the submission, which a worker does not send back
 NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
-Files = Dict[str, bytes]  # content by place in the folder of results
+Files = Dict[str, bytes]  # content of each file, by its path in the folder of results
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,10 @@ class Batch:
     folder: Path  # folder of submissions
     # folder with index.html, results.csv, junit.xml, and hand_ins/ with a folder for each submission
     out: Path
-    jobs: int = 1  # submissions that are marked in parallel
-    only: Tuple[str, ...] = ()  # submissions to mark again; defaults to all that have no result yet
-    setups: Tuple[str, ...] = ()  # setup.bash files on which submissions are built
+    jobs: int = 1  # number of submissions that are marked in parallel
+    # names of submissions to mark again; defaults to all submissions without a result
+    only: Tuple[str, ...] = ()
+    setups: Tuple[str, ...] = ()  # setup.bash files that are sourced before submissions are built
     cluster: str = ""  # address of a Dask scheduler whose workers mark; defaults to this machine
     # [s] longest wall time for one submission; 0 means DEADLINE plus the time of its runs
     time_limit: float = 0.0
@@ -228,7 +229,7 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
     # the fingerprint includes our code, so that one version of the simulator marks the whole class
     digest = hashlib.sha256(repr(built).encode())
-    # marking itself reports missing files and too many files
+    # errors are ignored here, because marking itself reports missing files and too many files
     with contextlib.suppress(UnreadableFileError, OSError):
         for file in walk(path) if path.is_dir() else [path]:
             status = file.stat()

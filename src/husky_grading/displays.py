@@ -13,7 +13,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 TF, ROBOT, SCAN, CLOUD = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan", "rviz/PointCloud2"
 MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
 BASE = "base_link"
-MAX_TEXT = 200  # characters of a topic, frame or namespace
+MAX_TEXT = 200  # largest number of characters of a topic, frame or namespace
 MAX_DISPLAYS = 500
 
 
@@ -22,10 +22,10 @@ class RvizDisplay:
     """Display that is switched on, and drawn large and opaque enough to be seen."""
 
     kind: str  # class of the display
-    source: str = ""  # topic, or parameter of the robot description
+    source: str = ""  # topic that the display shows, or parameter with the robot description
     hidden: Tuple[str, ...] = ()  # namespaces of markers that are switched off
-    colouring: str = ""  # colouring of a cloud: transformer and axis
-    size: float = 0.0  # [m] size of a cloud's points
+    colouring: str = ""  # colouring of a point cloud: RViz's colour transformer, and axis
+    size: float = 0.0  # [m] size of the points of a point cloud
 
 
 @dataclass(frozen=True)

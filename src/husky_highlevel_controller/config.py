@@ -90,7 +90,7 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
             changed[item.name] = replace_parameters(nested, new_values, full_name + "/")
     try:
         return typing.cast(Record, replace(record, **changed))  # type: ignore[type-var]
-    except ValueError as error:  # two values that do not go together
+    except ValueError as error:  # the record rejects two values that do not fit together
         raise ConfigError(f"{source}{error}") from None
 
 
@@ -165,7 +165,7 @@ def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: 
             raise ConfigError(f"{source}{item.name} is missing{_help_text(item.metadata)}")
     try:
         return kind(**values_by_field)
-    except ValueError as error:  # two values that do not go together
+    except ValueError as error:  # the record rejects two values that do not fit together
         raise ConfigError(f"{source}{error}") from None
 
 
@@ -196,7 +196,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
     if hasattr(kind, "_fields"):  # a named tuple
         hints = list(_hints(kind).values())
         return kind(*_items(hints, value, name, metadata, parameters_only))
-    if origin is abc.Sequence or (origin is tuple and args[-1] is Ellipsis):  # any number of one kind
+    # a list or tuple of any length, whose elements have one type
+    if origin is abc.Sequence or (origin is tuple and args[-1] is Ellipsis):
         kinds: Sequence[Any] = [args[0]] * len(_checked_list(value, name, metadata))
         return _items(kinds, value, name, metadata, parameters_only)
     if origin is tuple:

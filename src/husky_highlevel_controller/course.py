@@ -27,7 +27,8 @@ class PillarSize(NamedTuple):
     height: float  # [m]
 
 
-# pillar in the world of each robot's exercise sheets; SMB: singlePillar.world of 2021
+# size of the pillar in the exercise sheets of each robot; for the SMB, the pillar of singlePillar.world of
+# 2021
 PILLARS = {"husky": PillarSize(PILLAR_RADIUS, 2.0), "smb": PillarSize(1.0, 5.0)}
 
 

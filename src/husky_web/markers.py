@@ -21,8 +21,8 @@ from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
 # largest number of copies of a cube or sphere in a list; a view with more copies does not turn smoothly
 MAX_COPIES = 2000
-# cost of drawing in a browser, in points of a cloud; with more points, the page's emergency stop would come
-# late
+# limits of the cost of drawing in a browser, counted in points of a cloud; above the limits, the page's
+# emergency stop would come late
 MAX_POINTS, MAX_COST = 100_000, 300_000  # largest number of points of one marker; largest cost of all markers
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
 MAX_LETTERS = 500  # largest number of characters of a text

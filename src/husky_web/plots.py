@@ -206,7 +206,7 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
     bins = np.floor(times / RESOLUTION)
     rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
     steps: List[str] = []
-    command = "M"  # SVG's move to a point without a line; "L" draws a line to it
+    command = "M"  # "M" is SVG's command to move to a point without a line; "L" draws a line to a point
     for x, y in zip(axes.x(times[rows]).tolist(), axes.y(values[rows]).tolist()):
         is_gap = isnan(y)
         if not is_gap:

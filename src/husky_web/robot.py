@@ -58,7 +58,8 @@ def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, P
     `joint_above` has the joint to its parent for each link except the root.
     """
     pose = IDENTITY
-    for _ in joint_above:  # a chain has no more joints, so a circle of joints ends, too
+    # a chain cannot have more joints than the robot, so the loop also ends for a circle of joints
+    for _ in joint_above:
         joint = joint_above.get(link)
         if joint is None or joint.get("type") != "fixed":
             break

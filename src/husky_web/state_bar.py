@@ -36,7 +36,8 @@ FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 REASON_TIME = 3.0  # [s] longest time between the controller's stop and the warning with its reason
 # [s] simulated time of one or two scans, after which the controller has noticed a moved object
 SEEN_AFTER = 0.03
-SEEN_AT_LAST = 0.3  # [s] the same in wall time, for a robot without simulated time
+# [s] wall time after which the controller has noticed a moved object, for a robot without simulated time
+SEEN_AT_LAST = 0.3
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 

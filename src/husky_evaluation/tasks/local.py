@@ -30,7 +30,7 @@ Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of e
 # number of a group, and its answer or the error
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2)
-MAX_DEATHS = 3  # number of ended processes after which the group is at fault
+MAX_DEATHS = 3  # a group is at fault if this number of processes have ended while they computed it
 
 
 def perform(task: Callable[[Any], Any], group: Group) -> Answer:
@@ -47,7 +47,7 @@ def run_here(
     MAX_DEATHS times is a HuskyError. Closing the iterator cancels the other groups.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups
-    deaths: CounterType[int] = Counter()  # number of processes that ended with this group
+    deaths: CounterType[int] = Counter()  # number of processes that have ended while they computed each group
     while waiting:
         running: Dict[Future, int] = {}
         executor: Executor
@@ -62,14 +62,14 @@ def run_here(
                 while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
                     number = waiting[0]
                     running[executor.submit(perform, task, groups[number])] = number
-                    waiting.popleft()  # only now, because a broken pool makes `submit` fail
+                    waiting.popleft()  # removed only now, because `submit` fails if the pool is broken
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         raise error
                     yield running.pop(future), error or future.result()
         except BrokenProcessPool:
-            losses = sorted(running.values())  # a broken pool loses all its groups
+            losses = sorted(running.values())  # a broken pool loses the groups of all its tasks
             deaths.update(losses)
             worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:

@@ -13,7 +13,7 @@ from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 from husky_highlevel_controller.geometry import pose_to_2d, wrap_angle
 
-# a run is over after each of these simulated times
+# a run ends when one of the following simulated times is over
 AT_PILLAR = 3.0  # [s] time at the pillar
 ABANDONED = 3.0  # [s] time at rest after the last node of the submission has ended
 STILL = 15.0  # [s] time at rest after the robot has moved
@@ -32,14 +32,14 @@ class DriveEnd:
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         # [m] position of the pillar in the world; name of the robot, one of ROBOTS
         self._pillar, self._robot = pillar, robot
-        # [s] time of the last state, of the last state in which it drove, and in which it moved
+        # [s] time of the last state, time at which the robot last drove, time at which it last moved
         self._now = self._drove_at = self._moved_at = 0.0
         # [s] time at which the robot first moved, reached the pillar, touched the pillar; inf if never
         self._first_moved = self._reached_at = self._touched_at = inf
         # [m] gap between footprint and pillar: present gap, and smallest gap of the run
         self._gap, self._nearest = 0.0, inf
-        # heading [rad] in the world in which the robot drives away from the pillar; time [s] at which it
-        # began
+        # heading [rad] in the world in which the robot drives away from the pillar; time [s] since when it
+        # drives away
         self._heading, self._left_at = (
             0.0,
             0.0,

@@ -27,7 +27,8 @@ _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z i
 class Drawn(NamedTuple):
     """Marker in the world, seen from a vertical axis."""
 
-    position: Vector3  # [m] an arrow's tip, a solid's centre, a list's mean or its line's end
+    # [m] position of the marker: tip of an arrow, centre of a solid, mean of points, or end of a line
+    position: Vector3
     # [m] horizontal distance from the pillar's axis to the nearest drawn point; 0 if the marker covers the
     # axis
     reach: float

@@ -22,7 +22,7 @@ class Assignment:
     recording: Recording  # recording with the facts that are known before the run
     truth_socket: str  # path of the socket to which the simulator connects
     exercise: int  # number of the exercise, whose watch follows the run
-    ours: Tuple[str, ...]  # nodes that do not belong to the submission
+    ours: Tuple[str, ...]  # names of nodes that do not belong to the submission
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
 
 

@@ -38,7 +38,7 @@ from husky_grading.submission import (
 STALL_DEADLINE = 90.0  # [s] a run ends if simulated time has not advanced for this wall time
 # [s] wall time between two checks of a run; a check costs the ROS master some milliseconds
 PROGRESS_PERIOD = 0.2
-KEPT_OUTPUT = 20000  # characters of the submission's output that are kept
+KEPT_OUTPUT = 20000  # largest number of characters of the submission's output that are kept
 RECORDER_NODE = "marking_recorder"  # name of the recorder's node
 
 

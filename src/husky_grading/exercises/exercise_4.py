@@ -45,7 +45,7 @@ MAX_FILE = 1_000_000  # [bytes] largest size of a configuration file of rqt_mult
 MAX_CURVES, MAX_NAME = 100, 200
 MAX_ESTIMATES = 50_000
 BAG_MARGIN = 0.1  # [s] simulated time before the end of a bag at which the last true pose may come
-LAST = 1.0  # [s] time before the bag's end; an estimate from this time is among the last
+LAST = 1.0  # [s] an estimate within this time before the bag's end counts as one of the last
 SILENCE = 10.0  # [s] wall time without an estimate after which the run ends, counted from the bag's end
 # packages that only the SMB's sheet uses; /rslidar_points and smb_top_view may also occur for the Husky
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")

@@ -37,7 +37,7 @@ SETTLED, CALM = 1.5, 4.0
 MANY = 5
 SLOW, FAST = 0.05, 0.1  # [m/s] speeds below which the robot stands, and above which it drives
 SET_BOOL = "std_srvs/SetBool"
-CALLS = (False, True, False, True)  # stop and start, twice; if True stops the robot, start and stop
+CALLS = (False, True, False, True)  # values of the calls; False stops and True starts, or the other way round
 DRIVES = 0.1  # [m/s] speed of a robot that has begun to drive
 # [s] time between the first motion and the first call; time of the first call if the robot never moves
 FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
@@ -258,7 +258,8 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
     for effect in effects:
         if effect.drove_before:
             speeds_after[effect.call.data].append(effect.after)
-    # a value without a call to a driving robot has no mean, so the other value counts as the stopping one
+    # a value that was never sent to a driving robot has no mean, so the other value counts as the one that
+    # stops
     means = {value: np.mean(speeds or [np.inf]) for value, speeds in speeds_after.items()}
     return bool(means[True] < means[False])
 
@@ -334,7 +335,8 @@ def judge_exercise_5(
     """Return the items of exercise 5: 50 and 50 points, and two bonuses by hand."""
     items, offered = judge_calls(recordings[0]), recordings[0].watched_as(ServiceCalls)
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
-    has_only_other_types = bool(offered.other_services) and not offered.services  # left to a person
+    # the teacher grades such a submission by hand
+    has_only_other_types = bool(offered.other_services) and not offered.services
     if not drives and not has_only_other_types:
         stop, start = (replace(item, points=0.0) for item in items)
         stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recordings[0]))

@@ -35,15 +35,15 @@ from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
-MAX_TEXT = 1_000_000  # [bytes] size of a launch file
+MAX_TEXT = 1_000_000  # [bytes] largest size of a launch file
 MAX_MISSING = 10  # largest number of builds; CMake reports only one missing package in each build
 # largest number of empty packages in place of missing ones, because a build can print any number of names
 MAX_STAND_INS = 50
-# [kB] memory that GCC takes before it collects garbage, which saves a tenth of its time
+# [kB] memory that GCC uses before it collects garbage; this value makes compiling a tenth faster
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"
 # header that each C++ source includes first; repairs change only this header, so CMake need not run again
 PRELUDE = "marking_prelude.h"
-# headers with which publish(true) and the like compile, as in a Release build of Noetic and older
+# headers with which calls such as publish(true) compile, as in a Release build of Noetic and older
 PLAIN_TYPES = "\n".join(
     ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
     + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]
@@ -398,7 +398,8 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
-        "--make-args", "-k", f"-j{os.cpu_count()}",  # no -l, because make would wait while others compute
+        # without -l, because make would wait while other programs compute
+        "--make-args", "-k", f"-j{os.cpu_count()}",
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
     in_time = wait_and_kill(process, BUILD_DEADLINE, 0.2)

@@ -19,9 +19,9 @@ from typing import Dict, List, Sequence
 
 from husky_grading.hand_in.archives import suffix_of
 
-MAX_FOLDER = 200  # [bytes] length of the name of a folder of results
-DIGITS = 8  # digits of the hash in a folder's name
-SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # name that a path can have everywhere
+MAX_FOLDER = 200  # [bytes] largest length of the name of a folder of results
+DIGITS = 8  # number of digits of the hash in a folder's name
+SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # pattern of a name that is safe in any path
 
 
 @dataclass(frozen=True)

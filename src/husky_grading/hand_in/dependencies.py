@@ -8,7 +8,8 @@ from itertools import chain
 from typing import Collection, Dict
 
 APT_DEADLINE = 20.0  # [s] wall time
-_DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # possible names of a ROS package
+# possible names of a ROS package in Debian
+_DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")
 
 
 def debian_packages(names: Collection[str]) -> Dict[str, str]:

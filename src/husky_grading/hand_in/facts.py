@@ -22,7 +22,7 @@ class Facts:
     parts: Parts = STUDENTS_OWN  # packages of the robot whose nodes count as the student's
     node: str = "a node of the submission"  # words for the node that a launch file must start
     by_content: bool = False  # true if the content of a launch file counts more than the number in its name
-    own: Own = Own.NOTHING  # files of the grading package that its nodes may use
+    own: Own = Own.NOTHING  # files of this package that nodes of the submission may use
     robot: Callable[[Plan], NamedRobot] = named_robot
     # function that reads facts for the judge from the files; it returns them by name
     read: Callable[[Plan], Mapping[str, Any]] = no_facts

@@ -41,7 +41,8 @@ _WORD = (
     r"(?:exc?er[cs]i[cs]es?|exo|exe?|course|session|uebung|\u00fcbung|aufgabe|task|homework|hw|lab|tp|sheet)"
 )
 _COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
-# names such as exercise_3, Ex3, 5th_ex, or a number alone; except ENSTA's session 2, which has the pillar
+# pattern of names such as exercise_3, Ex3, 5th_ex, or a number alone; not ENSTA's session 2, because its
+# exercise is the one with the pillar
 _EXERCISE = re.compile(
     rf"(?<![a-z])(?!session[ _.-]*0*2(?!\d)){_WORD}[ _.-]*(?:no|nr|n)?[ _.-]*{_COUNT}"
     rf"|(?<!\d)([1-9]\d?)(?:st|nd|rd|th)[ _.-]*{_WORD}(?![a-z])|\A{_COUNT}\Z"

@@ -72,7 +72,8 @@ class _Child:
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
                 script = sys.modules["__main__"]
-                # an empty module, because the child process would run our main script again
+                # an empty module is the main module meanwhile, because the child process would run our main
+                # script again
                 sys.modules["__main__"] = ModuleType("__main__")
                 try:
                     self._process.start()

@@ -92,12 +92,13 @@ class DriveRecorder:
         self._services: Tuple[str, ...] = ()  # services of the submission
         self._is_over = self._handed_over = False
         self._types: Dict[str, str] = {}  # types by topic
-        self._silent: List[str] = []  # topics that the submission subscribes to and nothing publishes
-        self._unread: List[str] = []  # topics of its commands that no node reads
+        self._silent: List[str] = []  # topics that the submission subscribes to, and that no node publishes
+        self._unread: List[str] = []  # topics of the submission's commands that no node reads
         # sentences on violations as keys, which keeps their order and each of them once
         self._violations: Dict[str, None] = {}
         self._unanswered = ""  # sentence on scans that the submission did not answer by a command
-        self._go_on, self._abandoned = threading.Event(), threading.Event()  # messages of marking have come
+        # set when the two messages of marking have come
+        self._go_on, self._abandoned = threading.Event(), threading.Event()
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
         self._our_nodes = {*self._task.ours, rospy.get_name()}
@@ -121,7 +122,7 @@ class DriveRecorder:
         cause: Optional[Note] = None
         try:
             while cause is None and not rospy.is_shutdown():
-                joined_at = self._joined_at  # time before this look, see _begin_when_connected
+                joined_at = self._joined_at  # time before this query of the graph, for _begin_when_connected
                 self._look_at_graph()
                 self._begin_when_connected(joined_at)
                 self._send(Now(self._now, self._subscribed))
@@ -326,7 +327,7 @@ class DriveRecorder:
             self._handed_over = True
         states = list(self._truth)  # a copy, because a thread of the feed appends
         rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
-        table = np.array(rows).reshape(-1, 6)  # the shape also without a row
+        table = np.array(rows).reshape(-1, 6)  # the table has six columns even without a row
         times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
         frames, notes = self._markers.frames, [*self._markers.notes]
         if self._unanswered and self._command_count:

@@ -180,7 +180,8 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> b
     if marker.frame == "odom" and from_start <= THERE:
         return True
     x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
-    origins = (0.0, mount) if marker.frame == "base_link" else (mount,)  # [m] ahead of base_link
+    # [m] positions of the frames' origins, ahead of base_link
+    origins = (0.0, mount) if marker.frame == "base_link" else (mount,)
     return min(hypot(x - ahead, y) for ahead in origins) <= THERE
 
 

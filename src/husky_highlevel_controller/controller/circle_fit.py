@@ -24,7 +24,8 @@ MAX_STEPS = 6
 # [m] a step smaller than this is the last step, because the next step would be a thousand times smaller
 _SETTLED = 3e-4
 
-Products = List[List[float]]  # (4, 4) sums of products over beams; rows: derivatives by x, y, r, and error
+# (4, 4) sums over the beams of the products of two of: derivatives by x, y and r, and the error
+Products = List[List[float]]
 Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]
 Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
@@ -33,7 +34,7 @@ Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
 class Segment(NamedTuple):
     """Neighbouring beams that may lie on one body (M of them)."""
 
-    beams: np.ndarray  # (M,) indices in the scan, ascending
+    beams: np.ndarray  # (M,) indices of the beams in the scan, ascending
     ranges: np.ndarray  # (M,) [m]
     near: float  # [m] shortest range
     step: float  # [rad] angle between neighbouring beams of the scan
@@ -53,7 +54,7 @@ class Segment(NamedTuple):
 class Segments(NamedTuple):
     """All segments of one scan (S of them), in common arrays."""
 
-    beams: np.ndarray  # (B,) indices in the scan, segment by segment, ascending in each
+    beams: np.ndarray  # (B,) indices of the beams in the scan, segment by segment, ascending in each segment
     ranges: np.ndarray  # (B,) [m]
     counts: np.ndarray  # (S,) number of beams of each segment
     near: np.ndarray  # (S,) [m] shortest range of each segment
@@ -249,5 +250,6 @@ def _terms(segment: Segment) -> np.ndarray:
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
     """Sum of squares left by r = a u + b v, from the sums of uu, uv, vv, ur, vr, rr, (6, ...)."""
     uu, uv, vv, ur, vr, rr = sums
-    determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)  # limited for beams of almost one direction
+    # the determinant is almost 0 if the beams have almost one direction
+    determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)
     return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / determinant, 0.0)

@@ -110,7 +110,7 @@ class CrashDetector:
 
     def __init__(self, config: CrashConfig) -> None:
         self._config = config
-        self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s], speed [m/s]
+        self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s] and speed [m/s] of the wheels
         # samples that wait for odometry, with the mounting of the IMU
         self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()
         self._silent_since = inf  # [s] stamp of the first sample since the last odometry
@@ -206,7 +206,8 @@ class CrashDetector:
                 self._average_into_last(sample, imu_in_base)
             return None
         self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
-        # grows to its final value, because the vertical is known badly at first and must follow quickly
+        # the time constant grows to its final value, because the vertical is not known well at first and must
+        # follow quickly
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
         self._level(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
@@ -235,7 +236,7 @@ class CrashDetector:
         force = minus(force, left, self._curve(sample))
         error = minus(force, self._up, GRAVITY)
         belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
-        # a minus of the factor, because the vertical moves towards the error
+        # the factor is negative, because the vertical moves towards the error
         self._up = unit(minus(self._up, error, -belief * duration / (self._levelling * GRAVITY))) or self._up
 
     def _axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
@@ -346,7 +347,8 @@ class CrashDetector:
             end: time at which the change ended [s].
         """
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        wheel_changes = [0.0]  # the wheels' change of speed for each shift, and none at all
+        # change of the wheels' speed for each shift in time, and 0 for wheels that have not changed
+        wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
             for (stamp, speed), (next_stamp, next_speed) in zip(self._wheels, islice(self._wheels, 1, None)):

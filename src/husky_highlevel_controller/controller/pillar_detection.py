@@ -50,7 +50,7 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-_CORNER_ODDS = 1.0  # largest lead of a corner over the circle, for each beam
+_CORNER_ODDS = 1.0  # largest lead of a corner over the circle, divided by the number of beams
 # largest number of segments that are fitted without a screen, because the screen takes as long as some fits
 _UNSCREENED = 8
 MAX_FITS = 24  # largest number of exact fits per scan, which bounds the time that clutter takes
@@ -117,20 +117,19 @@ def _starts(
         """Mask of pairs of beams, by their indices in `beams`, that cannot be on one pillar."""
         between = beams[right] - beams[left]
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        # beams with a spacing of one radius may already differ by the depth of the whole circle
+        # with a spacing of a radius or more, the ranges of neighbouring beams may differ by a whole radius
         spacing = np.minimum(spacing, radius)
-        # ranges of neighbouring beams on a circle differ most at its edge, by the depth from the edge to one
-        # spacing inside
+        # the ranges of neighbouring beams on a circle differ most if one beam meets the edge of the circle
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
 
-    # pairs of neighbours that differ by noise alone, most of a scan, need no exact test
+    # most neighbouring beams differ only by noise, and need no exact test
     (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):
         return np.array((0,)), left
     breaks = left[on_two_bodies(left, left + 1)] + 1
-    # a body of one beam is amid another body if the beams on its two sides are on one body
+    # a body that only one beam meets belongs to another body if the beams on its two sides meet one body
     single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
     return np.concatenate(((0,), breaks)), single[~on_two_bodies(single - 1, single + 1)]
 
@@ -167,7 +166,7 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
         and _explains_best(scan, config, segment, circle)
     ):
         return None
-    # from the frame of the fit, whose x axis points along the middle beam, to the laser's frame
+    # transform from the frame of the fit, whose x axis points along the middle beam, to the laser's frame
     middle = scan.angle_min + segment.middle * segment.step
     c, s = cos(middle), sin(middle)
     x, y = c * circle.x - s * circle.y, s * circle.x + c * circle.y
@@ -217,7 +216,7 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step  # fractional index in the scan
     half_width, slack = half_angle / step + 1.0, 4.0 * config.max_residual
     first, last = ceil(centre - half_width), floor(centre + half_width)
-    # the segment's own beams need no check if no beam can be farther off than the root of the sum
+    # the beams of the segment itself need no check if the root of the sum of all squared errors is small
     is_own = np.zeros(len(scan.ranges), dtype=bool)
     if circle.sum_squared_error < slack**2:
         is_own[beams] = True

@@ -77,7 +77,7 @@ def too_close(
     within_reach = clearance_now < config.margin + longest_move
     points_in_base, clearance_now = points_in_base[within_reach], clearance_now[within_reach]
 
-    smallest_clearance = clearance_now  # smallest on the path, for each point
+    smallest_clearance = clearance_now  # smallest clearance on the path, for each point
     for pose in path:
         smallest_clearance = np.minimum(smallest_clearance, _clearance(points_in_base, pose, outline))
     is_threat = (smallest_clearance < config.margin) & (smallest_clearance < clearance_now - APPROACH)

@@ -32,9 +32,9 @@ _QUARTER = pi / 2.0
 class Search(NamedTuple):
     """Progress of the search."""
 
-    leg: int = 0  # number of legs begun
-    to_turn: float = _ROUND  # [rad] remaining turn before the next leg
-    to_drive: float = 0.0  # [m] remaining length of the current leg
+    leg: int = 0  # number of legs of the search path that have begun
+    to_turn: float = _ROUND  # [rad] remaining turn before the next leg of the search path
+    to_drive: float = 0.0  # [m] remaining length of the current leg of the search path
     pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan
 
 
@@ -71,7 +71,8 @@ def search_on(
         length = config.search_radius_step * (1 + search.leg // 2)
         search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
     search = search._replace(to_drive=search.to_drive - driven)
-    if search.to_drive <= 0.0:  # the leg has ended, so look around and face the next side of the square
+    # the leg has ended, so the robot turns to look around, and then faces the next side of the square
+    if search.to_drive <= 0.0:
         return search._replace(to_turn=_ROUND + _QUARTER), Twist2D()
     if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
         return search._replace(to_drive=0.0, to_turn=_QUARTER), Twist2D()

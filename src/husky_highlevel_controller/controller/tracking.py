@@ -28,7 +28,7 @@ EMPTY_TIMEOUT = 0.5  # [s] time for which a remembered position may look empty b
 _HIDDEN_WEIGHT = 0.1  # weight of the time in which a near remembered position is hidden, relative to empty
 _AT_PLACE = 2.0  # [m] a pillar at a remembered position nearer than this should be visible
 _MANY_BEAMS = 8  # number of beams from which on a pillar is accepted even at a rejected position
-_LONGEST_PERIOD = 0.1  # [s] longest time that the gap between two scans counts
+_LONGEST_PERIOD = 0.1  # [s] a longer gap between two scans counts only as this time
 _DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
 # largest distance between a sighting and the remembered pillar: [m], plus fraction of the range
 _GATE, _GATE_SHARE = 0.5, 0.03
@@ -80,7 +80,8 @@ class Track(NamedTuple):
     anchor: Optional[Anchor] = None
     # true if the pillar was seen for WATCH_TIME, or from two positions BASELINE apart
     confirmed: bool = False
-    walked_to: Optional[Tuple[float, float]] = None  # [m] end of the last estimate's walk, in odom
+    # [m] position in odom to which the last tracked object has walked; None if it has not walked
+    walked_to: Optional[Tuple[float, float]] = None
 
     @property
     def doubtful(self) -> bool:
@@ -223,7 +224,7 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
-    # indices of the beams that should meet the pillar, without its outermost tenth
+    # indices of the beams that should meet the pillar, without the outermost tenth of the pillar
     half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
     middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
     first, last = int(middle - half_width + 1.0), int(middle + half_width)

@@ -41,9 +41,10 @@ class Reading(NamedTuple):
     stamp: float  # [s]
     pose: Optional[Pose] = None  # pose of the robot in `pose_frame`; from an IMU, only the attitude counts
     pose_covariance: np.ndarray = np.zeros((6, 6))
-    velocity: Optional[np.ndarray] = None  # (6,) [m/s, rad/s] along the sensor's axes
+    # (6,) [m/s, rad/s] linear and angular velocity along the sensor's axes
+    velocity: Optional[np.ndarray] = None
     velocity_covariance: np.ndarray = np.zeros((6, 6))
-    specific_force: Optional[np.ndarray] = None  # (3,) [m/s^2], along the sensor's axes
+    specific_force: Optional[np.ndarray] = None  # (3,) [m/s^2], specific force along the sensor's axes
     force_covariance: np.ndarray = np.zeros((3, 3))
 
 

@@ -149,7 +149,7 @@ def _check_unit(scan: Scan) -> None:
         if not len(measured) or measured.min() == measured.max():
             return
     low, high = measured.min(), measured.max()
-    # ranges that a lidar measures in mm, with a limit that no lidar has in metres
+    # true if the ranges are usual in mm, and range_max is too large for metres
     look_like_mm = scan.range_max > MAX_RANGE_MAX and MILLIMETRES[0] <= low and high <= MILLIMETRES[1]
     if low > MAX_NEAREST or look_like_mm:
         raise ScanError(

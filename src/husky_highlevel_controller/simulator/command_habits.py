@@ -35,7 +35,7 @@ class Finding(NamedTuple):
     habit: Habit
     sender: str  # name of the node
     topic: str
-    rate: float = 0.0  # [1/s] commands per simulated second
+    rate: float = 0.0  # [1/s] number of commands per simulated second
     timeout: float = 0.0  # [s] age at which a command expires
     stronger_sender: str = ""  # name of the node whose commands have priority over `sender`
     stronger_topic: str = ""

@@ -52,7 +52,7 @@ class Drive:
     The wheels obey at once, as with Gazebo's velocity interface.
     """
 
-    steps = 1  # physics steps between two readings of the encoders
+    steps = 1  # number of physics steps between two readings of the encoders
 
     def __init__(self, config: DriveConfig) -> None:
         self._config = config
@@ -61,7 +61,7 @@ class Drive:
     def reset(self) -> None:
         """Stand still and forget the last command."""
         self._command, self._commanded_at = STOP, -inf
-        self.output = STOP  # the set point of the wheels now
+        self.output = STOP  # present command of the wheels, within the limits
 
     def command(self, twist: Twist2D, now: float) -> None:
         """Take a command at `now` [s]; CommandError if it is not finite, and then the last command stays."""

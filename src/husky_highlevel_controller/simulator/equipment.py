@@ -79,7 +79,8 @@ def equip(
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    # the encoders are read for each sample of odometry, so their period is a multiple of two periods
+    # the encoders are read only together with odometry, so their period must be a multiple of the periods of
+    # odometry
     for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))

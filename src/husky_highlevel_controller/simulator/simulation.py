@@ -219,7 +219,8 @@ class Simulation:
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
                 lidar = copy(sensor.device)
-                lidar.reset(np.random.default_rng(self._seed))  # a generator of its own
+                # random numbers from a new generator, so that the other sensors keep their noise
+                lidar.reset(np.random.default_rng(self._seed))
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
         return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 

@@ -19,8 +19,8 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 ODOM, BASE = "odom", "base_link"
-# namespaces of the markers, and their colours. The first two are the markers of the exercise sheet, which are
-# sent one by one. The others are this package's own, which are sent as an array
+# Namespaces of the markers, and their colours. IN_ODOM and IN_LASER are the markers of the exercise sheet,
+# which are sent one by one. The other markers are an addition of this package, and are sent as an array.
 IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
 ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
 COLORS = {
@@ -33,7 +33,7 @@ COLORS = {
     STATE: ColorRGBA(1.0, 1.0, 1.0, 1.0),
 }
 ARRAY_PERIOD = 0.099  # [s] time between two arrays, by scan stamps; slightly below 0.1 s because of rounding
-PATH_STEP = 0.1  # [m] between two points of the path
+PATH_STEP = 0.1  # [m] distance between two points of the path
 PATH_POINTS = 1000  # largest number of points of the path; if there are more, the oldest are removed
 ABOVE_ROBOT = 1.0  # [m] height of the text above base_link, if there is no pillar
 # height of the characters as an angle [rad], seen by a camera this far behind the robot [m], as in
@@ -251,7 +251,8 @@ def _state_markers(
     if output.target_in_base is not None and output.state is not State.ARRIVED:
         text += f", {output.distance_error:.2f} m to go"
     x, y = output.target_in_base or (0.0, 0.0)
-    text_height = TEXT_ANGLE * (CAMERA_BEHIND + hypot(x, y))  # [m] equally large to the camera
+    # [m] height with which the text looks equally large at any distance
+    text_height = TEXT_ANGLE * (CAMERA_BEHIND + hypot(x, y))
     position = Point(x, y, ABOVE_ROBOT if output.target_in_base is None else top + text_height)
     size = (0.0, 0.0, text_height)
     markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, size, position, text=text))

@@ -44,7 +44,7 @@ from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 
 # rospy's logger; its level is checked before a DEBUG line is formatted, because formatting takes time
 LOG = logging.getLogger("rosout")
-REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
+REPORT_PERIOD = 5.0  # [s] time between two warnings of the same kind
 RANGE_PERIOD = 1.0  # [s] time between two lines with the smallest range, by scan stamps
 RATE_SCANS = 50  # number of scans for the measured rate
 POLL_PERIOD = 0.1  # [s] wall time between two checks for an overdue transform or due /diagnostics
@@ -103,7 +103,7 @@ class ControllerNode:
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
         self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
-        self._tf_time: Optional[float] = None  # [s] ROS time of the last new odom -> base_link
+        self._tf_time: Optional[float] = None  # [s] ROS time of the last new transform odom -> base_link
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._obedience, self._commanded = Obedience(), STOP
         self._disobedience, self._disobeyed = Disobedience(robot, self._velocity), ""
@@ -239,7 +239,8 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
-        # at the pillar the wheels may turn without motion, so their command must not count as disobeyed
+        # if the robot pushes the pillar, the wheels may turn without motion, so the command must not count as
+        # disobeyed
         is_pushing = control.stop_distance == 0.0
         self._commanded = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(
@@ -332,7 +333,7 @@ class ControllerNode:
         tf_stamp = now
         if latest is None:
             self._tf_time = None
-        elif latest.header.stamp.is_zero():  # a fixed transform, which is as good as a new one
+        elif latest.header.stamp.is_zero():  # a fixed transform counts as a new one
             self._tf_time = now
         else:
             tf_stamp = latest.header.stamp.to_sec()
@@ -360,7 +361,7 @@ class ControllerNode:
 
 
 def _smallest_range(scan: Scan) -> str:
-    valid = scan.ranges[scan.valid]  # neither NaN nor inf, from range_min to range_max
+    valid = scan.ranges[scan.valid]  # ranges from range_min to range_max, without NaN and inf
     return f"smallest range {valid.min():.3f} m" if len(valid) else "no valid range"
 
 

@@ -29,7 +29,7 @@ START_TIMEOUT = 4.0
 TRANSFORM_TIMEOUT = 2.0  # [s] longest wall time for which a later scan waits for the transform of its stamp
 MIN_OFFSET = 0.05  # [s] offset between the clocks of scans and odometry that causes a warning
 MAX_AGE = 2.0  # [s] ROS time by which a pose in odom may be older than the scan that uses it
-REPORT_PERIOD = 5.0  # [s] between two warnings about a missing transform
+REPORT_PERIOD = 5.0  # [s] time between two warnings about a missing transform
 # number of scans in a row without the lidar's transform after which a warning is logged
 MAX_UNPLACED_SCANS = 50
 

@@ -40,7 +40,7 @@ MAX_AHEAD = 60.0
 # machine may delay a thread
 ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s] a clock that goes back by more belongs to a new run
-REPORT_PERIOD = 5.0  # [s] between two warnings about a topic
+REPORT_PERIOD = 5.0  # [s] time between two warnings about a topic
 OFF_PLANE = 1e-6  # small variance of z, roll, pitch and their rates, which are always 0 on the plane
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
 

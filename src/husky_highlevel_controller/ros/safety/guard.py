@@ -26,7 +26,7 @@ from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
-REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
+REPORT_PERIOD = 5.0  # [s] time between two warnings of the same kind
 FRESH = 0.5  # [s] a measured velocity counts as the present velocity up to this age
 
 

@@ -136,7 +136,8 @@ class Commands:
             return  # published by take()
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            # a first second command causes no warning, because a controller that ends sends a stop
+            # the first additional command of a node causes no warning, because a controller that ends also
+            # sends a stop
             if sender not in self._doubled:
                 self._doubled.add(sender)
                 return

@@ -74,7 +74,8 @@ class Listeners:
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._receivers):
                 return False
-            # Python processes need no longer look: none ran between two looks, and all have had the tick
+            # if all processes are in Python, two checks are enough: no thread has run between them, and all
+            # have received the tick
             is_certain = self._in_python and turns == last_turns and self._have_run(turns)
             if is_certain or time.monotonic() >= end:
                 self._settled = turns
@@ -93,7 +94,8 @@ class Listeners:
         self._receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._on_clock = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._complete = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # without a count of turns, a thread that ran between two looks would stay unseen
+        # only with a count of turns, because a thread that runs between two checks would otherwise not be
+        # noticed
         self._in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()

@@ -30,10 +30,12 @@ POLL_PERIOD = 0.05  # [s] wall time between two checks for service calls during 
 PARTNERS_POLL_PERIOD = 0.02
 
 MAX_LEAD = 2  # largest number of scans that are sent before the next command
-CONTROLLER_TIMEOUT = 0.1  # [s] wall time after which the simulator no longer waits for a controller
-FOLLOWING_SCANS = 10  # answered scans in a row after which the simulator waits for the controller again
+# [s] wall time without an answer after which the simulator no longer waits for a controller
+CONTROLLER_TIMEOUT = 0.1
+# number of answered scans in a row after which the simulator waits for the controller again
+FOLLOWING_SCANS = 10
 
-AWAKE = 10  # answered scans in a row after which the controller counts as awake
+AWAKE = 10  # number of answered scans in a row after which the controller counts as awake
 
 
 class Mode(Enum):
@@ -180,7 +182,7 @@ class Lockstep:
         Until the very first command the scan is sent once more, by `resend`. Later, idle listeners get one
         more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
         """
-        may_nudge = self._begun  # false until the very first command
+        may_nudge = self._begun  # true after the first command of the run
         waiting_since = time.monotonic()  # begin of the wait, or of the wait after the last repetition
         is_resent, is_nudged = self._begun, not self._begun
 
@@ -205,7 +207,8 @@ class Lockstep:
         self._wait_or_end(is_over, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-        # the nudge woke the controller, so its sleep depends on ticks, which must be waited for from now on
+        # an additional tick of /clock (the nudge) has woken the controller, so it sleeps in simulated time,
+        # and from now on the simulator waits after each tick
         elif may_nudge and is_nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 

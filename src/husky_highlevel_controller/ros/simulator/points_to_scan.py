@@ -19,7 +19,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 MAX_POINTS = 1_000_000
-REPORT_PERIOD = 5.0  # [s] between two warnings of the same kind
+REPORT_PERIOD = 5.0  # [s] time between two warnings of the same kind
 
 
 class PointsToScanNode(rospy.SubscribeListener):

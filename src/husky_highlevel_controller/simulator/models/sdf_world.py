@@ -224,7 +224,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         node.note("a <model> without a <link> is left out")
     has_one_link = len(links) == 1
     for link in links:
-        # the body of an only link has the name of its model, as a user calls it
+        # if a model has only one link, the body has the name of the model, which is the name that users know
         body_name = full_name if has_one_link else _claim_link(link, place)
         body = _read_link(link, place, body_name)
         link_name = place.scoped(link.named()) if has_one_link else body_name

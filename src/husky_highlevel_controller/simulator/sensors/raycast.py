@@ -205,7 +205,7 @@ def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
     """The beams within `spread` of `middle` [rad]: the first, and the one after the last."""
     low, high = middle - spread - 1e-9, middle + spread + 1e-9
     ends = [(low, high)]
-    # a ball behind the laser may reach over the seam at +-pi: look there too
+    # a ball behind the laser may contain the angle +-pi, so the beams beyond this angle are computed, too
     if low < -pi:
         ends.append((low + 2.0 * pi, high + 2.0 * pi))
     if high > pi:
@@ -274,7 +274,7 @@ def _candidates(
     half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
     middle = np.arctan2(y[near], x[near])
     low, high = middle - half_angle, middle + half_angle
-    # a ball behind the laser may reach over the seam at +-pi, so it also counts a full turn further
+    # a ball behind the laser may contain the angle +-pi, so its bearings are also tested after a full turn
     for over, turn in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
         if len(over):
             near = np.concatenate([near, near[over]])
