@@ -6,6 +6,7 @@ In: points in base_link. Out: their distances from the outline.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 from typing import Tuple
 
 import numpy as np
@@ -38,6 +39,15 @@ class Footprint:
             np.hypot(np.maximum(x - axle, 0.0), np.maximum(np.maximum(y - outer, inner - y), 0.0)),
         )
         return nearest
+
+    def clearance_at(self, x: float, y: float) -> float:
+        """`clearance` of the one point (x, y) [m]; without arrays it takes a tenth of the time."""
+        x, y = abs(x), abs(y)
+        (length, width), (axle, inner, outer) = self.hull, self.wheels
+        return min(
+            hypot(max(x - length, 0.0), max(y - width, 0.0)),
+            hypot(max(x - axle, 0.0), max(y - outer, inner - y, 0.0)),
+        )
 
     def gaps(self, poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
         """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative if it is inside.

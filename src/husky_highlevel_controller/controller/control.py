@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from math import atan2, cos, hypot
 from typing import NamedTuple, Tuple
 
-import numpy as np
-
 from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Pose, Twist2D
 from husky_highlevel_controller.footprint import Footprint
@@ -73,7 +71,7 @@ def target_at(
     """Return the target for a pillar's centre in base_link [m] and radius [m]."""
     x, y = center_in_base
     distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
-    return Target(x, y, radius, distance, float(outline.clearance(np.array((x, y)))) - radius)
+    return Target(x, y, radius, distance, outline.clearance_at(x, y) - radius)
 
 
 def remaining_distance(target: Target, config: ControlConfig) -> float:

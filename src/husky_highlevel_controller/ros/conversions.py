@@ -46,6 +46,7 @@ from husky_highlevel_controller.datatypes import (
     WheelState,
 )
 from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.ros.fast_messages import ArrayScan
 
 MIN_INCREMENT = 1e-6  # [rad] smallest increment of a real lidar
 # [rad] the angles of a full turn may exceed 2 pi by this, because they are 32-bit numbers
@@ -68,19 +69,19 @@ def header(stamp: float, frame: str) -> Header:
     return Header(stamp=time_to_msg(stamp), frame_id=frame)
 
 
-def scan_to_msg(scan: Scan) -> LaserScan:
+def scan_to_msg(scan: Scan) -> ArrayScan:
     """LaserScan message as the lidar's driver fills it; gazebo_ros_laser: times and intensities are all 0."""
-    return LaserScan(
+    return ArrayScan(
         header=header(scan.stamp, scan.frame),
         angle_min=scan.angle_min,
         angle_max=scan.angle_max,
         angle_increment=scan.angle_increment,
         range_min=scan.range_min,
         range_max=scan.range_max,
-        ranges=scan.ranges.tolist(),
+        ranges=scan.ranges,
         time_increment=scan.time_increment,
         scan_time=scan.scan_time,
-        intensities=[0.0] * len(scan.ranges) if scan.intensities is None else scan.intensities.tolist(),
+        intensities=np.zeros(len(scan.ranges)) if scan.intensities is None else scan.intensities,
     )
 
 
@@ -217,15 +218,6 @@ def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, chil
     msg = TransformStamped(header=header(stamp, parent), child_frame_id=child)
     msg.transform.translation = Vector3(*pose_child_in_parent.position)
     msg.transform.rotation = Quaternion(*pose_child_in_parent.quat_xyzw)
-    return msg
-
-
-def moved(msg: TransformStamped, pose_child_in_parent: Pose, stamp: Time) -> TransformStamped:
-    """The same message with another pose and stamp: a new message takes four times as long to make."""
-    translation, rotation = msg.transform.translation, msg.transform.rotation
-    msg.header.stamp = stamp
-    translation.x, translation.y, translation.z = pose_child_in_parent.position
-    rotation.x, rotation.y, rotation.z, rotation.w = pose_child_in_parent.quat_xyzw
     return msg
 
 

@@ -9,7 +9,7 @@ from math import hypot
 from typing import List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3, WheelState
-from husky_highlevel_controller.geometry import along_axes, axes_from_quat, compose, cross, dot, minus
+from husky_highlevel_controller.geometry import along_axes, axes_from_quat, compose, dot, minus
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
@@ -84,8 +84,11 @@ class Chassis:
         """Read the robot's pose and velocity; kept as `state`."""
         pose, velocity, spin = self._bullet.robot_motion()
         self._axes = axes_from_quat(pose.quat_xyzw)
-        at_com, turning = along_axes(self._axes, velocity), along_axes(self._axes, spin)
-        self.state = RobotState(pose, minus(at_com, cross(turning, self._robot.com)), turning)
+        # the products of vectors in this class are written out, because its functions run in each step
+        (vx, vy, vz), (wx, wy, wz) = along_axes(self._axes, velocity), along_axes(self._axes, spin)
+        x, y, z = self._robot.com
+        velocity_in_base = vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x)
+        self.state = RobotState(pose, velocity_in_base, (wx, wy, wz))
         return self.state
 
     def drive(self, speeds: Sequence[float]) -> None:
@@ -131,8 +134,7 @@ class Chassis:
             if load > 0.0
         ]
         pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
-        # the forces are turned from base_link into the world; the products are written out, because this code
-        # runs in each step
+        # turn the forces from base_link into the world
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:
@@ -151,10 +153,12 @@ class Chassis:
         The direction of the ground follows from the normal forces; without such a force the result is gravity
         itself.
         """
-        gravity, square = along_axes(self._axes, self._gravity), dot(self._ground, self._ground)
+        gx, gy, gz = along_axes(self._axes, self._gravity)
+        nx, ny, nz = self._ground
+        square = nx * nx + ny * ny + nz * nz
         # gravity is made up of a multiple of the normal force, and of the part along the ground
-        multiple = dot(gravity, self._ground) / square if square > 0.0 else 0.0
-        return minus(gravity, self._ground, multiple)[:2]
+        multiple = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
+        return gx - multiple * nx, gy - multiple * ny
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
         """Friction on the robot at a contact without a tyre, in base_link [N]; the other body gets no force.

@@ -154,12 +154,12 @@ class Display:
         """Publish the target's centre in base_link, and the errors of distance [m] and bearing [rad]."""
         if output.target_in_base is None:
             return
-        header = conversions.header(stamp, BASE)
         if self._pillar.get_num_connections():
-            publish(self._pillar, PointStamped(header, Point(*output.target_in_base, 0.0)))
+            point = Point(*output.target_in_base, 0.0)
+            publish(self._pillar, PointStamped(conversions.header(stamp, BASE), point))
         if self._error.get_num_connections():
             error = Vector3(output.distance_error, output.bearing_error, 0.0)
-            publish(self._error, Vector3Stamped(header, error))
+            publish(self._error, Vector3Stamped(conversions.header(stamp, BASE), error))
 
 
 def marker(

@@ -251,12 +251,7 @@ class SimulatorNode:
         if snapshot.scan is not None:
             self._lead_limit.before_scan()
             self._lockstep.begin_scan()
-        on_clock = partial(
-            self._lockstep.tick,
-            self._serve_during_step,
-            again=partial(self._publishers.publish_clock, snapshot.stamp),
-        )
-        tells_time = self._publishers.publish(snapshot, on_clock)
+        tells_time = self._publishers.publish(snapshot, self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
         self._gazebo.publish(snapshot)
         if snapshot.power is not None and self._status:
@@ -272,6 +267,11 @@ class SimulatorNode:
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
         return tells_time
+
+    def _hold_tick(self) -> None:
+        """Hold the clock at the tick that was just published, as long as lockstep requires it."""
+        again = partial(self._publishers.publish_clock, self._simulation.stamp)
+        self._lockstep.tick(self._serve_during_step, again)
 
     def _notice_fall(self, position: Vector3) -> None:
         """Log an error when the robot begins to fall off the world, once for each fall."""

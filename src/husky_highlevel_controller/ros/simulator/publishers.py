@@ -22,6 +22,7 @@ from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, 
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
+from husky_highlevel_controller.ros.fast_messages import MovingTree
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
@@ -60,10 +61,13 @@ class Publishers:
         self._last: Optional[Tuple[float, OdometrySample]] = None
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         self._kept_scan: Optional[Scan] = None
-        self._base_transform = conversions.transform_to_msg(Pose(), 0.0, ODOM, BASE)
-        self._wheel_transforms = [
-            conversions.transform_to_msg(Pose(), 0.0, BASE, wheel.link) for wheel in robot.wheels
-        ]
+        base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
+        # messages by what they contain: the transform of odom, and those of the wheels
+        self._moving_trees = {
+            (True, False): MovingTree(base),
+            (False, True): MovingTree(wheels),
+            (True, True): MovingTree(base + wheels),
+        }
         self._transform_connections: List[Any] = []  # connections of the publisher of /tf at the last check
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
@@ -223,21 +227,18 @@ class Publishers:
         )
         self._bumped.clear()
 
-    def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> TFMessage:
+    def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> MovingTree:
         """Transform of odom, unless another node publishes it, and of the wheels, in one message.
 
         Each message costs a system call and wakes every subscriber.
         """
-        now, transforms = conversions.time_to_msg(stamp), []
-        if not self.leaves_filter:
-            base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
-            transforms.append(conversions.moved(self._base_transform, base_in_odom, now))
+        with_base = not self.leaves_filter
+        poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []
         if with_wheels:
-            transforms += [
-                conversions.moved(msg, wheel.pose_at(angle), now)
-                for msg, wheel, angle in zip(self._wheel_transforms, self._wheels, odometry.wheels.angles)
-            ]
-        return TFMessage(transforms)
+            poses += [wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles)]
+        tree, now = self._moving_trees[with_base, with_wheels], conversions.time_to_msg(stamp)
+        tree.move(now.secs, now.nsecs, poses)
+        return tree
 
     def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
         """Transforms from the world to the robot's true pose, to its wheels, and to odom."""

@@ -43,6 +43,7 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     CYLINDER,
     FORMULAS,
     SPHERE,
+    enter_flank,
 )
 
 # Largest number of solid shapes that are computed one by one. If there are more, all are computed at once, as
@@ -193,6 +194,11 @@ def _meet_one(
     axes = [along_axes(laser, axis) for axis in solid.axes[needed]]
     prepared = prepare(center, axes, solid.size)
     rows, numbers = np.array(prepared[0]), np.array(prepared[1])[:, None]
+    if solid.kind == CYLINDER and flat > radius:
+        u, v, _ = axes[0]
+        # the farthest beam point departs from the middle of the axis by at most this much along the axis
+        if abs(dot(center, axes[0])) + hypot(u, v) * farthest <= solid.size[2]:
+            enter = enter_flank
     # 4. the beams towards the circle; all beams if the laser is inside the circle
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
