@@ -28,7 +28,7 @@ def load_rules(path: Path, items: Sequence[str]) -> Rules:
     """Return the rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
 
     Raises:
-        ConfigError: it cannot be read, or a key or value is not allowed.
+        ConfigError: the file cannot be read, or a key or value is not allowed.
     """
     rules = from_plain(Rules, read_settings(path), f"{path}: ")
     for name in [*rules.weights, *rules.by_person]:
@@ -40,7 +40,7 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
     """Return the overrides in a folder's marking.yaml, by student; none without the file.
 
     Raises:
-        ConfigError: it cannot be read, names an unknown student or key, or a value is not allowed.
+        ConfigError: the file cannot be read, names an unknown student or key, or a value is not allowed.
     """
     path = folder / FILE
     overrides = from_plain(_MarkingFile, read_settings(path) if path.exists() else {}, f"{path}: ").students
@@ -53,7 +53,7 @@ def read_settings(path: Path) -> Any:
     """Return the content of a teacher's YAML file; {} if it is empty.
 
     Raises:
-        ConfigError: it cannot be read.
+        ConfigError: the file cannot be read.
     """
     try:
         return yaml.safe_load(read_text(path.resolve())) or {}

@@ -71,7 +71,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
         on_leave: function that is called when a page has gone.
 
     Raises:
-        HuskyError: this machine has no such address.
+        HuskyError: the address is not an address of this machine.
     """
     is_loopback = _is_loopback(host)
     token = None if is_loopback else secrets.token_urlsafe(16)
@@ -98,7 +98,7 @@ def _is_loopback(host: str) -> bool:
     """Return whether only this machine can reach an address.
 
     Raises:
-        HuskyError: this machine has no such address.
+        HuskyError: the address is not an address of this machine.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]

@@ -123,7 +123,7 @@ def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Di
         servers: parameters of all nodes, by node.
 
     Raises:
-        HuskyError: it is not such a file, names an unknown node or parameter, or has a wrong value.
+        HuskyError: the text has no parameters, an unknown node or parameter, or a wrong value.
     """
     try:
         data = yaml.safe_load(text)

@@ -75,7 +75,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     """Return an HTML page that replays a run of a robot, with the Husky's shape if it is not in ROBOTS.
 
     Raises:
-        HuskyError: there are no rows.
+        HuskyError: the recording has no rows.
     """
     if not rows:
         raise HuskyError(f"nothing is recorded yet; press {RECORD}, then {END}")

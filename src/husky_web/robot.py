@@ -36,7 +36,7 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
     The frame is the root link, or a link behind a joint that is not fixed.
 
     Raises:
-        DescriptionError: it is not a URDF, or an element cannot be read.
+        DescriptionError: the description is not a URDF, or an element cannot be read.
     """
     robot, links, joints = read_urdf(description)
     colors = {item.get("name", ""): _rgba(item) for item in robot.findall("material")}

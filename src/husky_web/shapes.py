@@ -190,7 +190,7 @@ def _path(uri: str) -> Path:
     """Return the path of a mesh file.
 
     Raises:
-        HuskyError: there is no such package, or the address has another scheme.
+        HuskyError: the package does not exist, or the address has another scheme.
     """
     parts = urlsplit(uri)
     if parts.scheme == "package":

@@ -89,7 +89,7 @@ class WorldTab:
         A random position may be occupied, so the simulator gets MOVE_ATTEMPTS of them.
 
         Raises:
-            HuskyError: there is no object, or every attempt failed.
+            HuskyError: the world has no object, or every attempt has failed.
         """
         poses = {
             name: pose for name, pose in self._poses().items() if name.split("::")[0] not in (GROUND, ROBOT)

@@ -135,7 +135,7 @@ def scan_message(rng, stamp):
 
 
 def place(rng):
-    """Where TF says the robot is; now and then by a transform that is no pose."""
+    """Where TF says the robot is; now and then by a transform that is not a pose."""
     msg = TransformStamped(child_frame_id="base_link")
     msg.header.frame_id = "odom"
     t, r, yaw = msg.transform.translation, msg.transform.rotation, rng.gauss(0.0, 1.0)

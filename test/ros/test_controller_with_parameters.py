@@ -117,7 +117,7 @@ class ParametersBeforeStart(Player):
         self.wait_until(lambda: warned("p_gain_ang = 99.0", "0.0..10.0"), "it says that 99 is too much")
         now = client.update_configuration({"max_angular": nan})["max_angular"]
         self.assertEqual(now, before["max_angular"])
-        self.wait_until(lambda: warned("max_angular = nan"), "it says that nan is no number")
+        self.wait_until(lambda: warned("max_angular = nan"), "the log says that nan is not a number")
         self.assertEqual(client.update_configuration({"p_gain_ang": 1.5})["p_gain_ang"], 1.5, "it lives on")
 
 

@@ -130,7 +130,7 @@ def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops
     speed = "/odometry/filtered/twist/twist/linear/x"
     wait_until(lambda: abs(float(ros.echo(speed))) < 0.01, "it stops")
     assert "runs" in ros.call("/startService", "true")
-    assert "felt" not in launched.output, "driving and stopping is no hit"
+    assert "felt" not in launched.output, "driving and stopping is not a crash"
     launched.says("hit, felt in imu_link")
     # it pushes the pillar on until it is looked at, which on a busy machine takes seconds
     x, y = (float(ros.echo(f"/ground_truth/odom/pose/pose/position/{axis}")) for axis in "xy")

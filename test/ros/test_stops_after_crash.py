@@ -27,7 +27,9 @@ class StopsAfterCrash(RosTest):
                 lambda c=command: driver.stops or (truth and speed(truth[-1]) * c > 0.7), "it drives", 5.0
             )
             reasons = [line.msg for line in said("crash: ")]
-            self.assertEqual(driver.stops, 0, f"hard driving is no crash: {reasons}, {gap(truth[-1]):.2f} m")
+            self.assertEqual(
+                driver.stops, 0, f"hard driving is not a crash: {reasons}, {gap(truth[-1]):.2f} m"
+            )
 
         driver.drive(0.6)
         self.wait_until(lambda: driver.stops, "the driver is stopped")

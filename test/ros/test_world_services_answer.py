@@ -201,4 +201,4 @@ class WorldServicesAnswer(RosTest):
         self.wait_until(bumped, "it bumps", 60.0)
         hit = next(msg for msg in bumps if msg.names)
         self.assertEqual((hit.names, hit.header.frame_id), (["crate"], "base_link"))
-        self.assertEqual(bumps[0].names, [], "standing on the ground is no bump")
+        self.assertEqual(bumps[0].names, [], "standing on the ground is not a bump")

@@ -32,7 +32,7 @@ def bare(tmp_path_factory):
     pytest.importorskip("hatchling", reason="./dev test installs it")
     folder = tmp_path_factory.mktemp("bare")
     venv.create(folder)
-    # what it names is no place for .pth files, Debian's among them
+    # Python does not read .pth files in a folder that a .pth file names, such as Debian's
     (purelib,) = folder.glob("lib/python3*/site-packages")
     (purelib / "packages.pth").write_text(sysconfig.get_path("purelib") + "\n")
     pip = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--no-build-isolation"]

@@ -42,7 +42,7 @@ catkin_install_python(PROGRAMS scripts/controller DESTINATION ${{CATKIN_PACKAGE_
 LAUNCH = '<launch>\n  <node name="{node}" pkg="{name}" type="controller" output="screen"/>{more}\n</launch>\n'
 FAULT = '\n  <param name="controller/fault" value="{name}"/>'
 MORE = {  # in a launch file
-    # a world and a program that are not installed are no cause
+    # a world and a program that are not installed are not a cause
     "commands_zero": '\n  <include file="$(find office_gazebo)/launch/office.launch"/>',
     "starts_a_map_server": '\n  <node name="map" pkg="map_server" type="map_server" args="office.yaml"/>',
     "includes_a_missing_file": '\n  <include file="$(find {name})/launch/other.launch"/>',

@@ -90,7 +90,7 @@ def test_the_workflow_runs_what_ci_runs_on_every_debian_with_ros_and_keeps_the_r
 
 
 def test_test_files_have_names_of_their_own():
-    """Pytest takes two files of one name, in folders that are no packages, for one module."""
+    """Pytest takes two files of one name, in folders that are not packages, for one module."""
     names = [path.name for path in (ROOT / "test").rglob("test_*.py") if "submissions" not in path.parts]
     assert sorted(names) == sorted(set(names))
 

@@ -24,7 +24,7 @@ class Store:
         """Open or create the file.
 
         Raises:
-            HuskyError: it is another kind of file, or cannot be written.
+            HuskyError: the file is of another kind, or cannot be written.
         """
         self._path = path
         try:
@@ -47,7 +47,7 @@ class Store:
         """Keep results.
 
         Raises:
-            HuskyError: they cannot be written, for example on a full disk.
+            HuskyError: the results cannot be written, for example on a full disk.
         """
         rows = [(key, pickle.dumps(result)) for key, result in results.items()]
         try:

@@ -76,7 +76,7 @@ STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Si
 RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
 PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
-_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # folders of a file's path
+_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # pattern of the folders in a file's path
 _POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
 
 

@@ -142,7 +142,7 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
     """Return the launch files that start a node that the exercise needs, the best one first.
 
     Raises:
-        NotMarkableError: there is no such file.
+        NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
     able = files[0].able if files and not facts.parts.by_submission else frozenset()

@@ -136,7 +136,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
     """Return name and dependencies of a package.xml.
 
     Raises:
-        NotMarkableError: it cannot be read, or its name is not a valid name of a package.
+        NotMarkableError: the package.xml cannot be read, or its name is not a valid name of a package.
     """
     try:
         root = read_xml(path, MAX_MANIFEST)

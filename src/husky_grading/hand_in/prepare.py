@@ -128,7 +128,7 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
     """Check the names of the command line, because a wrong name is not a fault of the submission.
 
     Raises:
-        NotMarkableError: there is no such package, or no such launch file in it.
+        NotMarkableError: the package does not exist, or does not contain the launch file.
     """
     # a launch file that is given by its path may be in no package
     is_read = launchable.kind == "launch" and planned.is_read

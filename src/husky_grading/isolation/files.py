@@ -32,7 +32,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
     """Return the content of a regular file; a link, FIFO or device is rejected without a wait.
 
     Raises:
-        UnreadableFileError: it cannot be read, is not a regular file, or has more than `max_size` bytes.
+        UnreadableFileError: the file cannot be read, is not regular, or has more than `max_size` bytes.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -150,7 +150,7 @@ def write_whole(path: Path, content: str) -> None:
     """Write a file completely or not at all, so a full disk leaves no partial file.
 
     Raises:
-        OSError: it cannot be written; an earlier file with its name stays.
+        OSError: the file cannot be written; an earlier file with its name stays.
     """
     # the name contains the thread, because several threads may write the same file
     partial = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.partial")
@@ -168,7 +168,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
     """Yield the regular files below a folder, in order; links are not followed.
 
     Raises:
-        UnreadableFileError: there are more than MAX_ENTRIES.
+        UnreadableFileError: the folder has more than MAX_ENTRIES files and folders.
     """
     count = 0
     waiting = [str(folder)]

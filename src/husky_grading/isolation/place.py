@@ -41,7 +41,7 @@ def show_results_at(out: Path) -> Path:
     """Show a folder of results at the place, and return its path there, or its own path if there is no place.
 
     Raises:
-        HuskyError: there is no place, and the folder has a path in which nothing can be built.
+        HuskyError: the results cannot be mounted, and nothing can be built at the path of the folder.
     """
     place = os.environ.get(VARIABLE, "")
     if place:

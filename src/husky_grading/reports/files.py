@@ -76,7 +76,7 @@ def load_result(path: Path) -> MarkingResult:
     """Return a result from its result.json.
 
     Raises:
-        HuskyError: there is no such file, or it is not a result.
+        HuskyError: the file does not exist, or is not a result.
     """
     return load(MarkingResult, path, *SUMS)
 

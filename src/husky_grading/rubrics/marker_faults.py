@@ -13,7 +13,7 @@ from husky_grading.records import Rules
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-FEW = 3  # smallest number of markers or moments on which points may depend
+FEW = 3  # smallest number of markers or moments that are enough to judge them
 # fraction of the wrong markers that must have the same fault; only markers while the pillar is to the side
 # count
 MOSTLY = 0.8

@@ -213,7 +213,9 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     # either side is checked, from `first` to `last`
     inner_radius = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
-    centre = segment.middle + atan2(circle.y, circle.x) / segment.step  # fractional index in the scan
+    centre = (
+        segment.middle + atan2(circle.y, circle.x) / segment.step
+    )  # index of the beam towards the centre, with a fraction
     half_width, slack = half_angle / step + 1.0, 4.0 * config.max_residual
     first, last = ceil(centre - half_width), floor(centre + half_width)
     # the beams of the segment itself need no check if the root of the sum of all squared errors is small

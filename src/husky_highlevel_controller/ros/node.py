@@ -29,7 +29,7 @@ def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
     """Return the node's private parameters without `~robot_name`, and the robot of this name or the Husky.
 
     Raises:
-        ConfigError: there is no robot of that name.
+        ConfigError: the name is not the name of a robot.
     """
     values = dict(rospy.get_param("~", {}))
     try:

@@ -179,7 +179,7 @@ class Simulation:
         """Take a velocity command now.
 
         Raises:
-            CommandError: it is not finite; then the last command stays in force.
+            CommandError: the command is not finite; then the last command stays in force.
         """
         self._equipment.drive.command(twist, self._since_reset)
 
@@ -271,7 +271,7 @@ class Simulation:
         The odometry of a robot that is moved goes along, so that odom stays where it is in the world.
 
         Raises:
-            PlacementError: there is none of that name, or something stands there; then nothing changes.
+            PlacementError: no object has this name, or another object is in the way; then nothing changes.
         """
         if name == ROBOT:
             self._move_robot(self._pose_on_floor(pose_in_world))
@@ -296,7 +296,7 @@ class Simulation:
         The robot falls to the floor from up to MAX_DROP above it; otherwise it stands on the floor.
 
         Raises:
-            PlacementError: there is none of that name, or something stands there; then nothing changes.
+            PlacementError: no model has this name, or another object is in the way; then nothing changes.
         """
         if model != ROBOT:
             self._objects.place_model(model, motion_in_world)

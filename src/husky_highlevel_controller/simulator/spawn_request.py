@@ -42,7 +42,7 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
         pose_in_world: pose of the shape's centre.
 
     Raises:
-        ObjectError: one of these is not valid.
+        ObjectError: an argument is not valid.
     """
     geometry = Geometry(_shape(shape, size))
     return checked(Body(name, pose_in_world, (geometry,), (geometry,), mass))

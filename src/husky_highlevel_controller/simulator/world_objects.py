@@ -81,7 +81,7 @@ class WorldObjects:
         """Put a body somewhere else, at rest.
 
         Raises:
-            PlacementError: there is none of that name, or something stands there; then nothing changes.
+            PlacementError: no object has this name, or another object is in the way; then nothing changes.
         """
         if name not in self._bodies:
             raise self._unknown(name)
@@ -114,7 +114,7 @@ class WorldObjects:
         """Put a model with all its bodies somewhere else, with a velocity, which static bodies do not take.
 
         Raises:
-            PlacementError: there is none of that name, or something stands there; then nothing changes.
+            PlacementError: no model has this name, or another object is in the way; then nothing changes.
         """
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
         solid = [name for name in self.members(model) if self._bodies[name].collisions]

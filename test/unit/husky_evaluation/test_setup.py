@@ -56,7 +56,9 @@ def test_what_is_no_axis_is_named(text, words):
 def test_parameters_of_all_records_are_set_by_name_and_have_their_units():
     setup = setup_of("robot", "soft").with_values({"p_gain_vel": 1, "min_beams": 3, "lidar/noise": 0.0})
     assert (setup.control.p_gain_vel, setup.detector.min_beams, setup.simulator.lidar.noise) == (1.0, 3, 0.0)
-    assert setup.simulator.real == setup_of("robot", "soft").simulator.real, "what is no parameter stays"
+    assert setup.simulator.real == setup_of("robot", "soft").simulator.real, (
+        "values that are not parameters stay"
+    )
     assert Setup().with_values(parameter_values(Setup())) == Setup()
     assert (unit_of("p_gain_vel"), unit_of("lidar/noise"), unit_of("min_beams")) == ("[1/s]", "[m]", "")
 

@@ -254,7 +254,7 @@ class BulletWorld:
             ignored: Bullet's numbers of bodies that do not count either.
 
         Raises:
-            PlacementError: it reaches into another body.
+            PlacementError: the body reaches into another body.
         """
         checked_ids = self._ids[name] if copy is None else [copy]
         body_ids = set(self._ids[name])

@@ -93,7 +93,7 @@ def robot_model(
         laser_frame: link in which beams start; defaults to the lidar of `robot`. It need not exist.
 
     Raises:
-        DescriptionError: not a URDF, a link or joint missing, or a number that physics cannot use.
+        DescriptionError: the text is not a URDF, a link or joint is missing, or physics cannot use a number.
     """
     robot = robot or load_robot()
     wheel_joints = robot.wheels.joints

@@ -165,7 +165,7 @@ class Node:
         As in Gazebo, missing numbers are 0 and further ones are left out, which is noted.
 
         Raises:
-            WorldError: one of them is not a finite number.
+            WorldError: a number of the pose is not finite.
         """
         if not self.text:
             return IDENTITY

@@ -79,7 +79,7 @@ def find_world(name: str) -> Path:
     A path that is not there, such as of a world of Gazebo's, is looked up by its last part, with a warning.
 
     Raises:
-        WorldError: there is no such file.
+        WorldError: no file has this name.
     """
     folders = [share_folder() / "worlds", share_folder(), *search_path("GAZEBO_RESOURCE_PATH")]
     for folder in folders:
@@ -390,7 +390,7 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
     """Shape of a <collision> or <visual> at its pose; None, and a note, if it cannot be simulated.
 
     Raises:
-        WorldError: its pose or size cannot be read, or its size is out of bounds.
+        WorldError: the pose or size of the shape cannot be read, or the size is out of bounds.
     """
     pose, shape, rgba = _pose_in_link(node, link, model), shape_of_geometry(node), rgba_of(node)
     if shape is None:

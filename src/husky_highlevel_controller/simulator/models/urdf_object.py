@@ -33,7 +33,7 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         pose_in_world: pose of its root link.
 
     Raises:
-        DescriptionError: not a URDF, several root links, or no collision shape that can be used.
+        DescriptionError: the text is not a URDF, or has several root links or no usable collision shape.
     """
     robot, links, joints = urdf.read_urdf(text)
     joined = urdf.joined_links(links, joints.values())

@@ -27,7 +27,7 @@ SHARE = share_folder()
 
 
 def fail(number):
-    raise HuskyError(f"{number} is no world")
+    raise HuskyError(f"{number} is not a world")
 
 
 class Unsendable:
@@ -77,12 +77,12 @@ def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, 
     assert hash_of(task, drives, cluster=cluster.address) == expected_drives
     assert hash_of(partial(noise_after_a_death, tmp_path), range(60), cluster=cluster.address) == expected
     assert sorted(process.poll() for process in cluster.started if process.poll()) == [-signal.SIGKILL]
-    with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="0 is no world"):
+    with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="0 is not a world"):
         workers.map(fail, [0])
     with Workers(cluster=cluster.address) as workers:
         items = [0, Unsendable()]
         results = workers.as_completed(fail, items, on_error=lambda _, error: str(error))
-        assert sorted(results) == [(0, "0 is no world"), (1, "a file is gone")]
+        assert sorted(results) == [(0, "0 is not a world"), (1, "a file is gone")]
     with Workers(cluster=cluster.address) as workers:
         results = workers.as_completed(
             unreadable_at_3, [2, 3], on_error=lambda _, error: type(error).__name__

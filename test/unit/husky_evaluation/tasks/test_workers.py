@@ -36,7 +36,7 @@ def note(folder, number):
 
 def note_and_fail(folder, number):
     if number == 6:
-        raise HuskyError("six is no world")
+        raise HuskyError("six is not a world")
     return note(folder, number)
 
 
@@ -59,7 +59,7 @@ def test_a_process_that_is_killed_costs_nothing_but_time(tmp_path):
 def test_what_is_kept_is_not_computed_again(tmp_path):
     notes, file = tmp_path / "notes", tmp_path / "results"
     notes.mkdir()
-    with Workers(1, resume=file) as workers, pytest.raises(HuskyError, match="six is no world"):
+    with Workers(1, resume=file) as workers, pytest.raises(HuskyError, match="six is not a world"):
         workers.map(partial(note_and_fail, notes), range(10))
     kept = {path.name.split()[0] for path in notes.iterdir()}
     assert kept >= {"0", "1", "2", "3", "4", "5"}
@@ -142,7 +142,7 @@ def test_a_failed_task_may_have_a_result_of_its_own(tmp_path):
     with Workers(2) as workers:
         task = partial(note_and_fail, tmp_path)
         results = workers.as_completed(task, list(range(9)), on_error=lambda item, error: f"{item}: {error}")
-        assert dict(results) == {**{number: number**2 for number in range(9)}, 6: "6: six is no world"}
+        assert dict(results) == {**{number: number**2 for number in range(9)}, 6: "6: six is not a world"}
 
 
 def test_a_task_that_ends_every_process_is_named_and_may_have_a_result_of_its_own():

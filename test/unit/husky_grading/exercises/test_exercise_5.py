@@ -130,7 +130,7 @@ SLOW = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command
     ("notes", "evidence"),
     [
         ((Note(Kind.NODE_FAILED, "node x ends"),), "no std_srvs/SetBool service: node x ends"),
-        # that it sleeps is no reason to have none
+        # these notes are not reasons for a missing service
         ((SLOW, Note(Kind.FLOOD, "it floods cmd_vel")), "no std_srvs/SetBool service"),
     ],
 )

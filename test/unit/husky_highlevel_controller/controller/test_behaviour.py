@@ -110,7 +110,7 @@ def test_a_tilted_lidar_s_pillar_is_where_its_beams_end():
 
 
 def test_arrival_is_measured_to_the_surface_and_not_along_an_axis():
-    # the lidar is 5 m from a pillar abeam, whose x is 0: that is no arrival
+    # the lidar is 5 m from a pillar abeam, whose x is 0, so the robot has not arrived
     toy = Toy([(0.337, 5.0, 0.2)])
     step = toy.step()
     assert step.output.state is State.DRIVING
@@ -324,7 +324,7 @@ def test_where_odometry_is_lost_on_the_way_it_stands_until_it_is_back():
     assert toy.drive(2.0)[-1].output.twist.linear > 0.5
     toy.knows_odom = False
     first, *later = toy.drive(3.0)
-    assert first.output.state is State.DRIVING, "one that is missing is no loss"
+    assert first.output.state is State.DRIVING, "one scan without odometry does not count as lost odometry"
     stopped = [step for step in later if step.time > first.time + 0.6]
     assert {(step.output.state, step.output.twist) for step in stopped} == {(State.WAITING, STOP)}
     assert "no transform from odom to base_link any more" in stopped[-1].output.reason
@@ -374,7 +374,7 @@ MISSES = {"rep_117": inf, "lms1xx": 0.0, "nan": nan, "range_max": SICK.range_max
 @pytest.mark.parametrize("range_min", [0.0, SICK.range_min])
 @pytest.mark.parametrize("miss", MISSES.values(), ids=MISSES)
 def test_whatever_the_driver_calls_a_miss_it_gives_up_an_empty_place_searches_and_arrives(miss, range_min):
-    """A miss of 0 m is no obstacle, either."""
+    """A miss of 0 m is not an obstacle, either."""
 
     def missing(scan):
         return replace(scan, range_min=range_min, ranges=np.where(scan.ranges == inf, miss, scan.ranges))

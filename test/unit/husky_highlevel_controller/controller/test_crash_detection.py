@@ -1,4 +1,4 @@
-"""Collisions are detected on smooth and on rough ground, and rough ground alone is no collision."""
+"""Collisions are detected on smooth and on rough ground, and rough ground alone is not a collision."""
 
 from collections import deque
 from math import cos, pi, radians, sin

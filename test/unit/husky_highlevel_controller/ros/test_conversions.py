@@ -153,7 +153,7 @@ FULL_TURN = 2.0 * pi / 360.0  # [rad] between beams
     [
         {"angle_increment": FULL_TURN, "ranges": [1.0] * 360},
         {"angle_increment": -FULL_TURN, "ranges": [1.0] * 361},  # the first beam is sent twice
-        # misses and far ranges are no millimetres
+        # misses and far ranges are not in millimetres
         {"range_max": 20.0, "ranges": [65.5, 65.5]},
         {"range_max": 20.0, "ranges": [655.35, 655.35]},
         {"range_max": inf, "ranges": [4.0, 30.0]},

@@ -83,7 +83,7 @@ def placed():
         # poses that are always later than the next scan starve none
         (", ".join(f"scan {n}, pose {n - 1}" for n in range(2, 20)), " ".join(map(str, range(2, 19)))),
         ("scan 2, scan 3, clock starts, pose 0.05, scan 0.1, pose 0.1, pose 3", "0.1"),
-        ("clock starts, pose 0, scan 0.1, pose 0.1", "0.1"),  # a stamp of 0 is no sign of a fixed pose
+        ("clock starts, pose 0, scan 0.1, pose 0.1", "0.1"),  # a stamp of 0 does not mean a fixed pose
         ("scan 2, scan 3, discard all, pose 3", ""),
     ],
 )
@@ -148,7 +148,7 @@ def test_a_lidar_without_a_place_is_told_and_gets_the_one_where_it_is_put_later(
     fixture.now = 1.1 * START_TIMEOUT
     for number in range(2, MAX_UNPLACED_SCANS + 1):
         fixture.scan(float(number))
-    assert warnings == [], "TF may take a moment: that is no reason for a warning"
+    assert warnings == [], "TF may take a moment, which is not a reason for a warning"
     fixture.scan(MAX_UNPLACED_SCANS + 1.0)
     (warning,) = warnings
     assert "'laser' to 'base_link'" in warning
