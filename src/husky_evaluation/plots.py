@@ -17,7 +17,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 from husky_evaluation.setup import Axis
 from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure, plain, png
 
-MAX_LABELLED = 15  # cells are labelled if no axis has more values than this
+MAX_LABELLED = 15  # cells are labelled only if each axis has at most this number of values
 SYMBOLS = "*os^"
 GOOD_COLOR = "#fee838"  # bright end of the colour map cividis
 HATCH = "////"

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 # [m] largest distance of a clicked point, because a click just below the horizon is not exact
 FARTHEST = 200.0
-# an object is dragged at the level of the grasp if the ray is steeper than this; with a flatter ray it would
-# move too far
+# slope of the mouse ray below the horizon from which on an object is dragged at the height of the click; with
+# a flatter ray, the object would move too far
 STEEP = 0.05
 
 

@@ -88,13 +88,13 @@ def _against_bare(what: str, effort: Effort, lockstep: bool, minimum: float, lim
 def fast(effort: Effort) -> List[Row]:
     """The headless ROS stack as fast as it goes."""
     return _against_bare(
-        "ROS stack, as fast as it goes", effort, False, FAST, "rospy's messages, and a rollout's limits"
+        "ROS stack, as fast as it goes", effort, False, FAST, "rospy, PyBullet and NumPy take the time"
     )
 
 
 def lockstep(effort: Effort) -> List[Row]:
     """The same, every scan answered before time goes on."""
-    return _against_bare("ROS stack, lockstep", effort, True, LOCKSTEP, "rospy's way there and back")
+    return _against_bare("ROS stack, lockstep", effort, True, LOCKSTEP, "messages of rospy take the time")
 
 
 def without_ros(effort: Effort) -> List[Row]:
@@ -112,7 +112,9 @@ def without_ros(effort: Effort) -> List[Row]:
         "rollout, one core", "x real time", tuned, "bare loop, tuned by hand", more_is_better=True
     )
     return [
-        reaching(row, f">= {ROLLOUT} bare", row.ratio, ROLLOUT, limit="calls of PyBullet and NumPy"),
+        reaching(
+            row, f">= {ROLLOUT} bare", row.ratio, ROLLOUT, limit="calls of PyBullet and NumPy take the time"
+        ),
         other,
     ]
 
@@ -137,7 +139,9 @@ def real_time(effort: Effort) -> List[Row]:
             runs["memory"].append((peak_megabytes(pids["simulator"]), bare["memory"]))
     both, paced, memory = (runs.pop(name) for name in ("both", "paced", "memory"))
     row = compare("real time: simulator + controller", "CPU s per s", both, "bare loop")
-    rows = [reaching(row, "<= 1.0 bare", row.ratio, maximum=1.0, limit="cold caches after each wait")]
+    rows = [
+        reaching(row, "<= 1.0 bare", row.ratio, maximum=1.0, limit="cold caches after each wait cost time")
+    ]
     rows.append(compare("real time: simulator + controller", "CPU s per s", paced, "bare loop at real time"))
     rows += [compare(f"real time: {name}", "CPU s per s", found, "bare loop") for name, found in runs.items()]
     row = compare("simulator's peak memory", "MB", memory, "bare loop")
@@ -212,7 +216,13 @@ def latency(effort: Effort) -> List[Row]:
         runs = [tuple(1e3 * float(np.percentile(each, share)) for each in pair) for pair in times]
         row = compare(f"scan to cmd_vel, p{share}", "ms", [(a, b) for a, b in runs], "empty Twist")
         rows.append(
-            reaching(row, f"<= {SCAN_TO_COMMAND} empty", row.ratio, maximum=SCAN_TO_COMMAND, limit="rospy")
+            reaching(
+                row,
+                f"<= {SCAN_TO_COMMAND} empty",
+                row.ratio,
+                maximum=SCAN_TO_COMMAND,
+                limit="rospy takes the time",
+            )
         )
     return rows
 

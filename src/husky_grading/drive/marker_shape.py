@@ -19,7 +19,7 @@ TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
 MAX_POINTS = 1000  # largest number of points of one marker that are evaluated
-# [m] largest median distance between points and their mean at which the mean represents the points
+# [m] largest median distance of a marker's points from their mean; above it, the mean is not used as position
 MAX_SPREAD = 0.5
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 

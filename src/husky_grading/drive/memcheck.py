@@ -49,7 +49,7 @@ _TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?s
 _DECLARED = re.compile(
     rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
 )
-# declarations of scalars, and of types whose constructor writes nothing
+# pattern of declarations of scalars, and of types whose constructor leaves the members unwritten
 _VARIABLE = re.compile(
     rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
     r"(?P<names>.*)$",
@@ -81,7 +81,7 @@ def is_worth_checking(submission: Submission) -> bool:
     root = submission.root
     return (
         root is not None
-        # with packages in `by_submission`, the nodes are not the student's code
+        # with packages in `by_submission`, the nodes of the submission are not the student's own code
         and not submission.parts.by_submission
         and shutil.which(VALGRIND) is not None
         and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)

@@ -176,7 +176,8 @@ def marker(
         header=conversions.header(stamp, frame),
         ns=namespace,
         type=kind,
-        pose=Pose(position or Point(), Quaternion(w=1.0)),  # an all-zero quaternion is not a rotation
+        # a quaternion of zeros would not be a valid rotation
+        pose=Pose(position or Point(), Quaternion(w=1.0)),
         scale=Vector3(*size),
         color=COLORS[namespace],
         **fields,

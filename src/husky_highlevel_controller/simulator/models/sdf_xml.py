@@ -16,8 +16,8 @@ from defusedxml.ElementTree import DefusedXMLParser
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-# Gazebo's parser TinyXML accepts any comment that ends, <? up to the next >, and an & that begins no entity.
-# Each alternative of the pattern reads its bytes only once.
+# Parts of a file that Gazebo's XML parser (TinyXML) accepts, but that Python's parser may reject: comments,
+# <?...> and a single &. Each alternative of the pattern reads its bytes only once.
 _LOOSE = re.compile(
     rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|<\?(?!xml\s)[^>]*(?:>|\Z)"
     rb"|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
