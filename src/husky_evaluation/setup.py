@@ -27,7 +27,7 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 from husky_evaluation.tasks.command import add_old_name, add_worker_options, positive, seed_value
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
-# the gains are those of config/robot.yaml; the limits are the default limits
+# control of the real Husky: the gains of config/robot.yaml, with the default limits
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)
 ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
 # parameters of the controller's node that have no effect on a rollout

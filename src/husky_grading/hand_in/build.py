@@ -70,7 +70,7 @@ _RETURN = re.compile(
     r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
     re.MULTILINE,
 )
-# error of a missing header, which the build may generate only later
+# pattern of the error for a missing header, which the build may generate only later
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')

@@ -269,7 +269,7 @@ class SortedNodes(NamedTuple):
 
     to_start: List[Any]  # nodes of the submission
     rviz: List[Dict[str, Any]]  # name, arguments and remaps of nodes of RViz, which are not started
-    left_out: List[str]  # package/type of the nodes that are not the submission's
+    left_out: List[str]  # package/type of the nodes that do not belong to the submission
     left_out_arguments: List[List[str]]  # package/type and arguments of nodes of the simulator and the like
 
 

@@ -88,7 +88,8 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
     if not len(beams):
         return np.empty((0, 2))
     ranges = scan.returns[beams]
-    # for the gap before each beam and behind the last one, whether the beams on its two sides hit one body
+    # true for each gap between two neighbouring beams that hit one body; also has the gaps before the first
+    # and behind the last beam
     is_one_body = np.zeros(len(beams) + 1, dtype=bool)
     is_one_body[1:-1] = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
     beams = beams[is_one_body[1:] | is_one_body[:-1]]

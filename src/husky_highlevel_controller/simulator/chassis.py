@@ -98,7 +98,7 @@ class Chassis:
         """
         robot, state, dt = self._robot, self.state, self._dt
         com_x, com_y, _ = robot.com
-        # the wheels' contacts, seen from the centre of mass
+        # contacts of the wheels, relative to the centre of mass
         contacts = [
             WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
             for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)

@@ -50,7 +50,7 @@ def meet_mesh(
     Returns:
         An upper bound of the distances at which beams meet the mesh [m], which is 0 if it is out of reach.
     """
-    # 1. no beam meets a mesh whose ball does not reach the scan plane, or is beyond the scan
+    # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
     middle = (
         mesh.position[0] + cx * ax[0] + cy * ay[0] + cz * az[0],
