@@ -116,6 +116,7 @@ def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = de
         setup.control,
         setup.detector,
         setup.simulator,
+        # a robot that touches the pillar may push it for a while after the arrival
         settle=3.0 if setup.control.stop_distance == 0.0 else 1.0,
         # a real Husky may have to search for the pillar
         seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,

@@ -77,7 +77,12 @@ class Axis:
 
 
 def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky") -> Setup:
-    """Return the setup of `evaluate`.
+    """Return the setup of a robot with the default parameters of its controller.
+
+    Args:
+        profile: profile of sensors and drivetrain: those of Gazebo, or those of a real robot.
+        ground: ground under a real robot.
+        robot: one of ROBOTS.
 
     Raises:
         ConfigError: the robot has no such profile.

@@ -41,7 +41,14 @@ def bootstrap(differences: ArrayLike) -> Interval:
 
 
 def paired_row(title: str, sides: ArrayLike, unit: str, factor: float = 1.0) -> Tuple[Any, ...]:
-    """Return a row with the means of A and B, from values (2, N), and B - A with its interval."""
+    """Return a row of a table: title, mean of A, mean of B, and the mean of B - A with its interval.
+
+    Args:
+        title: title of the row.
+        sides: values of A and of B in the same N scenarios, (2, N).
+        unit: unit of the row.
+        factor: number of these units in the unit of the values, such as 100 from m to cm.
+    """
     a, b = np.asarray(sides, dtype=float)
-    means = [factor * float(side.mean()) if len(side) else nan for side in (a, b)]
-    return title, *means, bootstrap(b - a).summary(unit, factor)
+    mean_a, mean_b = (factor * float(side.mean()) if len(side) else nan for side in (a, b))
+    return title, mean_a, mean_b, bootstrap(b - a).summary(unit, factor)

@@ -145,9 +145,17 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
 def write_sweep(
     swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path
 ) -> None:
-    """Write table, picture and page into a folder; print the best points and the names of the files."""
+    """Write table, picture and page into a folder; print the best points and the names of the files.
+
+    Args:
+        swept: results of all runs.
+        title: title of page and picture.
+        source: hash of the results, and the machines that computed them.
+        marked: points that are marked in the picture, see `marks`.
+        out: folder for the files.
+    """
     files, pictures, panels = swept.every_drive.write(out / "sweep"), {}, swept.panels()
-    if len(swept.axes) <= 2:
+    if len(swept.axes) <= 2:  # a grid of more axes cannot be drawn
         pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))
         files.append(out / "sweep.png")

@@ -32,12 +32,34 @@ from husky_grading.settings import load_rules
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """Return the options of a command line; argparse ends the program if an option is wrong."""
+    parser = _make_parser()
+    options = parser.parse_args(arguments)
+    if options.husky:
+        parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
+    if options.cluster and not options.all:
+        parser.error(f"--cluster {options.cluster} needs --all")
+    if options.time_limit and not options.all:
+        parser.error(f"--time-limit {options.time_limit:g} needs --all")
+    if options.launch and len(options.launch) < 2:
+        parser.error("--launch needs a package and a file")
+    if options.node and len(options.node) < 2:
+        parser.error("--node needs a package and a type")
+    if options.all and not options.all.is_dir():
+        parser.error(f"--all {options.all} is not a folder; check the path")
+    if options.underlay and not options.underlay.is_file():
+        parser.error(f"--underlay {options.underlay} is not a file; check the path")
+    return options
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line, with all options."""
     parser = argparse.ArgumentParser(
         prog="grade",
         description="Grade a controller by the course's rubric, headless. "
         "The exit code is 0 for full marks, 1 if points are lost, and 2 if it could not be graded.",
     )
-    choice, add = parser.add_mutually_exclusive_group(required=True), parser.add_argument
+    choice = parser.add_mutually_exclusive_group(required=True)
+    add = parser.add_argument
     choice.add_argument(
         "--launch", nargs="+", metavar=("PACKAGE", "FILE"), help="launch file to grade, and its arguments"
     )
@@ -64,10 +86,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         help="random seed for start poses, pillars and noise (with --all defaults to one that is drawn "
         "for the class and kept in --out; otherwise 0)",
     )  # fmt: skip
-    several = " and ".join(str(number) for number, each in EXERCISES.items() if each.random_starts)
+    with_several_runs = " and ".join(str(number) for number, each in EXERCISES.items() if each.random_starts)
     runs = add(
         "--runs", dest="trials", type=between(int, 1, 1000), default=3, metavar="RUNS",
-        help=f"number of runs in exercise {several} (default: 3)",
+        help=f"number of runs in exercise {with_several_runs} (default: 3)",
     )  # fmt: skip
     add_old_name(parser, "--trials", runs)
     seconds = between(float, 0.1, 3600.0)
@@ -101,21 +123,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     )
     add("--only", action="append", default=[], metavar="NAME", help="submission to grade again, with --all")
     add("--husky", help=argparse.SUPPRESS)  # earlier name of `--robot`
-    options = parser.parse_args(arguments)
-    if options.husky:
-        parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
-    if options.cluster and not options.all:
-        parser.error(f"--cluster {options.cluster} needs --all")
-    if options.time_limit and not options.all:
-        parser.error(f"--time-limit {options.time_limit:g} needs --all")
-    for kind in ("launch", "node"):
-        if getattr(options, kind) and len(getattr(options, kind)) < 2:
-            parser.error(f"--{kind} needs a package and a {'file' if kind == 'launch' else 'type'}")
-    if options.all and not options.all.is_dir():
-        parser.error(f"--all {options.all} is not a folder; check the path")
-    if options.underlay and not options.underlay.is_file():
-        parser.error(f"--underlay {options.underlay} is not a file; check the path")
-    return options
+    return parser
 
 
 def grade(options: argparse.Namespace) -> int:

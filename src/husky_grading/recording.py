@@ -158,7 +158,12 @@ def recordings_in(out: Path) -> List[Recording]:
 
 
 def closed(recording: Recording, closing: Closing) -> Recording:
-    """Return a recording with marking's observations, and notes on a flood of commands and a run cut off."""
+    """Return the complete recording of a run, with notes on a flood of commands and on a cut-off.
+
+    Args:
+        recording: recording by the recorder, which does not know the submission's process.
+        closing: observations by marking, which has started this process.
+    """
     notes, ended = list(closing.notes), closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_node_ended = any(note.kind in ends for note in notes)

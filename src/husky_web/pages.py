@@ -38,7 +38,8 @@ class Page:
         """Add the page's own fields to the tabs; `on_tool` is called if its mouse gets another tool."""
         self.client, self.tool, self._log = client, LOOK, log
         self._camera = Camera(client)
-        self._filter, self._log_count = Filter(), -1
+        self._filter = Filter()
+        self._log_count = -1  # number of lines of the log at the last update; -1 shows the log again
         self._on_tool = on_tool
         self._make_view(tabs["View"], is_dark)
         self._make_log(tabs["Log"])

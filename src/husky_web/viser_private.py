@@ -83,13 +83,13 @@ def place(node: Any, pose: Pose) -> None:
 
     The message is queued without viser's setter, which compares by numpy.allclose: 6 us instead of 39 us.
     """
-    inside, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
-    if _differ(inside.position.tolist(), position):
-        inside.position[:] = position
-        inside.api._queue_scene_message(_messages.SetPositionMessage(inside.name, position))
-    if _differ(inside.wxyz.tolist(), rotation):
-        inside.wxyz[:] = rotation
-        inside.api._queue_scene_message(_messages.SetOrientationMessage(inside.name, rotation))
+    state, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
+    if _differ(state.position.tolist(), position):
+        state.position[:] = position
+        state.api._queue_scene_message(_messages.SetPositionMessage(state.name, position))
+    if _differ(state.wxyz.tolist(), rotation):
+        state.wxyz[:] = rotation
+        state.api._queue_scene_message(_messages.SetOrientationMessage(state.name, rotation))
 
 
 def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:

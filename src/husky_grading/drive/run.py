@@ -144,8 +144,15 @@ def _await_joining(
     """Wait until the submission takes part, and return the settings of the robot to whose scans it listens.
 
     These are the settings of `robot`, unless the robot is a guess and the submission listens to another
-    robot's scans. If the submission does not take part, the recorder takes part in its place, so that time
-    begins.
+    robot's scans. Simulated time begins only when the submission takes part. If it does nothing more before
+    that, the recorder takes part in its place.
+
+    Args:
+        network: ROS network of the run.
+        recorder: recorder, which finds out whether the submission takes part.
+        submission: submission that was started.
+        submitted: its process.
+        robot: robot that is simulated.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
     has_joined = settles(

@@ -79,7 +79,7 @@ class StraightDrive(Watch):
         return super().look(state)
 
     def kept(self) -> Dict[str, Any]:
-        """Return the parameters at the end of the run."""
+        """Return the parameters that the exercise asks for, as plain values for the recording."""
         values, topic = sorted(self._ros.parameters().items()), self._initial.scan_topic
         topics = [
             name for name, value in values if isinstance(value, str) and f"/{value.lstrip('/')}" == topic

@@ -104,7 +104,7 @@ def named_bag(planned: Plan) -> NamedRobot:
     """Return the robot of the bag for which a filter is made, by the packages that it names."""
     mention = first_mention(planned, FILTERS_OF_THE_SMB)
     if mention:
-        why = f"the SMB's bag is played, because {mention[0].name} names {mention[1].group()}"
+        why = f"the SMB's bag is played, because {mention.path.name} names {mention.match.group()}"
         return NamedRobot(SMB, why, is_certain=True)
     why = "the Husky's bag is played, because the package names no package of the SMB"
     return NamedRobot(DEFAULT_ROBOT, why, is_certain=True)
@@ -146,14 +146,15 @@ def _quantities(axes: Any) -> Optional[Tuple[str, str]]:
 
 
 def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
-    """Start the player of the robot's bag in the simulator's place.
+    """Start the player of the robot's bag in the simulator's place, and return it when it is up.
+
+    The player writes true poses to `truth_socket`, as the simulator does.
 
     Raises:
         MarkingError: the player does not start.
     """
     set_robot_parameters(network, config)
-    numbers = map(str, (trial.seed, config.pace, config.deadline))
-    command = [BAG_PLAYER, config.robot_name, *numbers]
+    command = [BAG_PLAYER, config.robot_name, *map(str, (trial.seed, config.pace, config.deadline))]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
     # the bag player advertises /clock after all other topics
     return once_up(player, lambda: is_published(network.uri, "/clock"))
@@ -167,9 +168,11 @@ class FilterWatch(Watch):
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         super().__init__(initial, ros)
+        # [s, m, m] stamp, x and y of each estimate, by topic
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
+        # [s, m, m, m] simulated time, and position of the top view in base_link
         self._top_view: List[Tuple[float, ...]] = []
-        self._came_at = time.monotonic()
+        self._came_at = time.monotonic()  # [s] wall time of the last estimate
 
     @property
     def input_topic(self) -> str:

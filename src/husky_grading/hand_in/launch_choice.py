@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Set, Tuple
 
 from husky_grading.hand_in.build import Folders
 from husky_grading.hand_in.facts import Facts
@@ -97,32 +97,19 @@ def read_launch_files(
     found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
     files = list(islice(found, MAX_READ))
     if override.launch is not None:
-        end = PurePosixPath(override.launch).parts
-        files = [(path, place) for path, place in files if place.parts[-len(end) :] == end]
-        if len(files) != 1:
-            raise NotMarkableError(
-                f"marking.yaml names the launch file {override.launch!r}, which fits {len(files)} files; "
-                "give the path of one file"
-            )
-    motion_texts = {
-        name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
-        for name, folder in folders.items()
-    }
-    scanning = {name for name, texts in motion_texts.items() if any(map(SCAN.search, texts))}
-    own = {package.name: package for package in packages if package.name in folders}
-    able = frozenset(
-        name for name in own if any(motion_texts[each] for each in with_dependencies({name}, own))
-    )
+        files = [_only_file(files, override.launch)]
+    scanning, able = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
     holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
     launchables = [
         Launchable("launch", holder or next(iter(folders)), str(path), override.arguments)
         for holder, (path, _) in zip(holders, files)
     ]
+    planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     launch_files = []
     counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
-    planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     for (path, place), holder, plan in zip(files, holders, planned):
+        # if roslaunch cannot read the file, its text names the nodes
         all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
         nodes = tuple(node for node in all_nodes if _package_of(node) in counted_packages)
         possible_owners = [holder, *map(_package_of, nodes), *folders]
@@ -131,6 +118,43 @@ def read_launch_files(
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
         launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, able, is_template))
     return launch_files
+
+
+def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[Path, PurePosixPath]:
+    """Return the only launch file whose path in the submission has this end, with this path.
+
+    Raises:
+        NotMarkableError: there is no such file, or more than one.
+    """
+    parts = PurePosixPath(end).parts
+    fitting = [(path, place) for path, place in files if place.parts[-len(parts) :] == parts]
+    if len(fitting) != 1:
+        raise NotMarkableError(
+            f"marking.yaml names the launch file {end!r}, which fits {len(fitting)} files; "
+            "give the path of one file"
+        )
+    return fitting[0]
+
+
+def _packages_by_messages(
+    packages: Sequence[Package], folders: Mapping[str, Path]
+) -> Tuple[Set[str], FrozenSet[str]]:
+    """Return the packages whose sources name scans, and the packages that may drive a robot.
+
+    A package may drive if it, or a package of the submission on which it depends, names scans or velocities.
+
+    Args:
+        packages: packages of the submission.
+        folders: folders of the packages that count, by their names.
+    """
+    texts = {
+        name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
+        for name, folder in folders.items()
+    }
+    scanning = {name for name in folders if any(map(SCAN.search, texts[name]))}
+    own = {package.name: package for package in packages if package.name in folders}
+    able = frozenset(name for name in own if any(texts[each] for each in with_dependencies({name}, own)))
+    return scanning, able
 
 
 def _package_of(node: str) -> str:

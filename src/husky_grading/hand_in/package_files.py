@@ -7,7 +7,7 @@ import shlex
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Match, Optional, Pattern, Sequence, Tuple
+from typing import Dict, List, Match, NamedTuple, Optional, Pattern, Sequence, Tuple
 
 from husky_grading.displays import ROBOT, SCAN, TF, RvizConfig, read_rviz_config
 from husky_grading.isolation.files import (
@@ -161,25 +161,34 @@ TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".y
 
 def named_robot(planned: Plan) -> NamedRobot:
     """Return the robot that a submission names by its nodes and topics; the SMB's names are certain."""
-    reason, version = "its launch file starts the SMB's nodes", SMB
-    if not any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
-        mention = first_mention(planned, SMB_NAMES)
-        if not mention:
+    if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
+        version, reason = SMB, "its launch file starts the SMB's nodes"
+    else:
+        version, mention = SMB, first_mention(planned, SMB_NAMES)
+        if mention is None:
             mention = first_mention(planned, SCANS)
-            version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT_ROBOT
+            names_scan = mention is not None and not mention.match["husky"]  # /scan, without front/
+            version = "husky_melodic" if names_scan else DEFAULT_ROBOT
         reason = "its package names no topic of scans"
-        if mention:
-            reason = f"{mention[0].name} names {mention[1].group()}"
+        if mention is not None:
+            reason = f"{mention.path.name} names {mention.match.group()}"
     sentence = f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
     return NamedRobot(version, sentence, is_certain=version == SMB)
 
 
-def first_mention(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
+class Mention(NamedTuple):
+    """Place at which a submission names something."""
+
+    path: Path  # file
+    match: Match[str]
+
+
+def first_mention(planned: Plan, pattern: Pattern[str]) -> Optional[Mention]:
     """Return the first file of a submission's package that a pattern matches, and the match."""
     folder = planned.package_path
     with suppress(UnreadableFileError):  # too many files
         for path, text in texts_in(folder, TEXTS, MAX_TEXT) if folder else ():
             match = pattern.search(text)
             if match:
-                return path, match
+                return Mention(path, match)
     return None

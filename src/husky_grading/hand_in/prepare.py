@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_grading.hand_in.build import Build, Folders, build, copy_packages, is_built
 from husky_grading.hand_in.facts import Facts
@@ -39,7 +39,7 @@ from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_grading.notes import Kind, Note
-from husky_grading.records import Job, Launchable
+from husky_grading.records import Job, Launchable, Override
 from husky_grading.submission import WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
@@ -204,32 +204,19 @@ def _prepare_choice(
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
     folders, repair_notes = copy_packages(packages, out / "ws")
-    known_packages = copies_of_known(contents.packages)
-    known_folders, _ = copy_packages(known_packages, out / "copies")
-    known_paths = known_folders.packages.values()
+    known = copies_of_known(contents.packages)
+    known_folders, _ = copy_packages(known, out / "copies")
+    copies = _Copies(packages, folders, known, known_folders)
     candidates: List[LaunchFile] = []
     if not override.node:
-        unbuilt = replace(underlay, packages=(*underlay.packages, folders.root / "src", *known_paths))
-        files = read_launch_files(
-            contents,
-            [*packages, *known_packages],
-            folders,
-            known_folders,
-            _with_stand_ins_for(facts, unbuilt),
-            override,
-            facts.parts,
-        )
         try:
-            candidates = files if override.launch else choose_launch_files(files, exercise, facts)
+            candidates = _find_candidates(contents, copies, underlay, override, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
     if candidates and override.launch:
         notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
-    notes += repair_notes
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
-    notes += build_notes
-    workspace = replace(built.workspace, packages=(*built.workspace.packages, *known_paths))
-    workspace = _with_stand_ins_for(facts, workspace)
+    notes += [*repair_notes, *build_notes]
     equal_places: List[str] = []
     if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
@@ -242,12 +229,9 @@ def _prepare_choice(
         equal_places.insert(0, str(launch.place))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration was found outside of the packages")
-    if launch is None:
-        package, node = (override.node or "").split()
-        launchable = Launchable("node", package, node, override.arguments)
-    else:
-        title = " ".join([str(launch.place), *override.arguments])
-        launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
+    packages_seen = (*built.workspace.packages, *known_folders.packages.values())
+    workspace = _with_stand_ins_for(facts, replace(built.workspace, packages=packages_seen))
+    launchable = _launchable_of(launch, override)
     planned = launch.plan if launch else Plan()
     # the plan is made again after the build, because the launch file may need files of the build
     if not planned.is_read:
@@ -264,6 +248,48 @@ def _prepare_choice(
         own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
+
+
+class _Copies(NamedTuple):
+    """Copies of the packages of a submission."""
+
+    packages: List[Package]  # packages of the exercise
+    folders: Folders  # workspace with their copies, in which they are built
+    known: List[Package]  # packages of a course or of the robot to which the student has added files
+    known_folders: Folders  # folders with their copies, which launch files find and nothing builds
+
+
+def _find_candidates(
+    contents: Contents, copies: _Copies, underlay: Workspace, override: Override, facts: Facts
+) -> List[LaunchFile]:
+    """Return the launch files that may be started, the best one first, before anything is built.
+
+    If the teacher names a launch file, it is the only one.
+
+    Raises:
+        NotMarkableError: no launch file fits.
+    """
+    known_paths = copies.known_folders.packages.values()
+    unbuilt = replace(underlay, packages=(*underlay.packages, copies.folders.root / "src", *known_paths))
+    files = read_launch_files(
+        contents,
+        [*copies.packages, *copies.known],
+        copies.folders,
+        copies.known_folders,
+        _with_stand_ins_for(facts, unbuilt),
+        override,
+        facts.parts,
+    )
+    return files if override.launch else choose_launch_files(files, override.exercise or 0, facts)
+
+
+def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchable:
+    """Return the chosen launch file, or the node that the teacher names, with the teacher's arguments."""
+    if launch is None:
+        package, node = (override.node or "").split()
+        return Launchable("node", package, node, override.arguments)
+    title = " ".join([str(launch.place), *override.arguments])
+    return Launchable("launch", launch.package, str(launch.path), override.arguments, title)
 
 
 def _build_candidates(

@@ -158,6 +158,7 @@ def memory_of(processes: Sequence[psutil.Process]) -> int:
     # an upper bound of the memory, because every process counts the pages that it shares
     if resident <= MEMORY:
         return resident
+    # proc(5): the proportional size counts a page for each process by its share; it takes long to read
     proportional = 0
     for process in processes:
         with contextlib.suppress(psutil.Error):

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence, Set, Tuple
 
 from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
 from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
@@ -170,31 +170,41 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         folder: the only folder that it may write.
         env: environment, which names further files.
     """
-    home_variables = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
-    homes = {path.resolve() for path in home_variables} - {Path("/"), *map(Path, TEMPORARY)}
+    home_folders = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
+    homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
     writable = folder.resolve()
     own = own_files(workspace.own)
-    hidden = {
-        path
-        for path in homes | {path.resolve() for path in workspace.hidden} | own.hidden
-        if path.is_dir() and writable not in (path, *path.parents)
-    }
+    to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *own.hidden}
+    # a folder around the writable one cannot be hidden
+    hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed(workspace, env)
     shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
+    # a folder around a home would show the home again
     shown = {path for path in shown if not any(path in home.parents for home in homes)}
     mounts = [_Mount(path, 0, ["--tmpfs", str(path)]) for path in hidden]
     mounts += [_Mount(path, 1, ["--ro-bind", str(path), str(path)]) for path in shown]
+    for link in _missing_links(needed, {*shown, *(Path("/", name) for name in SYSTEM)}, hidden):
+        mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
     mounts.append(_Mount(writable, 2, ["--bind", str(writable), str(writable)]))
-    visible = {*shown, *(Path("/", name) for name in SYSTEM)}
-    for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
-        around = next((each for each in (link, *link.parents) if each in visible | hidden), None)
-        # only the target of the link is visible so far, so the link is made in the sandbox
-        if around not in visible:
-            mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
     mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
     options = chain.from_iterable(mount.options for mount in mounts)
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
     return [*_system(), *options, *read_only]
+
+
+def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -> List[Path]:
+    """Return the symbolic links on some paths that are not in the sandbox yet.
+
+    The sandbox shows only the targets of these links, because their own folders are neither shown nor below
+    a shown folder.
+    """
+    links = {each for path in paths for each in (path, *path.parents) if each.is_symlink()}
+    missing = []
+    for link in links:
+        innermost = next((each for each in (link, *link.parents) if each in shown | hidden), None)
+        if innermost not in shown:
+            missing.append(link)
+    return missing
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
