@@ -29,19 +29,15 @@ _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
 def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
-    """Return the RViz configuration of a submission.
+    """Return the RViz configuration of a submission; it is empty if no configuration was handed in.
 
-    It is the configuration of the first rviz node. If that was not handed in, it is the package's .rviz file
-    with most of the needed displays. Then these rules hold:
+    It is the configuration that the first rviz node names. If that was not handed in, it is a configuration
+    in the package. A node that names none shows the student's ~/.rviz, which was not handed in.
 
-    - A file that another launch file names belongs to that launch file.
-    - But if `launch_file` starts no RViz, only launch files that play recordings or start nodes of the
-      package own their files.
-    - If `launch_file` starts RViz without a configuration, the package's only .rviz file counts, unless its
-      launch file plays recordings.
-
-    It is empty if no configuration was handed in, because a node without one shows the student's ~/.rviz. The
-    configuration of a submission must be below `root`.
+    Args:
+        planned: plan of the submission, with its rviz nodes.
+        root: folder in which the configuration must be; None for any folder.
+        launch_file: path of the launch file that is started; empty for a node.
     """
     planned = _without_the_simulators(planned)
     remaps: Sequence[Tuple[str, str]] = ()
@@ -52,10 +48,27 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
         if path is not None and is_regular(path) and (root is None or is_below(path, root)):
             return _config(f"its rviz node, {path.name}", path, remaps)
         missing = str(path or "")
+    config = _config_in_package(planned, Path(launch_file).name, remaps)
+    return config or RvizConfig(started=bool(planned.rviz), missing=missing)
+
+
+def _config_in_package(
+    planned: Plan, launch_file: str, remaps: Sequence[Tuple[str, str]]
+) -> Optional[RvizConfig]:
+    """Return the configuration of the package's .rviz file with most needed displays; None if no file counts.
+
+    - A file that another launch file names belongs to that launch file, and does not count.
+    - But if `launch_file` starts no RViz, only launch files that play recordings or start nodes of the
+      package own their files.
+    - If `launch_file` starts RViz, the package's only .rviz file counts in any case, unless its owner plays
+      recordings.
+
+    `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
+    """
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
-        owners = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
+        owners = _named_by_others(folder, launch_file, not planned.rviz)
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
@@ -63,8 +76,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
             return _config(source, files[0], remaps)
         files = [path for path in files if path.name not in owners]
     configs = [_config(path.name, path, remaps) for path in files]
-    no_config = RvizConfig(started=bool(planned.rviz), missing=missing)
-    return max(configs, key=_count_needed_displays, default=no_config)
+    return max(configs, key=_count_needed_displays, default=None)
 
 
 def _without_the_simulators(planned: Plan) -> Plan:

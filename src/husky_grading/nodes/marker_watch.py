@@ -232,10 +232,11 @@ class MarkerWatch:
         return replace(sample, **shape._asdict())
 
     def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
-        """Return the moment [s] that counts for a marker, and its frame in base_link at that moment.
+        """Return the moment [s] that counts for a marker, and the pose of its frame in base_link then.
 
-        With stamp 0 the moment is the time of sending, or up to RETRY_END later if the frame is unknown.
-        The robot's true pose is known, so the drift of odom does no harm.
+        The moment is the stamp. With stamp 0 it is the time of sending, or up to RETRY_END later if the frame
+        is known only then. The pose is relative to base_link, because the true pose of base_link in the world
+        is known, so errors of odometry do not count.
 
         Raises:
             TransformException: no transform connects the two frames.
@@ -245,16 +246,16 @@ class MarkerWatch:
         if sample.stamp:
             return sample.stamp, self._lookup(sample.frame, sample.stamp)
         moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
-        refusal: Optional[Exception] = None
+        first_error: Optional[Exception] = None
         for moment in moments:
             try:
                 return moment, self._lookup(sample.frame, moment)
             except tf2_ros.TransformException as error:
-                refusal = refusal or error
+                first_error = first_error or error
         latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
         if latest < sample.at:  # the run has ended, or the submission has stopped sending the frame
             return latest, self._lookup(sample.frame, latest)
-        raise tf2_ros.TransformException(str(refusal))
+        raise tf2_ros.TransformException(str(first_error))
 
     def _lookup(self, frame: str, moment: float) -> Pose:
         """Return the pose of a frame in base_link at a moment [s].

@@ -286,7 +286,7 @@ class DriveRecorder:
             return
         if not is_ready:
             self._access.advertise_commands()
-            self._watch.on_scan(0.0)
+            self._watch.on_scan(0.0)  # the first command of an exercise that drives the robot itself
         scans = self._initial.scan_topic
         self._subscribers.append(
             rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
