@@ -48,27 +48,30 @@ def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
     """Volume [m^3] and centroid of a mesh in its frame; of its box if the mesh is not closed."""
     low, high = mesh.bounds
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2) - low
-    # volumes of the tetrahedra between the faces and one corner
+    # signed volumes of the tetrahedra from each face to the lowest corner of the box
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
-    volume, box = float(parts.sum()), float(np.prod(high - low))
-    if not _SOLID * box < abs(volume) <= box:
+    volume, box_volume = float(parts.sum()), float(np.prod(high - low))
+    is_closed = _SOLID * box_volume < abs(volume) <= box_volume
+    if not is_closed:
         x, y, z = ((low + high) / 2.0).tolist()
-        return box, (x, y, z)
+        return box_volume, (x, y, z)
     x, y, z = (low + parts @ (a + b + c) / 4.0 / volume).tolist()
     return abs(volume), (x, y, z)
 
 
 def _without_flat(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
     """Mesh without duplicate faces and without faces that have two equal corners."""
-    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    faces = faces[~flat]
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    faces = faces[np.sort(first)]
+    has_equal_corners = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    faces = faces[~has_equal_corners]
+    _, first_of_each = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    faces = faces[np.sort(first_of_each)]
+    # only the corners that a face uses
     used, rows = np.unique(faces, return_inverse=True)
     return _frozen(vertices[used], rows.reshape(-1, 3), source)
 
 
 def _frozen(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
+    """Mesh whose arrays are read-only."""
     vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces)
     for array in (vertices, faces):
         array.setflags(write=False)

@@ -109,6 +109,7 @@ def main() -> None:
 
 
 def _is_importable(module: str) -> bool:
+    """Return whether Python finds a module, without loading it."""
     try:
         return importlib.util.find_spec(module) is not None
     except (ImportError, ValueError):  # a broken package

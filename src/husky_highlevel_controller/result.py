@@ -121,6 +121,7 @@ class Result:
         object.__setattr__(self, "tables", tuple(self.tables))
 
     def __str__(self) -> str:
+        """Title, lead, the tables that are not folded, and the verdict, each wrapped at WIDTH."""
         shown = [str(table) for table in self.tables if not table.folded]
         lead, verdict = textwrap.fill(self.lead, WIDTH), textwrap.fill(self.verdict, WIDTH)
         return "\n\n".join(filter(None, [self.title, lead, *shown, verdict]))

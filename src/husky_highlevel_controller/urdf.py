@@ -60,9 +60,10 @@ def ends_of(joint: ET.Element, links: Mapping[str, ET.Element]) -> Tuple[str, st
     names = []
     for end in ("parent", "child"):
         element = joint.find(end)
-        names.append("" if element is None else element.get("link", ""))
-        if names[-1] not in links:
-            raise DescriptionError(f"{label_of(joint)}: its {end} '{names[-1]}' is not a link")
+        name = "" if element is None else element.get("link", "")
+        if name not in links:
+            raise DescriptionError(f"{label_of(joint)}: its {end} '{name}' is not a link")
+        names.append(name)
     parent, child = names
     return parent, child
 

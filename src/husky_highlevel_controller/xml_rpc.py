@@ -19,6 +19,7 @@ class _Transport(Transport):
         self._deadline = deadline
 
     def make_connection(self, host: Any) -> Any:
+        """Give each connection the deadline."""
         connection = super().make_connection(host)
         connection.timeout = self._deadline
         return connection

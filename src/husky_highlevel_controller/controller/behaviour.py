@@ -46,7 +46,7 @@ from husky_highlevel_controller.robot import load_robot
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
 RESUME_ERROR = 0.10  # [m] error of the stop position at which an arrived robot drives again
 ODOM_TIMEOUT = 0.5  # [s] time without a pose in odom after which the odometry counts as lost
-ROOM_SHARE = 0.05  # smallest fraction of beams with a return if walls stand around the robot
+ROOM_FRACTION = 0.05  # smallest fraction of beams with a return if walls stand around the robot
 # [m] measured gap at which the robot may already touch the pillar; from this gap on, the robot creeps for
 # TOUCH_CREEP_TIME
 TOUCH_GAP = 0.003
@@ -166,7 +166,7 @@ def decide(
         base_in_odom=observation.base_in_odom,
         updated_at=stamp,
         odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
-        in_room=controller_state.in_room or bool(returns > ROOM_SHARE * len(observation.scan.ranges)),
+        in_room=controller_state.in_room or bool(returns > ROOM_FRACTION * len(observation.scan.ranges)),
     )
 
     # decision

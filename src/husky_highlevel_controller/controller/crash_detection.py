@@ -47,13 +47,13 @@ PATIENCE = 2.0  # [s] time without odometry after which samples no longer wait f
 LONGEST_WAIT = 2.5  # [s] longest wait of a sample for later odometry
 LONGEST_DELAY = 10.0  # [s] largest time by which samples may lag behind odometry
 # [m/s^2] the part of a horizontal force above this limit counts only if the force exceeds the vertical force
-SHOCK = 6.0
+SHOCK_FORCE = 6.0
 # [m/s] vibration from which on the ground counts as rough; a real Husky A200 has 0.005 at rest, 0.03 on
 # flooring
-ROUGH = 0.013
+ROUGH_VIBRATION = 0.013
 # sideways velocity may be this many times larger than forward velocity, because the body rolls on its tyres
-SIDEWAYS = 2.0
-STANDING = 0.02  # [m/s] slower wheels have no direction of travel
+SIDEWAYS_FACTOR = 2.0
+STANDING_SPEED = 0.02  # [m/s] slower wheels have no direction of travel
 
 
 @dataclass(frozen=True)
@@ -87,12 +87,14 @@ class Change(NamedTuple):
         # before the push
         return max(
             self.loss - self._allowance(self.vibration, config),
-            self.sideways - SIDEWAYS * self._allowance(self.vibration_before, config),
+            self.sideways - SIDEWAYS_FACTOR * self._allowance(self.vibration_before, config),
         )
 
     def _allowance(self, vibration: float, config: CrashConfig) -> float:
         """Loss that the ground may cause beyond `max_loss` at this vibration [m/s]."""
-        for_rough_ground = min(vibration / ROUGH, 1.0) * max(config.max_loss_rough - config.max_loss, 0.0)
+        for_rough_ground = min(vibration / ROUGH_VIBRATION, 1.0) * max(
+            config.max_loss_rough - config.max_loss, 0.0
+        )
         return for_rough_ground + config.vibration_factor * vibration
 
 
@@ -109,23 +111,25 @@ class CrashDetector:
     """Detector of crashes; give it wheel speeds and IMU samples as they come."""
 
     def __init__(self, config: CrashConfig) -> None:
+        """Begin without a sample; `config` has the limits of a crash."""
         self._config = config
-        self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s] and speed [m/s] of the wheels
+        self._wheel_speeds: Deque[Tuple[float, float]] = deque()  # stamp [s] and speed [m/s] of the wheels
         # samples that wait for odometry, with the mounting of the IMU
-        self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()
-        self._silent_since = inf  # [s] stamp of the first sample since the last odometry
+        self._waiting_samples: Deque[Tuple[ImuSample, Quaternion]] = deque()
+        self._odometry_silent_since = inf  # [s] stamp of the first sample since the last odometry
         self.reset()
 
     def reset(self) -> None:
         """Forget the samples that were judged, as after a jump of time."""
         # unit vector upwards in the IMU's frame; None before the first sample
-        self._up: Optional[Vector3] = None
-        # [s] present time constant of `_up`, which is a plain mean of the first samples
-        self._levelling = 0.0
-        self._stamp = -inf  # [s]
-        self._period, self._same_stamp = 0.0, 1  # [s] last period; number of samples of the last stamp
+        self._vertical: Optional[Vector3] = None
+        # [s] present time constant of `_vertical`, which is a plain mean of the first samples
+        self._levelling_time = 0.0
+        self._last_stamp = -inf  # [s]
+        self._period, self._samples_of_stamp = 0.0, 1  # [s] last period; number of samples of the last stamp
         self._increments: Deque[_Increment] = deque()
-        self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
+        # stamp [s]; squared sideways and vertical change
+        self._squared_changes: Deque[Tuple[float, float]] = deque()
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
         # result for the last evaluated sample; None if there is none yet
         self.change: Optional[Change] = None
@@ -134,21 +138,25 @@ class CrashDetector:
         """Take the speed that the wheels measure at a time [s]."""
         if not isfinite(twist_in_base.linear):
             return
-        if self._wheels and stamp == self._wheels[-1][0]:
+        if self._wheel_speeds and stamp == self._wheel_speeds[-1][0]:
             return
-        if self._wheels and stamp < self._wheels[-1][0]:  # time runs back
-            self._wheels.clear()
-        self._wheels.append((stamp, twist_in_base.linear))
-        self._silent_since = inf
+        if self._wheel_speeds and stamp < self._wheel_speeds[-1][0]:  # time runs back
+            self._wheel_speeds.clear()
+        self._wheel_speeds.append((stamp, twist_in_base.linear))
+        self._odometry_silent_since = inf
         # [s] stamp before which no odometry and vibration is needed any more
-        oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY
-        while self._wheels[0][0] < oldest:
-            self._wheels.popleft()
+        oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
+        while self._wheel_speeds[0][0] < oldest:
+            self._wheel_speeds.popleft()
 
     @property
     def delay(self) -> float:
         """Age difference of the first and the last sample that wait for odometry [s]."""
-        return self._waiting[-1][0].stamp - self._waiting[0][0].stamp if self._waiting else 0.0
+        return (
+            self._waiting_samples[-1][0].stamp - self._waiting_samples[0][0].stamp
+            if self._waiting_samples
+            else 0.0
+        )
 
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -167,13 +175,17 @@ class CrashDetector:
         self.change = None
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
-        if self._waiting and sample.stamp < self._waiting[-1][0].stamp - LONGEST_PERIOD:
-            self._waiting.clear()  # time runs back
-        self._waiting.append((sample, imu_in_base))
-        self._silent_since = min(self._silent_since, sample.stamp)
+        if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:
+            self._waiting_samples.clear()  # time runs back
+        self._waiting_samples.append((sample, imu_in_base))
+        self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
         loss = None
-        while loss is None and self._waiting and self._has_odometry(self._waiting[0][0].stamp, sample.stamp):
-            loss = self._judge_sample(*self._waiting.popleft())
+        while (
+            loss is None
+            and self._waiting_samples
+            and self._has_odometry(self._waiting_samples[0][0].stamp, sample.stamp)
+        ):
+            loss = self._judge_sample(*self._waiting_samples.popleft())
         return loss
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
@@ -181,9 +193,9 @@ class CrashDetector:
 
         The newest odometry may be up to one of its periods, and LATENESS, before that time.
         """
-        if now - self._silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
+        if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
-        newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheels), 3)]
+        newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheel_speeds), 3)]
         if not newest_stamps:
             return False
         # the shorter of the last two periods, because the other one may be a gap
@@ -196,60 +208,66 @@ class CrashDetector:
         The first sample, and one after a gap, only starts the detector again. A sample with the stamp of the
         last one is averaged with it, and an older one is dropped.
         """
-        duration = sample.stamp - self._stamp
-        if self._up is None or abs(duration) > LONGEST_PERIOD:
+        duration = sample.stamp - self._last_stamp
+        if self._vertical is None or abs(duration) > LONGEST_PERIOD:
             self.reset()
-            self._stamp, self._up = sample.stamp, unit(sample.specific_force)
+            self._last_stamp, self._vertical = sample.stamp, unit(sample.specific_force)
             return None
         if duration <= 0.0:  # the sample is late, or the clock of the stamps ticks more slowly than the IMU
             if duration == 0.0 and self._increments:
                 self._average_into_last(sample, imu_in_base)
             return None
-        self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
+        self._last_stamp, self._period, self._samples_of_stamp = sample.stamp, duration, 1
         # the time constant grows to its final value, because the vertical is not known well at first and must
         # follow quickly
-        self._levelling = min(self._levelling + duration, LEVELLING_TIME)
-        self._level(sample, duration, imu_in_base)
+        self._levelling_time = min(self._levelling_time + duration, LEVELLING_TIME)
+        self._level_vertical(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
         return self._judge_change()
 
     def _average_into_last(self, sample: ImuSample, imu_in_base: Quaternion) -> None:
         """Make the last velocity change the mean over all samples of its stamp."""
-        self._same_stamp += 1
+        self._samples_of_stamp += 1
         last, increment = self._increments.pop(), self._increment(sample, self._period, imu_in_base)
-        share = 1.0 / self._same_stamp
+        share = 1.0 / self._samples_of_stamp
         self._increments.append(
             _Increment(last.stamp, *(old + share * (new - old) for old, new in zip(last[1:], increment[1:])))
         )
 
-    def _level(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
-        """Turn the vertical `_up` by the gyro, and pull it slowly towards the measured force.
+    def _level_vertical(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
+        """Turn `_vertical` by the gyro, and pull it slowly towards the measured force.
 
         At rest the measured force points upwards, against gravity. The accelerations of the wheels and of the
         curve are subtracted from the force before. A force that still differs much from gravity is believed
         less. `duration` is the time since the last sample [s].
         """
-        assert self._up is not None
-        self._up = unit(minus(self._up, cross(sample.angular_velocity, self._up), duration)) or self._up
-        ahead, left = self._axes(imu_in_base)
-        force = minus(sample.specific_force, ahead, self._acceleration(sample.stamp))
-        force = minus(force, left, self._curve(sample))
-        error = minus(force, self._up, GRAVITY)
+        assert self._vertical is not None
+        self._vertical = (
+            unit(minus(self._vertical, cross(sample.angular_velocity, self._vertical), duration))
+            or self._vertical
+        )
+        ahead, left = self._ground_axes(imu_in_base)
+        force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
+        force = minus(force, left, self._curve_acceleration(sample))
+        error = minus(force, self._vertical, GRAVITY)
         belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
         # the factor is negative, because the vertical moves towards the error
-        self._up = unit(minus(self._up, error, -belief * duration / (self._levelling * GRAVITY))) or self._up
+        self._vertical = (
+            unit(minus(self._vertical, error, -belief * duration / (self._levelling_time * GRAVITY)))
+            or self._vertical
+        )
 
-    def _axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
+    def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
         """Unit vectors ahead and left along the ground, in the IMU's frame."""
-        assert self._up is not None
+        assert self._vertical is not None
         ahead = rotate(quat_inverse(imu_in_base), (1.0, 0.0, 0.0))
-        ahead = unit(minus(ahead, self._up, dot(ahead, self._up))) or (1.0, 0.0, 0.0)
-        return ahead, cross(self._up, ahead)
+        ahead = unit(minus(ahead, self._vertical, dot(ahead, self._vertical))) or (1.0, 0.0, 0.0)
+        return ahead, cross(self._vertical, ahead)
 
-    def _acceleration(self, stamp: float) -> float:
+    def _wheel_acceleration(self, stamp: float) -> float:
         """Acceleration of the wheels by the last two messages before a time [m/s^2]; 0 if they are old."""
-        newest_first = reversed(self._wheels)
-        one_older = islice(reversed(self._wheels), 1, None)
+        newest_first = reversed(self._wheel_speeds)
+        one_older = islice(reversed(self._wheel_speeds), 1, None)
         for (later, later_speed), (earlier, earlier_speed) in zip(newest_first, one_older):
             if later <= stamp:
                 if stamp - later > LONGEST_PERIOD:
@@ -257,22 +275,23 @@ class CrashDetector:
                 return (later_speed - earlier_speed) / (later - earlier)
         return 0.0
 
-    def _curve(self, sample: ImuSample) -> float:
+    def _curve_acceleration(self, sample: ImuSample) -> float:
         """Acceleration to the left in a curve at the wheels' speed [m/s^2]."""
-        assert self._up is not None
-        return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._up)
+        assert self._vertical is not None
+        return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._vertical)
 
     def _increment(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Increment:
         """Return the velocity increment of a sample over its duration [s], without gravity and the curve."""
-        assert self._up is not None
-        ahead, left = self._axes(imu_in_base)
+        assert self._vertical is not None
+        ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force
-        vertical = dot(force, self._up) - GRAVITY
+        vertical = dot(force, self._vertical) - GRAVITY
         return _Increment(
             sample.stamp,
             _damped(dot(force, ahead), vertical) * duration,
-            (_clamped(dot(force, left), SIDEWAYS * SHOCK) - self._curve(sample)) * duration,
-            _clamped(vertical, SHOCK) * duration,
+            (_clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE) - self._curve_acceleration(sample))
+            * duration,
+            _clamped(vertical, SHOCK_FORCE) * duration,
         )
 
     def _judge_change(self) -> Optional[float]:
@@ -282,7 +301,7 @@ class CrashDetector:
         gets the result. It stays None at the start, until the vertical has been learnt for LEARNING_TIME, or
         up to LEARNING_ROUGH on rough ground.
         """
-        window, end = self._config.window, self._stamp - LATENESS
+        window, end = self._config.window, self._last_stamp - LATENESS
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
@@ -303,12 +322,12 @@ class CrashDetector:
             elif AFTER - 1e-6 < age < AFTER + window - 1e-6:
                 pushed_left += left_by
         vibration, vibration_before = self._add_vibration(swung_left * swung_left + swung_up * swung_up, end)
-        learning = LEARNING_TIME + min(vibration / ROUGH, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
-        if self._levelling < learning:
+        learning = LEARNING_TIME + min(vibration / ROUGH_VIBRATION, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
+        if self._levelling_time < learning:
             return None
         # a push to either side counts as far as the body keeps the velocity that it gained in the window
         sideways = max(min(pushed_left, change_left), min(-pushed_left, -change_left))
-        self.change = Change(self._loss(change_ahead, end), sideways, vibration, vibration_before)
+        self.change = Change(self._unexplained_loss(change_ahead, end), sideways, vibration, vibration_before)
         is_crash = self.change.excess(self._config) > self._config.max_loss
         return hypot(change_ahead, change_left) if is_crash else None
 
@@ -319,10 +338,10 @@ class CrashDetector:
             The ground's vibration at the time `end` [s], as root of the mean over MEMORY, and its vibration
             before the change that is judged [m/s].
         """
-        self._ground.append((end, square))
-        while end - self._ground[0][0] > MEMORY:
-            self._ground.popleft()
-        vibration = sqrt(sum(each for _, each in self._ground) / len(self._ground))
+        self._squared_changes.append((end, square))
+        while end - self._squared_changes[0][0] > MEMORY:
+            self._squared_changes.popleft()
+        vibration = sqrt(sum(each for _, each in self._squared_changes) / len(self._squared_changes))
         self._vibrations.append((end, vibration))
         while self._vibrations[0][0] < end - AFTER - self._config.window:
             self._vibrations.popleft()
@@ -336,7 +355,7 @@ class CrashDetector:
         remaining = AFTER + self._config.window + BEFORE - age
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
 
-    def _loss(self, ahead: float, end: float) -> float:
+    def _unexplained_loss(self, ahead: float, end: float) -> float:
         """Return the loss of speed beyond the wheels' own loss [m/s].
 
         Odometry may be shifted by up to `odometry_delay`, so the shift that explains most of the loss counts.
@@ -351,29 +370,34 @@ class CrashDetector:
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
-            for (stamp, speed), (next_stamp, next_speed) in zip(self._wheels, islice(self._wheels, 1, None)):
+            for (stamp, speed), (next_stamp, next_speed) in zip(
+                self._wheel_speeds, islice(self._wheel_speeds, 1, None)
+            ):
                 if next_speed != speed:
                     change += (next_speed - speed) * self._weight(shifted_end - 0.5 * (stamp + next_stamp))
             wheel_changes.append(change)
         losses = []
-        if speed_before is None or speed_before > -STANDING:  # the robot may have driven forwards
+        if speed_before is None or speed_before > -STANDING_SPEED:  # the robot may have driven forwards
             losses.append(min(wheel_changes) - ahead)
-        if speed_before is None or speed_before < STANDING:  # the robot may have driven backwards
+        if speed_before is None or speed_before < STANDING_SPEED:  # the robot may have driven backwards
             losses.append(ahead - max(wheel_changes))
         return max(losses)
 
     def _speed_at(self, stamp: float) -> Optional[float]:
         """The wheels' speed at a time, by linear interpolation [m/s]; None if unknown."""
-        if not self._wheels or stamp - self._wheels[-1][0] > LONGEST_PERIOD:
+        if not self._wheel_speeds or stamp - self._wheel_speeds[-1][0] > LONGEST_PERIOD:
             return None
-        stamps, speeds = zip(*self._wheels)
+        stamps, speeds = zip(*self._wheel_speeds)
         return float(np.interp(stamp, stamps, speeds))
 
 
 def _damped(force: float, vertical: float) -> float:
-    """Return a horizontal force [m/s^2] without the part above SHOCK that a shock from below explains."""
+    """Return a horizontal force [m/s^2] without the part that a shock from below explains.
+
+    Only the part above SHOCK_FORCE can be due to such a shock.
+    """
     size = abs(force)
-    return copysign(min(size, SHOCK) + max(size - SHOCK - abs(vertical), 0.0), force)
+    return copysign(min(size, SHOCK_FORCE) + max(size - SHOCK_FORCE - abs(vertical), 0.0), force)
 
 
 def _clamped(value: float, limit: float) -> float:

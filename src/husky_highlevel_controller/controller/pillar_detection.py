@@ -189,6 +189,7 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
         """Return whether a rival shape with so many parameters leads by `odds` or more, see LINE_ODDS."""
 
         def lead(sum_squared_error: float) -> float:
+            """Lead of a rival with this error over the circle, see LINE_ODDS."""
             return max(beams - parameters, 1) * log(
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )

@@ -22,18 +22,18 @@ SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
 _FREE_BESIDE = 0.15  # [m] required free width on either side of the footprint
 _OWN_BODY = 0.01  # [m] returns nearer to the footprint than this come from the robot itself
 _SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
-_REACH = 2.0  # [m] farther returns are never in the way of the robot within LOOK_AHEAD
+_NEAR_RANGE = 2.0  # [m] farther returns are never in the way of the robot within LOOK_AHEAD
 _SAME_BODY = 0.2  # [m] neighbouring returns that are nearer to each other than this belong to one object
-_OF_TARGET = 0.15  # [m] returns nearer to the pillar's surface than this belong to the pillar
-_ROUND = 2.0 * pi
-_QUARTER = pi / 2.0
+_TARGET_MARGIN = 0.15  # [m] returns nearer to the pillar's surface than this belong to the pillar
+_FULL_TURN = 2.0 * pi
+_QUARTER_TURN = pi / 2.0
 
 
 class Search(NamedTuple):
     """Progress of the search."""
 
     leg: int = 0  # number of legs of the search path that have begun
-    to_turn: float = _ROUND  # [rad] remaining turn before the next leg of the search path
+    to_turn: float = _FULL_TURN  # [rad] remaining turn before the next leg of the search path
     to_drive: float = 0.0  # [m] remaining length of the current leg of the search path
     pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan
 
@@ -73,9 +73,9 @@ def search_on(
     search = search._replace(to_drive=search.to_drive - driven)
     # the leg has ended, so the robot turns to look around, and then faces the next side of the square
     if search.to_drive <= 0.0:
-        return search._replace(to_turn=_ROUND + _QUARTER), Twist2D()
+        return search._replace(to_turn=_FULL_TURN + _QUARTER_TURN), Twist2D()
     if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
-        return search._replace(to_drive=0.0, to_turn=_QUARTER), Twist2D()
+        return search._replace(to_drive=0.0, to_turn=_QUARTER_TURN), Twist2D()
     return search, Twist2D(SEARCH_SPEED, 0.0)
 
 
@@ -84,7 +84,7 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
 
     They are without the robot itself, without single points (speckle), and without the target.
     """
-    (beams,) = ((scan.returns < _REACH) & scan.valid).nonzero()
+    (beams,) = ((scan.returns < _NEAR_RANGE) & scan.valid).nonzero()
     if not len(beams):
         return np.empty((0, 2))
     ranges = scan.returns[beams]
@@ -100,7 +100,7 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
     is_obstacle = outline.clearance(points) > _OWN_BODY
     if target is not None:
         from_target = points - (target.x, target.y)
-        is_obstacle &= np.hypot(from_target[:, 0], from_target[:, 1]) > target.radius + _OF_TARGET
+        is_obstacle &= np.hypot(from_target[:, 0], from_target[:, 1]) > target.radius + _TARGET_MARGIN
     return points[is_obstacle]
 
 

@@ -26,48 +26,54 @@ class ClockOffset:
         """Begin without an offset; an offset below `tolerance` [s] counts as 0."""
         self.seconds = 0.0  # [s] lead of the messages' clock over the reference's clock
         self._tolerance = tolerance
-        self._reference: Optional[float] = None  # [s], newest stamp
-        self._references = self._count = 0
-        self._begin = (0.0, 0.0, 0.0)  # [s] start of the window: wall time, stamp, the reference's stamp
+        self._newest_reference: Optional[float] = None  # [s], newest stamp
+        self._new_references = self._message_count = 0
+        # [s] start of the window: wall time, stamp, the reference's stamp
+        self._window_begin = (0.0, 0.0, 0.0)
         # [s] smallest and largest difference of the stamps in the window
-        self._smallest, self._largest = inf, -inf
+        self._smallest_difference, self._largest_difference = inf, -inf
 
     def add_reference(self, stamp: float) -> None:
         """Take a stamp [s] of the reference; it may be a repeated one."""
-        if self._reference is not None and stamp < self._reference:
-            self._count = 0  # a new run
-        self._references += stamp != self._reference
-        self._reference = stamp
+        if self._newest_reference is not None and stamp < self._newest_reference:
+            self._message_count = 0  # a new run
+        self._new_references += stamp != self._newest_reference
+        self._newest_reference = stamp
 
     def add(self, stamp: float, now: float) -> None:
         """Take the stamp [s] of a message that comes at a wall time [s]."""
-        if self._reference is None:
+        if self._newest_reference is None:
             return
-        if self._count == 0:
-            self._begin, self._references = (now, stamp, self._reference), 0
-            self._smallest, self._largest = inf, -inf
-        self._count += 1
-        difference = stamp - self._reference
-        self._smallest, self._largest = min(self._smallest, difference), max(self._largest, difference)
-        age = now - self._begin[0]
-        if (age >= WINDOW and self._count >= MIN_MESSAGES and self._references) or age >= MAX_WINDOW:
+        if self._message_count == 0:
+            self._window_begin, self._new_references = (now, stamp, self._newest_reference), 0
+            self._smallest_difference, self._largest_difference = inf, -inf
+        self._message_count += 1
+        difference = stamp - self._newest_reference
+        self._smallest_difference, self._largest_difference = (
+            min(self._smallest_difference, difference),
+            max(self._largest_difference, difference),
+        )
+        age = now - self._window_begin[0]
+        if (
+            age >= WINDOW and self._message_count >= MIN_MESSAGES and self._new_references
+        ) or age >= MAX_WINDOW:
             self.seconds = self._offset(stamp, now)
-            self._count = 0
+            self._message_count = 0
 
     def _offset(self, stamp: float, now: float) -> float:
         """Offset that all messages of the window show [s]; 0 if it is within the tolerance."""
-        begin, first, first_reference = self._begin
-        progress = (self._reference or 0.0) - first_reference
-        if progress <= 0.0 or not self._references or self._count < 2:
+        begin, first, first_reference = self._window_begin
+        progress = (self._newest_reference or 0.0) - first_reference
+        if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
-        period = progress / self._references
+        period = progress / self._new_references
         # the newest reference may be a period old; if messages come more often, only for some of them
-        slack = min(period, abs(stamp - first) / (self._count - 1))
+        slack = min(period, abs(stamp - first) / (self._message_count - 1))
         # delays in wall time become larger in simulated time if simulated time passes faster
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
-        if self._smallest > tolerance:
-            return self._smallest
-        behind = self._largest - period
+        if self._smallest_difference > tolerance:
+            return self._smallest_difference
+        behind = self._largest_difference - period
         return behind if behind < -tolerance else 0.0
 
 

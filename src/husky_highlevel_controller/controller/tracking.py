@@ -26,12 +26,12 @@ from husky_highlevel_controller.geometry import inverse, transform_point
 
 EMPTY_TIMEOUT = 0.5  # [s] time for which a remembered position may look empty before the pillar is given up
 _HIDDEN_WEIGHT = 0.1  # weight of the time in which a near remembered position is hidden, relative to empty
-_AT_PLACE = 2.0  # [m] a pillar at a remembered position nearer than this should be visible
+_NEAR = 2.0  # [m] a pillar at a remembered position nearer than this should be visible
 _MANY_BEAMS = 8  # number of beams from which on a pillar is accepted even at a rejected position
 _LONGEST_PERIOD = 0.1  # [s] a longer gap between two scans counts only as this time
 _DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
 # largest distance between a sighting and the remembered pillar: [m], plus fraction of the range
-_GATE, _GATE_SHARE = 0.5, 0.03
+_GATE, _GATE_FRACTION = 0.5, 0.03
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
 # a pillar is confirmed if seen from lidar positions so far apart [m], or for so long [s]; a step of a person
 # takes 0.6 s
@@ -150,7 +150,7 @@ def _walks(track: Track, pillar: Pillar) -> bool:
     assert track.estimate is not None
     assert track.anchor is not None
     before, now = track.anchor.estimate, track.estimate
-    errors = _GATE_SHARE * hypot(pillar.x, pillar.y) + 3.0 * min(before.deviation, 0.3)
+    errors = _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(before.deviation, 0.3)
     return hypot(now.x - before.x, now.y - before.y) > WALK + errors
 
 
@@ -198,7 +198,7 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
     if visibility is Visibility.EMPTY or not track.confirmed:
         return 1.0
     x, y, _ = laser_in_odom.position
-    is_near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
+    is_near = hypot(estimate.x - x, estimate.y - y) < _NEAR
     if visibility is Visibility.HIDDEN and is_near and not keep_hidden:
         return _HIDDEN_WEIGHT
     return 0.0
@@ -207,8 +207,12 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
 def _give_up(track: Track, reject: bool) -> Track:
     """Return the track without its estimate; remember the position if it is rejected."""
     assert track.estimate is not None
-    place = (track.estimate.x, track.estimate.y, min(track.beams, _MANY_BEAMS - 1))
-    rejected = (*track.rejected[1 - _MAX_REJECTED :], place) if reject else track.rejected
+    rejected = track.rejected
+    if reject:
+        # a pillar of _MANY_BEAMS is accepted again, however many beams were on this one
+        beams = min(track.beams, _MANY_BEAMS - 1)
+        newest_rejected = rejected[1 - _MAX_REJECTED :]
+        rejected = (*newest_rejected, (track.estimate.x, track.estimate.y, beams))
     return Track(updated_at=track.updated_at, rejected=rejected, walked_to=track.walked_to)
 
 
@@ -244,7 +248,7 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
     nearest, smallest_error = None, 1.0
     for sighting in sightings:
         pillar, (x, y, _) = sighting
-        gate = _GATE + _GATE_SHARE * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
+        gate = _GATE + _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
         error = hypot(x - estimate.x, y - estimate.y) / gate
         if error < smallest_error:
             nearest, smallest_error = sighting, error

@@ -49,6 +49,7 @@ def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
 
 
 def _axes_from_above(plot: Any, frame: str) -> None:
+    """Prepare axes for x and y [m] at one scale; `frame` is the end of their labels."""
     plot.set_aspect("equal", adjustable="datalim")
     plot.margins(0.08)
     plot.grid(alpha=0.3)
@@ -82,11 +83,10 @@ def draw_paths(
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
     """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
-    turn = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-    outline, arrow = (
-        ((1, 1), (-1, 1), (-1, -1), (1, -1)),
-        ((0.8, 0.0), (-0.4, 0.7), (-0.1, 0.0), (-0.4, -0.7)),
-    )
+    rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
+    # corners relative to half the length and half the width of the robot
+    outline = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    arrow = ((0.8, 0.0), (-0.4, 0.7), (-0.1, 0.0), (-0.4, -0.7))
     for corners, color in ((outline, ROBOT), (arrow, "black")):
-        points = np.array(corners) * (footprint.half_length, footprint.half_width) @ turn + (x, y)
+        points = np.array(corners) * (footprint.half_length, footprint.half_width) @ rotation + (x, y)
         plot.add_patch(Polygon(points, facecolor=color, edgecolor="black", linewidth=0.8, zorder=4))

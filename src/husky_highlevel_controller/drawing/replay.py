@@ -43,14 +43,16 @@ def to_html(replay: Replay) -> str:
     """Return the page of at least one pose; it keeps only as many poses as a smooth animation needs."""
     rows = _rows_to_show(replay.times)
     pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
+    stands_still = (pillars == pillars[:1]).all()
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
+    every = max(-(-len(marks) // MAX_MARKS), 1)  # rounded up
     data = {
         "title": replay.title,
         "summary": replay.summary,
         "times": _rounded(replay.times[rows]),
         "poses": _rounded(replay.poses[rows]),
-        "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),
-        "marks": _rounded(marks[:: -(-len(marks) // MAX_MARKS) or 1]),
+        "pillars": _rounded(pillars[:1] if stands_still else pillars),
+        "marks": _rounded(marks[::every]),
         "pillar": replay.pillar_radius,
         "robot": _robot(replay.robot.name),
     }
@@ -75,6 +77,7 @@ def _robot(name: str) -> Dict[str, Any]:
 
 
 def _packed(parts: List[Part]) -> List[List[str]]:
+    """Colour and triangles of each part; triangles are 16-bit integers [mm], in base64."""
     return [
         [part.color, base64.b64encode(np.round(1000.0 * part.triangles).astype("<i2").tobytes()).decode()]
         for part in parts

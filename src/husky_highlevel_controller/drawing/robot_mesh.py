@@ -42,17 +42,15 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     folder = mesh_folder()
     if folder is not None:
         tyre = _mesh(folder / "wheel.stl")
-        reach = np.abs(tyre).max(axis=(0, 1))
-        wheel.append(Part(TYRE, tyre * (radius / reach[2], width / 2.0 / reach[1], radius / reach[2])))
+        _, half_width, mesh_radius = np.abs(tyre).max(axis=(0, 1))
+        scale = (radius / mesh_radius, width / 2.0 / half_width, radius / mesh_radius)
+        wheel.append(Part(TYRE, tyre * scale))
     if folder is None or robot.name != "husky":
-        return [
-            *body,
-            Part(YELLOW, _box((hull.length, hull.width - 2.0 * width, 0.2), (0.0, 0.0, 0.1))),
-        ], wheel
-    body += [
-        Part(color, _mesh(folder / file) * ((-1, -1, 1) if back else (1, 1, 1)) + (x, 0.0, z))
-        for file, color, x, z, back in BODY
-    ]
+        hull_box = _box((hull.length, hull.width - 2.0 * width, 0.2), (0.0, 0.0, 0.1))
+        return [*body, Part(YELLOW, hull_box)], wheel
+    for file, color, x, z, points_back in BODY:
+        half_turn = (-1, -1, 1) if points_back else (1, 1, 1)  # about the z axis
+        body.append(Part(color, _mesh(folder / file) * half_turn + (x, 0.0, z)))
     return [*body, Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))], wheel
 
 

@@ -48,6 +48,7 @@ class InputConfig:
     remove_gravitational_acceleration: bool = setting("the acceleration contains gravity", False)
 
     def __post_init__(self) -> None:
+        """Raise ValueError if `config` has another length than VARIABLES."""
         if self.config and len(self.config) != VARIABLES:
             raise ValueError(f"config has {len(self.config)} entries, not {VARIABLES}")
 
@@ -72,6 +73,7 @@ class FilterOptions:
     gravitational_acceleration: float = number(0.0, 100.0, "gravity [m/s^2]", 9.80665)
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a filter that is not planar, or a `world_frame` that is not `odom_frame`."""
         if not self.two_d_mode:
             raise ValueError("two_d_mode = False is not supported, because the filter is planar")
         if self.world_frame not in ("", self.odom_frame):
@@ -94,17 +96,16 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
         ConfigError: a parameter asks for an unsupported feature, or has a value that is not allowed.
     """
     options: Dict[str, Any] = {}
-    by_input: Dict[str, Dict[str, Any]] = {}
-    inputs: Dict[str, InputConfig] = {}
+    values_by_input: Dict[str, Dict[str, Any]] = {}
     matrices: Dict[str, Any] = {"process_noise_covariance": None, "initial_estimate_covariance": None}
     remarks: List[str] = []
-    known = FilterOptions.__dataclass_fields__
+    option_names = FilterOptions.__dataclass_fields__
     for key, value in sorted(values.items()):
         of_input = INPUT.fullmatch(key)
-        reason = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
-        if reason is not None:
+        refusal = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
+        if refusal is not None:
             if value is not False:
-                raise ConfigError(f"{source}{key} = {value!r} is not supported: {reason}")
+                raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):
             continue
         elif key in matrices:
@@ -112,23 +113,44 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
                 matrices[key] = _matrix(value)
             except ValueError as error:
                 remarks.append(f"{source}{key} {error}; using the default")
-        elif of_input:
-            by_input.setdefault(of_input[1], {})[of_input[2] or "topic"] = value
-        elif key in known:
+        elif of_input:  # the parameter odom0 is the topic, and odom0_config is its `config`
+            input_name, setting_name = of_input[1], of_input[2] or "topic"
+            values_by_input.setdefault(input_name, {})[setting_name] = value
+        elif key in option_names:
             options[key] = value
         else:
-            names = ", ".join(known)
+            names = ", ".join(option_names)
             remarks.append(f"{source}{key} is not a parameter; there are: {names}, odom0, imu0 ...")
-    for name, entries in by_input.items():
-        if not isinstance(entries.get("topic"), str) or not entries["topic"]:
-            raise ConfigError(f"{source}{name} = {entries.get('topic')!r} is not a topic")
-        inputs[name] = from_plain(InputConfig, entries, f"{source}{name}_")
-        if not any(inputs[name].config):
-            topic = inputs.pop(name).topic
+    inputs = _read_inputs(values_by_input, source, remarks)
+    return FilterConfig(from_plain(FilterOptions, options, source), inputs, *matrices.values()), remarks
+
+
+def _read_inputs(
+    values_by_input: Mapping[str, Dict[str, Any]], source: str, remarks: List[str]
+) -> Dict[str, InputConfig]:
+    """Return the inputs by name, such as odom0; an input that measures nothing becomes a remark.
+
+    Args:
+        values_by_input: for each input, the values of the fields of InputConfig.
+        source: origin of the values for error texts.
+        remarks: sentences about ignored parameters, which get one more for each ignored input.
+
+    Raises:
+        ConfigError: an input has no topic, a value is not allowed, or there is no input that measures.
+    """
+    inputs: Dict[str, InputConfig] = {}
+    for name, values in values_by_input.items():
+        topic = values.get("topic")
+        if not isinstance(topic, str) or not topic:
+            raise ConfigError(f"{source}{name} = {topic!r} is not a topic")
+        config = from_plain(InputConfig, values, f"{source}{name}_")
+        if any(config.config):
+            inputs[name] = config
+        else:
             remarks.append(f"{source}{name}_config measures nothing: {topic} is not used")
     if not inputs:
         raise ConfigError(f"{source} has no input such as odom0 with odom0_config; load localization.yaml")
-    return FilterConfig(from_plain(FilterOptions, options, source), inputs, *matrices.values()), remarks
+    return inputs
 
 
 def _matrix(value: Any) -> np.ndarray:

@@ -29,74 +29,89 @@ class Localization:
     def __init__(self, config: FilterConfig) -> None:
         """Make a filter without readings."""
         options = config.options
-        self._frequency, self._predicts = options.frequency, options.predict_to_current_time
-        self._timeout = 1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
+        self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
+        self._sensor_timeout = (
+            1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
+        )
         self._sensors = {
             name: MotionSensor(name, item, options.gravitational_acceleration)
             for name, item in config.inputs.items()
         }
         self._ekf = PlanarEkf(config.process_noise, config.initial_covariance)
-        self._waiting: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
-        self._first = inf  # [s] stamp of the first reading
-        self._last: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
+        self._waiting_readings: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
+        self._first_stamp = inf  # [s] stamp of the first reading
+        self._last_stamps: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
         # [s] stamp of the last pose from `set_pose`, and stamp of the last estimate
-        self._set_at = self._sent = -inf
-        self._slot = 0  # time of the next estimate, as a number of periods
+        self._pose_set_at = self._last_sent_stamp = -inf
+        self._next_period = 0  # time of the next estimate, as a number of periods
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
         """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""
         self._ekf.set_pose(stamp, pose, covariance)
-        self._waiting, self._set_at = [], stamp
-        self._slot = ceil(stamp * self._frequency)
+        self._waiting_readings, self._pose_set_at = [], stamp
+        self._next_period = ceil(stamp * self._frequency)
         for sensor in self._sensors.values():
             sensor.forget()
 
     def add(
         self, name: str, reading: Reading, mounting: Mounting, silent: Optional[Collection[str]] = None
     ) -> List[MotionEstimate]:
-        """Take a reading and return the estimates that are due. Only sensors in `silent` may be given up.
+        """Take a reading and return the estimates that are due.
+
+        Args:
+            name: name of the sensor, such as odom0.
+            reading: its reading.
+            mounting: frames of the reading's numbers.
+            silent: names of the sensors that may be given up when they lag behind by PATIENCE; all if None.
 
         Raises:
             ReadingError: the reading is not later than the one before, or a used number is not finite.
         """
-        last = self._last.get(name, -inf)
+        last = self._last_stamps.get(name, -inf)
         if reading.stamp <= last:
             raise ReadingError(
                 f"its stamp {reading.stamp:.6f} s is not later than the last stamp, {last:.6f} s"
             )
         reading = self._sensors[name].checked(reading)
-        self._first = min(self._first, reading.stamp)
-        self._last[name] = reading.stamp
-        if reading.stamp > self._set_at:
-            heapq.heappush(self._waiting, (reading.stamp, name, reading, mounting))
+        self._first_stamp = min(self._first_stamp, reading.stamp)
+        self._last_stamps[name] = reading.stamp
+        if reading.stamp > self._pose_set_at:
+            heapq.heappush(self._waiting_readings, (reading.stamp, name, reading, mounting))
+        # readings are processed in the order of their stamps, up to the time that all sensors have passed
         horizon = self._horizon(self._sensors if silent is None else silent)
-        due = []
-        while self._waiting and self._waiting[0][0] <= horizon:
-            stamp, name, reading, mounting = heapq.heappop(self._waiting)
-            due += self._estimates(stamp - SAME_TIME)
+        due_estimates = []
+        while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
+            stamp, name, reading, mounting = heapq.heappop(self._waiting_readings)
+            due_estimates += self._estimates(stamp - SAME_TIME)  # estimates that this reading must not change
             if not self._ekf.started:
-                self._slot = ceil((stamp - SAME_TIME) * self._frequency)
+                self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
             yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
             for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
                 self._ekf.process(measurement)
-        return due + self._estimates(horizon + SAME_TIME)
+        return due_estimates + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
         """Time that every sensor has reported beyond, except the sensors that are given up [s]."""
-        behind = max(self._last.values()) - PATIENCE
-        given_up = {name for name in silent if self._last.get(name, self._first) < behind}
-        return min(self._last.get(name, -inf) for name in self._sensors if name not in given_up)
+        oldest_allowed = max(self._last_stamps.values()) - PATIENCE
+        given_up = {
+            name for name in silent if self._last_stamps.get(name, self._first_stamp) < oldest_allowed
+        }
+        return min(self._last_stamps.get(name, -inf) for name in self._sensors if name not in given_up)
 
     def _estimates(self, end: float) -> List[MotionEstimate]:
         """Return the estimates before a time [s]; all measurements before it were processed."""
         estimates: List[MotionEstimate] = []
         if end - self._ekf.estimate.stamp > MAX_PAUSE:
-            self._slot = max(self._slot, ceil(end * self._frequency))
-        while self._ekf.started and (stamp := self._slot / self._frequency) < end:
-            self._slot += 1
-            late = stamp - self._ekf.estimate.stamp >= self._timeout
-            estimate = self._ekf.predicted(stamp) if self._predicts or late else self._ekf.estimate
-            if estimate.stamp > self._sent:
-                self._sent = estimate.stamp
+            self._next_period = max(self._next_period, ceil(end * self._frequency))
+        while self._ekf.started and self._next_period / self._frequency < end:
+            stamp = self._next_period / self._frequency
+            self._next_period += 1
+            has_no_recent_reading = stamp - self._ekf.estimate.stamp >= self._sensor_timeout
+            if self._predicts_to_now or has_no_recent_reading:
+                estimate = self._ekf.predicted(stamp)
+            else:
+                estimate = self._ekf.estimate
+            if estimate.stamp > self._last_sent_stamp:
+                self._last_sent_stamp = estimate.stamp
                 estimates.append(estimate)
         return estimates

@@ -120,13 +120,13 @@ def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimat
     stamp, state, covariance = estimate
     noise = noise.copy()
     np.fill_diagonal(noise, np.maximum(np.abs(noise.diagonal()), MIN_VARIANCE))
-    picked = np.eye(STATES)[list(measured)]
-    gain = covariance @ picked.T @ np.linalg.inv(picked @ covariance @ picked.T + noise)
-    innovation = values - picked @ state
+    selection = np.eye(STATES)[list(measured)]  # (k, 8) matrix that selects the measured states
+    gain = covariance @ selection.T @ np.linalg.inv(selection @ covariance @ selection.T + noise)
+    innovation = values - selection @ state
     if YAW in measured:
-        at = measured.index(YAW)
-        innovation[at] = wrap_angle(innovation[at])
+        row = measured.index(YAW)
+        innovation[row] = wrap_angle(innovation[row])
     state = state + gain @ innovation
     state[YAW] = wrap_angle(state[YAW])
-    kept = np.eye(STATES) - gain @ picked
-    return MotionEstimate(stamp, state, kept @ covariance @ kept.T + gain @ noise @ gain.T)
+    remainder = np.eye(STATES) - gain @ selection
+    return MotionEstimate(stamp, state, remainder @ covariance @ remainder.T + gain @ noise @ gain.T)

@@ -28,7 +28,7 @@ from husky_highlevel_controller.geometry import (
 
 ON_PLANE = (0, 1, 5)  # indices of x, y and yaw in x, y, z, roll, pitch, yaw
 # if a used axis of a sensor has a larger component along an axis of the robot, this axis is used, too
-SAME = 1e-6
+MIN_COMPONENT = 1e-6
 
 
 class ReadingError(HuskyError):
@@ -67,12 +67,12 @@ class MotionSensor:
         else:
             used[12:] = False
         self._pose_used, self._velocity_used, self._force_used = used[:6], used[6:12], used[12:]
-        self._first: Optional[Pose] = None
-        self._last: Optional[Tuple[float, Pose, np.ndarray]] = None
+        self._first_pose: Optional[Pose] = None
+        self._last_reading: Optional[Tuple[float, Pose, np.ndarray]] = None
 
     def forget(self) -> None:
         """Forget all readings."""
-        self._first = self._last = None
+        self._first_pose = self._last_reading = None
 
     def checked(self, reading: Reading) -> Reading:
         """Return the reading with zeros in place of NaN and infinity in unused values.
@@ -82,18 +82,22 @@ class MotionSensor:
         """
         stamp, pose, *arrays = reading
         pose_used = self._pose_used.copy()
+        # gravity is subtracted by the attitude
         pose_used[3:] |= self._config.remove_gravitational_acceleration and self._force_used.any()
         for part, values, covariance, used in (
             ("pose", pose and _numbers(pose), reading.pose_covariance, pose_used),
             ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
             ("acceleration", reading.specific_force, reading.force_covariance, self._force_used),
         ):
-            counted = () if values is None else (values[used], covariance[used][:, used])
-            for kind, numbers in zip((part, f"{part}'s covariance"), counted):
+            if values is None:
+                continue
+            used_numbers = {part: values[used], f"{part}'s covariance": covariance[used][:, used]}
+            for name, numbers in used_numbers.items():
                 if not np.isfinite(numbers).all():
-                    raise ReadingError(f"its {kind} is {numbers.tolist()}")
-        finite: List[Any] = [None if array is None else _finite(array) for array in arrays]
-        return Reading(stamp, pose and Pose(*(tuple(_finite(part)) for part in pose)), *finite)
+                    raise ReadingError(f"its {name} is {numbers.tolist()}")
+        finite_arrays: List[Any] = [None if array is None else _finite(array) for array in arrays]
+        finite_pose = pose and Pose(*(tuple(_finite(part)) for part in pose))
+        return Reading(stamp, finite_pose, *finite_arrays)
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
         """Planar measurements of base_link, without the motion that its yaw rate [rad/s] adds."""
@@ -110,25 +114,28 @@ class MotionSensor:
         """
         if reading.pose is None or not self._pose_used.any():
             return None
+        # `turn` leads from the axes of the covariance and of the used variables to the axes of the result
         pose, turn = reading.pose, mounting.pose_frame_in_odom
         if self._is_imu:
             pose, turn = _level_attitude(pose, mounting.sensor_in_base)
         elif self._config.differential:
-            turn = Pose()
+            turn = Pose()  # a velocity is along base_link's axes, whatever frame the poses have
         axes = matrix_from_quat(turn.quat_xyzw)
-        used, covariance = _turned(axes, self._pose_used), _both(axes, reading.pose_covariance)
+        used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
+
         if self._config.differential:
-            last, self._last = self._last, (reading.stamp, pose, covariance)
+            last, self._last_reading = self._last_reading, (reading.stamp, pose, covariance)
             if last is None:
                 return None
-            stamp, pose_before, covariance_before = last
-            duration = reading.stamp - stamp
-            values = _numbers(compose(inverse(pose_before), pose)) / duration
-            spread = (covariance + covariance_before) * duration
-            return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, spread)
+            last_stamp, last_pose, last_covariance = last
+            duration = reading.stamp - last_stamp
+            velocity = _numbers(compose(inverse(last_pose), pose)) / duration
+            velocity_covariance = (covariance + last_covariance) * duration
+            return _planar(reading.stamp, (VX, VY, YAW_RATE), used, velocity, velocity_covariance)
+
         if self._config.relative:
-            self._first = self._first or pose
-            pose = compose(inverse(self._first), pose)
+            self._first_pose = self._first_pose or pose
+            pose = compose(inverse(self._first_pose), pose)
         if not self._is_imu:
             pose = compose(turn, pose)
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
@@ -141,7 +148,8 @@ class MotionSensor:
         x, y, _ = sensor_in_base.position
         values = np.concatenate((axes @ reading.velocity[:3], axes @ reading.velocity[3:]))
         values[:2] += y * yaw_rate, -x * yaw_rate
-        used, covariance = _turned(axes, self._velocity_used), _both(axes, reading.velocity_covariance)
+        used = _turned(axes, self._velocity_used)
+        covariance = _turned_covariance(axes, reading.velocity_covariance)
         return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)
 
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
@@ -155,7 +163,7 @@ class MotionSensor:
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
         covariance = (axes @ reading.force_covariance @ axes.T)[:2, :2]
-        kept = [i for i in (0, 1) if np.linalg.norm(axes[i] * self._force_used) >= SAME]
+        kept = [i for i in (0, 1) if np.linalg.norm(axes[i] * self._force_used) >= MIN_COMPONENT]
         states = tuple((AX, AY)[i] for i in kept)
         return Measurement(reading.stamp, states, values[kept], covariance[np.ix_(kept, kept)])
 
@@ -183,11 +191,11 @@ def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
 
 def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return which of six variables are used after a turn, (6,) bool: each with a used component along it."""
-    blocks = [np.linalg.norm(axes * block, axis=1) >= SAME for block in (used[:3], used[3:])]
+    blocks = [np.linalg.norm(axes * block, axis=1) >= MIN_COMPONENT for block in (used[:3], used[3:])]
     return np.concatenate(blocks)
 
 
-def _both(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _turned_covariance(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """The covariance (6, 6) of linear and angular parts after a turn of both."""
     turn = np.kron(np.eye(2), axes)
     return np.asarray(turn @ covariance @ turn.T)

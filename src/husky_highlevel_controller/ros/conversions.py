@@ -203,6 +203,7 @@ def truth_to_msg(robot: RobotState, stamp: float, world: str, base: str) -> Odom
 
 
 def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
+    """Odometry message with header and pose, but without a twist."""
     msg = OdometryMsg(header=header(stamp, frame), child_frame_id=child)
     msg.pose.pose = pose_to_msg(pose)
     return msg

@@ -82,6 +82,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     """Master whose public methods are its XML-RPC methods."""
 
     def __init__(self, *arguments: Any) -> None:
+        """Make a master that has had no requests."""
         super().__init__(*arguments)
         self._requests: Dict[Request, bool] = {}
         self._requests_lock = threading.Lock()

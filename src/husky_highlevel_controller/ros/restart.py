@@ -70,6 +70,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
     process: Optional[subprocess.Popen] = None
 
     def pass_on(number: int, _frame: Any) -> None:
+        """Send a signal to the program, and remember that it must not be started again."""
         nonlocal stopping
         stopping = number
         if process is not None:

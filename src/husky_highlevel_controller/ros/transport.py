@@ -34,18 +34,19 @@ class PromptConnection(QueuedConnection):
     _queue: List[bytes]
 
     def __init__(self, connection: Any, queue_size: int) -> None:
-        self._turn = threading.Lock()  # held while writing to the socket
+        """Make a connection with an empty queue."""
+        self._write_lock = threading.Lock()  # held while writing to the socket
         self._unsent = b""  # end of a message whose beginning was sent
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
         """Send or queue a message."""
-        if self._turn.acquire(blocking=False):
+        if self._write_lock.acquire(blocking=False):
             try:
                 if not self._queue and not self._unsent and self._connection.socket is not None:
                     return self._send(data)
             finally:
-                self._turn.release()
+                self._write_lock.release()
         return bool(super().write_data(data))
 
     def _send(self, data: bytes) -> bool:
@@ -75,7 +76,8 @@ class PromptConnection(QueuedConnection):
             with self._lock:
                 while not self._queue and not self._unsent and not self._connection.done:
                     self._cond_data_available.wait()
-            with self._turn:  # held, so that no later message is written before the messages in the queue
+            # held, so that no later message is written before the messages in the queue
+            with self._write_lock:
                 with self._lock:
                     unsent, queue = self._unsent, self._queue
                     self._unsent, self._queue = b"", []

@@ -50,7 +50,7 @@ class ArrivalWatch:
         self._has_driven, self._stands_since = False, inf
         # name of the pillar at which the robot has arrived; None if it has not arrived
         self._arrived_at: Optional[str] = None
-        self._look_due = -inf  # [s]
+        self._next_look = -inf  # [s]
 
     def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
         """Take in the motion of the robot; return an arrival when it has stood for STANDING_TIME.
@@ -60,8 +60,8 @@ class ArrivalWatch:
         is_moving = max(abs(state.speed), abs(state.yaw_rate)) > STANDS
         if is_moving:
             self._has_driven, self._stands_since = True, inf
-            if self._arrived_at is not None and state.stamp >= self._look_due:
-                self._look_due = state.stamp + PERIOD
+            if self._arrived_at is not None and state.stamp >= self._next_look:
+                self._next_look = state.stamp + PERIOD
                 reached_pillars = [pillar for pillar in pillars() if pillar.name == self._arrived_at]
                 if min(self._gaps(state, reached_pillars), default=inf) > AWAY:
                     self._arrived_at = None

@@ -36,17 +36,18 @@ class Chassis:
     """
 
     def __init__(self, bullet: RobotWorld, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
+        """Prepare the wheels of a robot model; `dt` is the duration of a physics step [s]."""
         self._bullet, self._robot, self._traction, self._dt = bullet, robot, traction, dt
         self._radii = [wheel.radius for wheel in robot.wheels]
         self._axial_inertias = [wheel.axial_inertia for wheel in robot.wheels]
-        self._names = tuple(wheel.joint for wheel in robot.wheels)
+        self._joint_names = tuple(wheel.joint for wheel in robot.wheels)
         self._tyres = [(wheel.position, wheel.radius, wheel.width / 2.0) for wheel in robot.wheels]
         self._yaw_inertia = float(robot.inertia[2, 2])
 
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Put the robot into a Bullet world that has none."""
         self._gravity = gravity
-        self._angles = [0.0] * len(self._robot.wheels)  # [rad] angles of the wheels, not wrapped
+        self._wheel_angles = [0.0] * len(self._robot.wheels)  # [rad] angles of the wheels, not wrapped
         self._bullet.add_robot(self._robot, pose_base_in_world)
         self._reset_contacts()
 
@@ -70,22 +71,24 @@ class Chassis:
         wheels = self._robot.wheels
         self._loads = [0.0] * len(wheels)
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
-        self._ground: Vector3 = (0.0, 0.0, 0.0)  # normal forces under the wheels, in base_link [N]
-        self._drags: List[Drag] = []
-        self._speeds: Sequence[float] = (0.0,) * len(wheels)
+        self._ground_force: Vector3 = (0.0, 0.0, 0.0)  # normal forces under the wheels, in base_link [N]
+        self._hull_contacts: List[Drag] = []
+        self._wheel_speeds: Sequence[float] = (0.0,) * len(wheels)
         self.torques = [0.0] * len(wheels)  # [N m] torques of the wheels' motors
         self.observe()
 
     def wheels(self) -> WheelState:
         """Angles, speeds and torques of the wheels."""
-        return WheelState(self._names, tuple(self._angles), tuple(self._speeds), tuple(self.torques))
+        return WheelState(
+            self._joint_names, tuple(self._wheel_angles), tuple(self._wheel_speeds), tuple(self.torques)
+        )
 
     def observe(self) -> RobotState:
         """Read the robot's pose and velocity; kept as `state`."""
         pose, velocity, spin = self._bullet.robot_motion()
-        self._axes = axes_from_quat(pose.quat_xyzw)
+        self._base_axes = axes_from_quat(pose.quat_xyzw)
         # the products of vectors in this class are written out, because its functions run in each step
-        (vx, vy, vz), (wx, wy, wz) = along_axes(self._axes, velocity), along_axes(self._axes, spin)
+        (vx, vy, vz), (wx, wy, wz) = along_axes(self._base_axes, velocity), along_axes(self._base_axes, spin)
         x, y, z = self._robot.com
         velocity_in_base = vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x)
         self.state = RobotState(pose, velocity_in_base, (wx, wy, wz))
@@ -119,23 +122,25 @@ class Chassis:
         self.torques = [
             forward * radius + inertia * (speed - last_speed) / dt
             for (forward, _), radius, inertia, speed, last_speed in zip(
-                forces, self._radii, self._axial_inertias, speeds, self._speeds
+                forces, self._radii, self._axial_inertias, speeds, self._wheel_speeds
             )
         ]
-        self._angles = [angle + speed * dt for angle, speed in zip(self._angles, speeds)]
-        self._speeds = speeds
+        self._wheel_angles = [angle + speed * dt for angle, speed in zip(self._wheel_angles, speeds)]
+        self._wheel_speeds = speeds
         # the engine finds the contacts of a step before it moves the robot, so the contacts belong to the
         # pose before the step
-        self._contact_axes, self._contact_position = self._axes, state.pose_in_world.position
+        self._contact_axes, self._contact_position = self._base_axes, state.pose_in_world.position
         # forces [N] and the points at which they push [m], in base_link
         pushes = [
             ((forward, left, 0.0), footprint)
             for footprint, load, (forward, left) in zip(self._footprints, self._loads, forces)
             if load > 0.0
         ]
-        pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
+        pushes += [
+            (self._hull_friction(point, normal, load), point) for point, normal, load in self._hull_contacts
+        ]
         # turn the forces from base_link into the world
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._base_axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:
             self._bullet.push_robot(
@@ -153,14 +158,14 @@ class Chassis:
         The direction of the ground follows from the normal forces; without such a force the result is gravity
         itself.
         """
-        gx, gy, gz = along_axes(self._axes, self._gravity)
-        nx, ny, nz = self._ground
+        gx, gy, gz = along_axes(self._base_axes, self._gravity)
+        nx, ny, nz = self._ground_force
         square = nx * nx + ny * ny + nz * nz
         # gravity is made up of a multiple of the normal force, and of the part along the ground
         multiple = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
         return gx - multiple * nx, gy - multiple * ny
 
-    def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
+    def _hull_friction(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
         """Friction on the robot at a contact without a tyre, in base_link [N]; the other body gets no force.
 
         Args:
@@ -186,13 +191,13 @@ class Chassis:
         wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
         ground_x = ground_y = ground_z = 0.0  # sum of the normal forces under the wheels [N]
         bumped_bodies = set()
-        self._drags = []
+        self._hull_contacts = []
         for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
             point, normal = along_axes(axes, (x - px, y - py, z - pz)), along_axes(axes, normal_in_world)
             wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
                 bumped_bodies.add(body)
-                self._drags.append((point, normal, force))
+                self._hull_contacts.append((point, normal, force))
                 continue
             ground_x += force * normal[0]
             ground_y += force * normal[1]
@@ -202,7 +207,7 @@ class Chassis:
             sums[1] += load * point[0]
             sums[2] += load * point[1]
             sums[3] += load * point[2]
-        self._ground = (ground_x, ground_y, ground_z)
+        self._ground_force = (ground_x, ground_y, ground_z)
         for wheel, (load, x, y, z) in enumerate(wheel_loads):
             if load <= 0.0:
                 self._loads[wheel] = 0.0  # a wheel in the air loses its grip at once

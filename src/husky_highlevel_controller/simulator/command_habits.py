@@ -70,7 +70,7 @@ class CommandHabits:
         self._senders: Dict[Tuple[str, str], _Sender] = {}
         # sender of the last command of each topic whose last command was zero
         self._zero_senders: Dict[str, str] = {}
-        self._found: Set[Tuple[Habit, str]] = set()
+        self._reported: Set[Tuple[Habit, str]] = set()
 
     def note(
         self, stamp: float, topic: str, sender: str, is_zero: bool, stronger_topic: Optional[str] = None
@@ -91,8 +91,8 @@ class CommandHabits:
         if is_zero:
             self._zero_senders[topic] = sender
         for finding in self._findings(memory, gap, topic, sender, is_zero, stronger_topic):
-            if (finding.habit, sender) not in self._found:
-                self._found.add((finding.habit, sender))
+            if (finding.habit, sender) not in self._reported:
+                self._reported.add((finding.habit, sender))
                 yield finding
 
     def _findings(

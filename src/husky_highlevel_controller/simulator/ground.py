@@ -28,12 +28,18 @@ MAX_SLAB = 0.12  # [m] largest height of a slab on which the robot starts; the r
 MAX_RISE = 5.0  # [m] largest height of a floor above the requested start height
 # [m] largest height from which the robot falls to the floor; from a larger height it is put on the floor
 MAX_DROP = 1.0
-_WHEELS = 0.3  # [m] approximate distance from base_link to the wheels along x and y
-_MIDDLE = ((0.0, 0.0), (-_WHEELS, 0.0), (_WHEELS, 0.0), (0.0, -_WHEELS), (0.0, _WHEELS))
-_FLOOR = 1.0  # [m] a floor reaches at least this far from the robot along x and y
-_RISE = 0.1  # [m] step of the search for the top of a floor
-_LEVEL = 1e-3  # [m] largest difference of heights on a level floor
-_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
+_WHEEL_REACH = 0.3  # [m] approximate distance from base_link to the wheels along x and y
+_MIDDLE_POINTS = (
+    (0.0, 0.0),
+    (-_WHEEL_REACH, 0.0),
+    (_WHEEL_REACH, 0.0),
+    (0.0, -_WHEEL_REACH),
+    (0.0, _WHEEL_REACH),
+)
+_FLOOR_REACH = 1.0  # [m] a floor reaches at least this far from the robot along x and y
+_RISE_STEP = 0.1  # [m] step of the search for the top of a floor
+_LEVEL_TOLERANCE = 1e-3  # [m] largest difference of heights on a level floor
+_LOOKING_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
 # a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
 log = logging.getLogger("rosout.world")
@@ -60,20 +66,20 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
     # the floor is searched downwards, from a height above any slab
-    top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEELS, MAX_SLAB)
-    is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR, MAX_SLAB))
+    top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
+    is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
     if is_in_wide_body:
-        for step in range(1, round(MAX_RISE / _RISE)):
-            height_above = MAX_SLAB + _RISE * step
-            drops_above = _drops(scene, pose_on_ground, _WHEELS, height_above)
+        for step in range(1, round(MAX_RISE / _RISE_STEP)):
+            height_above = MAX_SLAB + _RISE_STEP * step
+            drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
             if all(drops_above):  # this height is above the body in which the robot would start
                 top, drops = height_above, drops_above
                 break
     height = top - drops[0]
     if height < 0.0:  # the hull may stand on an object between the wheels
-        drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE]
-    is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL and all(drops)
-    return height if is_level and abs(height) > _LEVEL else 0.0
+        drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
+    is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)
+    return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
 
 
 def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
@@ -87,4 +93,4 @@ def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -
 
 def _drop(scene: RayScene, point: Vector3) -> float:
     """Distance [m] from a point down to the first body; inf beyond FALL_DEPTH."""
-    return float(cast_rays(scene, Pose(point, _DOWN), even_beams(0.0, 0.0, 1), FALL_DEPTH)[0])
+    return float(cast_rays(scene, Pose(point, _LOOKING_DOWN), even_beams(0.0, 0.0, 1), FALL_DEPTH)[0])

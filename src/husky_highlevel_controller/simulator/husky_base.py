@@ -47,26 +47,29 @@ class HuskyBase(Drive):
         """`dt`: duration of a physics step [s]; a period of the control loop is a whole number of steps."""
         self._base = config
         self.steps = round(1.0 / (config.control_rate * dt))
-        self._share = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0
+        self._lag_fraction = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0
         super().__init__(drive_config)
 
     def reset(self) -> None:
         """Stand still and forget the last command, at the beginning of a period."""
         super().reset()
-        self._step = 0
-        self._target = self._speeds = (0.0, 0.0)
-        self._in_force = STOP
+        self._step_count = 0
+        self._target_speeds = self._wheel_speeds = (0.0, 0.0)
+        self._command_in_force = STOP
 
     def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
         """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
-        if self._step % self.steps == 0:
-            self._in_force = self.update(now, 1.0 / self._base.control_rate)
+        if self._step_count % self.steps == 0:
+            self._command_in_force = self.update(now, 1.0 / self._base.control_rate)
             limit = self._base.max_wheel_speed / self._config.wheel_radius
-            self._target = scale_to_limit(*wheel_speeds(self._in_force, self._config), limit)
-        self._step += 1
-        (left, right), (to_left, to_right) = self._speeds, self._target
-        self._speeds = left + self._share * (to_left - left), right + self._share * (to_right - right)
-        return self._in_force, self._speeds
+            self._target_speeds = scale_to_limit(*wheel_speeds(self._command_in_force, self._config), limit)
+        self._step_count += 1
+        (left, right), (to_left, to_right) = self._wheel_speeds, self._target_speeds
+        self._wheel_speeds = (
+            left + self._lag_fraction * (to_left - left),
+            right + self._lag_fraction * (to_right - right),
+        )
+        return self._command_in_force, self._wheel_speeds
 
     def encoded(self, wheels: WheelState) -> WheelState:
         """The wheels as husky_base publishes them: tread speeds in steps of the resolution, no efforts."""

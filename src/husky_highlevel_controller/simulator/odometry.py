@@ -30,7 +30,7 @@ class Odometer:
 
     def reset(self, wheels: WheelState) -> None:
         """Start at the origin of odom, at step 0."""
-        self._wheels, self._last_odometry_step, self._last_wheel_step = wheels, 0, 0
+        self._last_wheels, self._last_odometry_step, self._last_wheel_step = wheels, 0, 0
         self._from_wheels = self.filtered = Odometry()
 
     def relocate(self, pose_base_in_odom: Pose2D) -> None:
@@ -46,9 +46,9 @@ class Odometer:
             turned_for = (step - self._last_wheel_step) * self._dt
             # mean speeds [rad/s] of the wheels since the last reading
             front_left, front_right, rear_left, rear_right = (
-                (now - before) / turned_for for now, before in zip(wheels.angles, self._wheels.angles)
+                (now - before) / turned_for for now, before in zip(wheels.angles, self._last_wheels.angles)
             )
-            self._wheels, self._last_wheel_step = wheels, step
+            self._last_wheels, self._last_wheel_step = wheels, step
             left, right = (front_left + rear_left) / 2.0, (front_right + rear_right) / 2.0
             twist = twist_of_wheels(left, right, self._config)
             self._from_wheels = advance_odometry(self._from_wheels, twist, turned_for)
@@ -56,7 +56,7 @@ class Odometer:
         self._last_odometry_step = step
         linear = self._from_wheels.twist_in_base.linear
         self.filtered = advance_odometry(self.filtered, Twist2D(linear, yaw_rate), duration)
-        return OdometrySample(self._wheels, self._from_wheels, self.filtered)
+        return OdometrySample(self._last_wheels, self._from_wheels, self.filtered)
 
 
 def advance_odometry(odometry: Odometry, twist_in_base: Twist2D, dt: float) -> Odometry:

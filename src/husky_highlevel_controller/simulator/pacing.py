@@ -14,12 +14,12 @@ class Pacer:
     """Paces simulated time at `factor` times real time; 0 = as fast as possible."""
 
     def __init__(self, factor: float, stamp: float, now: float) -> None:
-        self._factor = factor
+        self._real_time_factor = factor
         self.restart(stamp, now)
 
     def restart(self, stamp: float, now: float) -> None:
         """Start over at simulated time `stamp` and wall time `now` [s], after a pause or a lag."""
-        self._stamp, self._start = stamp, now
+        self._start_stamp, self._start_time = stamp, now
 
     def delay(self, stamp: float, now: float) -> float:
         """Time to wait before the next step [s]; 0 if it is late or not paced."""
@@ -29,11 +29,12 @@ class Pacer:
         """Return the factor reached, and start over, if it is too low to catch up; otherwise return None."""
         if self._lead(stamp, now) > -MAX_LAG:
             return None
-        reached = (stamp - self._stamp) / (now - self._start)
+        reached = (stamp - self._start_stamp) / (now - self._start_time)
         self.restart(stamp, now)
         return reached
 
     def _lead(self, stamp: float, now: float) -> float:
-        if self._factor == 0.0:
+        """Time by which the simulation is ahead of its pace [s]; 0 if it is not paced."""
+        if self._real_time_factor == 0.0:
             return 0.0
-        return self._start + (stamp - self._stamp) / self._factor - now
+        return self._start_time + (stamp - self._start_stamp) / self._real_time_factor - now

@@ -24,11 +24,11 @@ from typing import Tuple
 from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import PowerState
 
-STANDING = 0.005  # [m/s] wheels that are slower than this draw no current
+STANDING_SPEED = 0.005  # [m/s] wheels that are slower than this draw no current
 FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0  # [V] voltage at rest of two lead-acid batteries of six cells
 RESISTANCE = 0.04  # [Ohm] resistance of the battery and its wires
-ELECTRONICS = 1.5  # [A] current of the controller and of connected devices
-AMBIENT = 20.0  # [deg C]
+ELECTRONICS_CURRENT = 1.5  # [A] current of the controller and of connected devices
+AMBIENT_TEMPERATURE = 20.0  # [deg C]
 HEATING_TIME = 600.0  # [s] time constant of drivers and motors
 DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2] final warming per squared current
 
@@ -49,14 +49,14 @@ class Power:
 
     def __init__(self, config: PowerConfig, rolling_current: float) -> None:
         """`rolling_current`: current of both sides together, straight on [A]."""
-        self._config, self._rolling = config, rolling_current / 2.0
+        self._config, self._rolling_current = config, rolling_current / 2.0
         self.reset()
 
     def reset(self) -> None:
         """A battery as charged as the config says, and everything cold."""
         self._uptime, self._charge = 0.0, self._config.charge
         # [A^2] low-passed squared currents of both motors, which warm drivers and motors
-        self._squares = (0.0, 0.0)
+        self._squared_currents = (0.0, 0.0)
 
     def update(
         self, torques: Tuple[float, float], speeds: Tuple[float, float], duration: float
@@ -66,7 +66,7 @@ class Power:
         The (left, right) wheels push the ground with `torques` [N m], and their treads run at `speeds` [m/s].
         """
         left, right = (self._current(torque, speed) for torque, speed in zip(torques, speeds))
-        current = left + right + ELECTRONICS
+        current = left + right + ELECTRONICS_CURRENT
         open_circuit = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
         voltage = open_circuit - RESISTANCE * current
         energy = voltage * current * duration / 3600.0  # [Wh]
@@ -74,24 +74,30 @@ class Power:
         self._uptime += duration
         # low-pass filter of the squared currents, which warm drivers and motors
         fraction = min(duration / HEATING_TIME, 1.0)
-        left_square, right_square = self._squares
+        left_square, right_square = self._squared_currents
         left_square += fraction * (left * left - left_square)
         right_square += fraction * (right * right - right_square)
-        self._squares = left_square, right_square
+        self._squared_currents = left_square, right_square
         return PowerState(
             uptime=self._uptime,
             currents=(left, right),
-            electronics_current=ELECTRONICS,
+            electronics_current=ELECTRONICS_CURRENT,
             voltage=voltage,
             charge=self._charge,
             capacity=self._config.capacity,
-            driver_temperatures=(AMBIENT + DRIVER_HEAT * left_square, AMBIENT + DRIVER_HEAT * right_square),
-            motor_temperatures=(AMBIENT + MOTOR_HEAT * left_square, AMBIENT + MOTOR_HEAT * right_square),
+            driver_temperatures=(
+                AMBIENT_TEMPERATURE + DRIVER_HEAT * left_square,
+                AMBIENT_TEMPERATURE + DRIVER_HEAT * right_square,
+            ),
+            motor_temperatures=(
+                AMBIENT_TEMPERATURE + MOTOR_HEAT * left_square,
+                AMBIENT_TEMPERATURE + MOTOR_HEAT * right_square,
+            ),
         )
 
     def _current(self, torque: float, speed: float) -> float:
         """Current of one side [A]; a motor that the ground turns the way it rolls draws nothing."""
-        if abs(speed) < STANDING:
+        if abs(speed) < STANDING_SPEED:
             return 0.0
         pushing = torque if speed > 0.0 else -torque
-        return max(self._rolling + pushing / self._config.torque_per_ampere, 0.0)
+        return max(self._rolling_current + pushing / self._config.torque_per_ampere, 0.0)

@@ -80,16 +80,16 @@ class Simulation:
             ground = config.real.ground
             traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
             config = replace(config, traction=traction)
-        self._rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
+        self._physics_rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._world, self._robot, self._config = world, robot, config
-        self._start, self._seed = pose_from_2d(start, start_height), seed
+        self._start_pose, self._seed = pose_from_2d(start, start_height), seed
         self._equipment = self._equip()
         self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
         self._objects = WorldObjects(self._bullet)
         self._chassis = Chassis(self._bullet, robot, config.traction, self.dt)
-        self._steps_before = self._steps = 0
+        self._steps_before_reset = self._steps_since_reset = 0
         try:
             self.reset()
         except Exception:
@@ -97,9 +97,9 @@ class Simulation:
             raise
 
     def _equip(self) -> Equipment:
-        return equip(self._config, self._drive_config, self._robot, self._cast, self._world.gravity)
+        return equip(self._config, self._drive_config, self._robot, self._cast_rays, self._world.gravity)
 
-    def _cast(self, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
+    def _cast_rays(self, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
         return cast_rays(self._objects.scene(), pose_laser_in_world, beams, max_range)
 
     def close(self) -> None:
@@ -123,8 +123,8 @@ class Simulation:
         spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
         seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed
-        self._steps_before += self._steps
-        self._steps = 0
+        self._steps_before_reset += self._steps_since_reset
+        self._steps_since_reset = 0
         for (device, _), seed_sequence in zip(devices, seed_sequences):
             device.reset(np.random.default_rng(seed_sequence))
         if self._equipment.power:
@@ -132,7 +132,7 @@ class Simulation:
         self._equipment.drive.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
-        self._chassis.place(self._landing(self._start), self._world.gravity)
+        self._chassis.place(self._landing(self._start_pose), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
 
     def _pose_on_floor(self, pose: Pose) -> Pose:
@@ -156,7 +156,7 @@ class Simulation:
         Raises:
             HuskyError: the world cannot be simulated, or something stands at the start. Then nothing changes.
         """
-        start, height = pose_to_2d(self._start), self._start.position[2]
+        start, height = pose_to_2d(self._start_pose), self._start_pose.position[2]
         Simulation(world, self._robot, self._config, start, self._seed, height).close()
         self._world = world
         self._equipment = self._equip()
@@ -165,15 +165,17 @@ class Simulation:
     @property
     def stamp(self) -> float:
         """Simulated time [s]; it never goes back."""
-        return (self._steps_before + self._steps) / self._rate
+        return (self._steps_before_reset + self._steps_since_reset) / self._physics_rate
 
     def set_stamp(self, stamp: float) -> None:
         """Continue from this simulated time [s], rounded to a step. A time before now changes nothing."""
-        self._steps_before = max(self._steps_before, round(stamp * self._rate) - self._steps)
+        self._steps_before_reset = max(
+            self._steps_before_reset, round(stamp * self._physics_rate) - self._steps_since_reset
+        )
 
     @property
     def _since_reset(self) -> float:
-        return self._steps / self._rate
+        return self._steps_since_reset / self._physics_rate
 
     def command(self, twist: Twist2D) -> None:
         """Take a velocity command now.
@@ -192,9 +194,9 @@ class Simulation:
         command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
         self._chassis.drive((left, right, left, right))
         self._bullet.step()
-        self._steps += 1
+        self._steps_since_reset += 1
 
-        state, stamp, step = self._chassis.observe(), self.stamp, self._steps
+        state, stamp, step = self._chassis.observe(), self.stamp, self._steps_since_reset
         contacts = self._chassis.update_contacts()
         samples: Dict[str, Any] = {
             field: device.sample(state, stamp)
@@ -305,6 +307,7 @@ class Simulation:
         self._chassis.push(motion_in_world.velocity, motion_in_world.angular_velocity)
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
+        """Put base_link at a pose, at rest; the odometry goes along."""
         world_in_odom = self.pose_world_in_odom
         self._chassis.move(pose_base_in_world)
         self._equipment.imu.restart()
@@ -318,7 +321,7 @@ class Simulation:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
         self._bullet.check_moves(
-            {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start)}, ROBOT
+            {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}, ROBOT
         )
         self._objects.reset_poses()
-        self._move_robot(self._pose_on_floor(self._start))
+        self._move_robot(self._pose_on_floor(self._start_pose))

@@ -83,6 +83,7 @@ def checked_pose(pose: Pose) -> Pose:
 
 
 def _shape(shape: str, size: Vector3) -> Shape:
+    """Return the shape of a name, from the edges of the box around it [m]; ObjectError if they do not fit."""
     x, y, z = (_within(value, SIZES, "size", "m") for value in size)
     if shape == "box":
         return Box((x, y, z))
@@ -96,6 +97,7 @@ def _shape(shape: str, size: Vector3) -> Shape:
 
 
 def _within(value: float, limits: Sequence[float], name: str, unit: str) -> float:
+    """Return a value that is within limits; ObjectError with its name and unit if it is not."""
     if not (isfinite(value) and limits[0] <= value <= limits[1]):
         raise ObjectError(f"{name} {value} is not within {limits[0]}..{limits[1]} {unit}")
     return value

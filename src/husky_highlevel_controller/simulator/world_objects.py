@@ -35,7 +35,7 @@ class WorldObjects:
 
     def load(self, bodies: Sequence[Body]) -> None:
         """Put the bodies of a world into an empty Bullet world."""
-        self._bodies, self._stale = {}, True
+        self._bodies, self._scene_is_stale = {}, True
         for body in bodies:
             self._put(body)
 
@@ -56,9 +56,10 @@ class WorldObjects:
             raise
 
     def _put(self, body: Body) -> None:
+        """Add one body, without a check of its name and its room."""
         self._bullet.add_body(body)
         self._bodies[body.name] = body
-        self._stale = True
+        self._scene_is_stale = True
 
     def members(self, name: str) -> List[str]:
         """The body of that name, or all bodies of the model of that name."""
@@ -73,9 +74,10 @@ class WorldObjects:
             self._drop(member)
 
     def _drop(self, name: str) -> None:
+        """Remove one body of that name."""
         if self._bodies.pop(name).collisions:
             self._bullet.remove_body(name)
-        self._stale = True
+        self._scene_is_stale = True
 
     def move(self, name: str, pose_in_world: Pose) -> None:
         """Put a body somewhere else, at rest.
@@ -90,7 +92,7 @@ class WorldObjects:
         self._bullet.check_movable(name)
         self._bullet.check_moves({name: pose_in_world}, name)
         self._bullet.move_body(name, pose_in_world)
-        self._stale = True
+        self._scene_is_stale = True
 
     @property
     def models(self) -> List[str]:
@@ -129,7 +131,7 @@ class WorldObjects:
             if self._bodies[name].mass > 0.0:
                 velocity = velocity_at(motion_in_world, pose.position)
                 self._bullet.set_velocity(name, velocity, motion_in_world.angular_velocity)
-        self._stale = True
+        self._scene_is_stale = True
 
     def reset_poses(self) -> None:
         """Put every body that physics moves back to its initial pose."""
@@ -154,9 +156,9 @@ class WorldObjects:
 
     def scene(self) -> RayScene:
         """Scene that the lidar sees: all collision geometries, without the robot's."""
-        if self._stale:
+        if self._scene_is_stale:
             self._build_scene()
-        for move, index, name, geometry in self._movable:
+        for move, index, name, geometry in self._movable_shapes:
             move(index, compose(self._bullet.pose_of(name), geometry.pose_in_body))
         return self._scene
 
@@ -177,10 +179,10 @@ class WorldObjects:
             (body, geometry) for body, geometry in geometries if isinstance(geometry.shape, TriangleMesh)
         ]
         solids = [pair for pair in geometries if not isinstance(pair[1].shape, (Plane, TriangleMesh))]
-        self._movable: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = [
+        self._movable_shapes: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = [
             (move, index, body.name, geometry)
             for move, pairs in ((self._scene.move, solids), (self._scene.move_mesh, meshes))
             for index, (body, geometry) in enumerate(pairs)
             if body.mass > 0.0
         ]
-        self._stale = False
+        self._scene_is_stale = False

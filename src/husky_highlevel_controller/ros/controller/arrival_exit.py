@@ -59,15 +59,15 @@ class ArrivalExit:
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
         self._scans: Optional[rospy.Subscriber] = None
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
-        self._state, self._status = "", ""
-        self._announcements = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
+        self._controller_state, self._controller_message = "", ""
+        self._arrived_subscriber = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
         rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
         rospy.Subscriber(self._robot.topics.odometry, Odometry, self._on_odometry, queue_size=1)
 
     def run(self) -> None:
         """Return at arrival; HuskyError at the deadline, or if the controller is stopped on its way."""
         while not (self._arrived or rospy.is_shutdown()):
-            if self._starts_enabled and self._state == State.STOPPED.value:
+            if self._starts_enabled and self._controller_state == State.STOPPED.value:
                 raise HuskyError(
                     f"stopped on its way after {rospy.get_time():.1f} s of simulated time, "
                     "by a guard or the start/stop service"
@@ -81,8 +81,8 @@ class ArrivalExit:
 
     def _last_activity(self) -> str:
         """Sentence on what the controller or the robot did last."""
-        if self._status:
-            return self._status
+        if self._controller_message:
+            return self._controller_message
         if self._standing_since == inf:
             return "the robot moves"
         return "the robot stands" if self._has_driven else "the robot has not moved"
@@ -91,10 +91,13 @@ class ArrivalExit:
         self._arrived = message.data
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep the controller's state and message from its entry on /diagnostics."""
         for status in message.status:
             if status.name == rospy.resolve_name(CONTROLLER).strip("/"):
-                self._state = next((item.value for item in status.values if item.key == "state"), "")
-                self._status = status.message
+                self._controller_state = next(
+                    (item.value for item in status.values if item.key == "state"), ""
+                )
+                self._controller_message = status.message
 
     def _on_odometry(self, message: Odometry) -> None:
         """Notice the arrival of a robot whose controller does not announce its arrival.
@@ -108,7 +111,7 @@ class ArrivalExit:
             return
         self._standing_since = min(self._standing_since, stamp)
         stands_after_drive = self._has_driven and stamp - self._standing_since >= STANDING_TIME
-        controller_announces = self._announcements.get_num_connections() > 0
+        controller_announces = self._arrived_subscriber.get_num_connections() > 0
         if not stands_after_drive or controller_announces:
             return
         # the subscription begins only now, because scans are not needed if the controller announces its
@@ -123,6 +126,7 @@ class ArrivalExit:
             )
 
     def _on_scan(self, message: LaserScan) -> None:
+        """Measure the clearance, if the scan was made since the robot stands."""
         try:
             scan = conversions.scan_from_msg(message)
         except conversions.ScanError:

@@ -105,7 +105,7 @@ class Diagnostics:
             "/diagnostics", DiagnosticArray, self._new_subscribers, queue_size=10
         )
         self._published_at = 0.0
-        self._now, self._still_polls = 0.0, 0
+        self._last_time, self._still_polls = 0.0, 0
         self._has_changed = threading.Event()
 
     def hasten(self) -> None:
@@ -121,13 +121,13 @@ class Diagnostics:
         now, was_paused = rospy.get_time(), self._still_polls >= STILL_POLLS
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
-        if now != self._now:
+        if now != self._last_time:
             self._still_polls = 0
         elif not has_changed:
             # a call after a change does not count, because it comes early and ROS time may not have advanced
             # yet
             self._still_polls += 1
-        self._now = now
+        self._last_time = now
         pauses_now = self._still_polls == STILL_POLLS
         resumes_now = was_paused and self._still_polls == 0
         is_due_at_once = self._new_subscribers.take() or has_changed or pauses_now or resumes_now
@@ -140,7 +140,8 @@ class Diagnostics:
             self._publish()
 
     def _publish(self) -> None:
-        health = self._examine(self._still_polls >= STILL_POLLS or self._now == 0.0)
+        """Examine the controller, and publish the result on /diagnostics."""
+        health = self._examine(self._still_polls >= STILL_POLLS or self._last_time == 0.0)
         level, message = level_and_message(health)
         status = DiagnosticStatus(
             level=level, name=rospy.get_name().strip("/"), message=message, hardware_id="husky"
@@ -152,6 +153,8 @@ class Diagnostics:
 
 
 def _values(health: Health) -> List[KeyValue]:
+    """Figures of the status as names and texts with units."""
+
     def number(value: Optional[float], unit: str) -> str:
         return "none" if value is None else f"{value:.3f} {unit}"
 

@@ -21,6 +21,7 @@ class Disobedience:
     """Asks who may take the commands; it waits for the master, so a callback does not call it."""
 
     def __init__(self, robot: Robot, commands: rospy.Publisher) -> None:
+        """Watch the emergency stop; `commands` is the controller's publisher of commands."""
         self._robot, self._commands = robot, commands
         self._is_locked = False
         rospy.Subscriber("husky_simulator/locked", Bool, self._on_locked, queue_size=1)

@@ -42,7 +42,7 @@ TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
 # Factor on the size of the cylinder in the laser's frame, because two equal cylinders in one place flicker.
 # So this cylinder is visible only if the namespace of the cylinder in odom is switched off. The factor is
 # above 0.95, the fraction with which the simulator draws the pillar.
-INSIDE = 0.98
+INNER_SCALE = 0.98
 DISC_HEIGHT = 0.02  # [m]
 # [m] smallest width of the rim around the pillar that shows the accuracy, so that it is visible
 MIN_SPREAD = 0.05
@@ -57,24 +57,29 @@ class Display:
         The wheels of `robot` give the height of the ground, which is the same in base_link and in odom.
         """
         # [m] height of the ground in base_link and odom
-        self._ground = robot.wheels.height - robot.drive.wheel_radius
+        self._ground_height = robot.wheels.height - robot.drive.wheel_radius
         self._new_subscribers = NewSubscribers()
-        self._marker = rospy.Publisher("~visualization_marker", Marker, self._new_subscribers, queue_size=10)
-        self._array = rospy.Publisher(
+        self._marker_publisher = rospy.Publisher(
+            "~visualization_marker", Marker, self._new_subscribers, queue_size=10
+        )
+        self._array_publisher = rospy.Publisher(
             "~visualization_marker_array", MarkerArray, self._new_subscribers, queue_size=10
         )
-        self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
-        self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
+        self._pillar_publisher = rospy.Publisher("~pillar", PointStamped, queue_size=10)
+        self._error_publisher = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
         self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
         # namespaces of the markers that RViz shows, by topic; RViz keeps a marker until a message deletes it
-        self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
+        self._shown_namespaces: Dict[rospy.Publisher, Set[str]] = {
+            self._marker_publisher: set(),
+            self._array_publisher: set(),
+        }
         # stamp [s] and state of the last array; the next array is sent after ARRAY_PERIOD, or when the state
         # changes
         self._array_stamp = -inf
-        self._state: Optional[State] = None
+        self._array_state: Optional[State] = None
         # arguments of the last `show`, repeated for a subscriber that comes later
-        self._last: Optional[Tuple[Observation, ControlOutput, float, float]] = None
-        self._turn = threading.Lock()
+        self._last_shown: Optional[Tuple[Observation, ControlOutput, float, float]] = None
+        self._lock = threading.Lock()
 
     def show(
         self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
@@ -87,22 +92,22 @@ class Display:
             stop_distance: distance from the lidar to the pillar's surface at the stop [m].
             pillar_height: height of the pillar's top above the ground [m].
         """
-        with self._turn:
-            self._last = (observation, output, stop_distance, pillar_height)
-            self._show(*self._last)
+        with self._lock:
+            self._last_shown = (observation, output, stop_distance, pillar_height)
+            self._show(*self._last_shown)
 
     @property
     def listeners(self) -> List[str]:
         """Names of the nodes that show the markers."""
-        return [link.endpoint_id for link in self._marker.impl.connections]
+        return [link.endpoint_id for link in self._marker_publisher.impl.connections]
 
     def update(self) -> None:
         """Show the last scan again to a new subscriber: a paused world has no other. Call it often."""
         if self._new_subscribers.take():
-            with self._turn:
-                if self._last is not None:
+            with self._lock:
+                if self._last_shown is not None:
                     self._array_stamp = -inf
-                    self._show(*self._last)
+                    self._show(*self._last_shown)
 
     def _show(
         self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
@@ -124,19 +129,22 @@ class Display:
             last = self._path[-1] if self._path else Point(inf, inf, 0.0)
             if hypot(place.x - last.x, place.y - last.y) >= PATH_STEP:
                 self._path.append(Point(place.x, place.y, 0.0))
-        if self._marker.get_num_connections():
-            pillars = _pillar_markers(observation, output, self._ground, pillar_height)
-            for each in self._with_deletions(self._marker, pillars, stamp):
-                publish(self._marker, each)
-        is_due = output.state is not self._state or stamp >= self._array_stamp + ARRAY_PERIOD
-        if is_due and self._array.get_num_connections():
-            top = self._ground + pillar_height
+        if self._marker_publisher.get_num_connections():
+            pillars = _pillar_markers(observation, output, self._ground_height, pillar_height)
+            for each in self._with_deletions(self._marker_publisher, pillars, stamp):
+                publish(self._marker_publisher, each)
+        is_due = output.state is not self._array_state or stamp >= self._array_stamp + ARRAY_PERIOD
+        if is_due and self._array_publisher.get_num_connections():
+            top = self._ground_height + pillar_height
             markers = _state_markers(observation, output, stop_distance, top)
             if len(self._path) > 1:
                 points, width = list(self._path), (0.04, 0.0, 0.0)
                 markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
-            publish(self._array, MarkerArray(self._with_deletions(self._array, markers, stamp)))
-            self._array_stamp, self._state = stamp, output.state
+            publish(
+                self._array_publisher,
+                MarkerArray(self._with_deletions(self._array_publisher, markers, stamp)),
+            )
+            self._array_stamp, self._array_state = stamp, output.state
         self._publish_numbers(stamp, output)
 
     def _with_deletions(
@@ -144,22 +152,22 @@ class Display:
     ) -> List[Marker]:
         """The markers, and deletions of the markers that were shown before and are no longer there."""
         namespaces = {each.ns for each in markers}
-        ended = self._shown[publisher] - namespaces
+        ended = self._shown_namespaces[publisher] - namespaces
         header = conversions.header(stamp, BASE)
         deletions = [Marker(header=header, ns=namespace, action=Marker.DELETE) for namespace in ended]
-        self._shown[publisher] = namespaces
+        self._shown_namespaces[publisher] = namespaces
         return markers + deletions
 
     def _publish_numbers(self, stamp: float, output: ControlOutput) -> None:
         """Publish the target's centre in base_link, and the errors of distance [m] and bearing [rad]."""
         if output.target_in_base is None:
             return
-        if self._pillar.get_num_connections():
+        if self._pillar_publisher.get_num_connections():
             point = Point(*output.target_in_base, 0.0)
-            publish(self._pillar, PointStamped(conversions.header(stamp, BASE), point))
-        if self._error.get_num_connections():
+            publish(self._pillar_publisher, PointStamped(conversions.header(stamp, BASE), point))
+        if self._error_publisher.get_num_connections():
             error = Vector3(output.distance_error, output.bearing_error, 0.0)
-            publish(self._error, Vector3Stamped(conversions.header(stamp, BASE), error))
+            publish(self._error_publisher, Vector3Stamped(conversions.header(stamp, BASE), error))
 
 
 def marker(
@@ -195,7 +203,7 @@ def _pillar_markers(
     if pillar is None:
         return []
     width, middle = 2.0 * pillar.radius, ground + height / 2.0
-    size = (INSIDE * width, INSIDE * width, INSIDE * height)
+    size = (INNER_SCALE * width, INNER_SCALE * width, INNER_SCALE * height)
     center = Point(pillar.x, pillar.y, _height_in_laser(observation, middle))
     markers = [marker(Marker.CYLINDER, IN_LASER, stamp, observation.scan.frame, size, center)]
     if output.pillar_in_odom is not None:

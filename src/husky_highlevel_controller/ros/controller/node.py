@@ -95,25 +95,25 @@ class ControllerNode:
         self._controller_state = ControllerState()
         # lock that is held during a decision and during a stop, so that no command follows the zero command
         # of a stop
-        self._deciding = threading.Lock()
-        self._arrived: Optional[bool] = None  # last announcement on ~arrived; None before the first
+        self._decision_lock = threading.Lock()
+        self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
         self._pillar_status, self._reason = "unknown", ""  # "seen", "remembered" or "unknown"; last reason
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
-        self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
+        self._scan_stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
         self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
         self._tf_time: Optional[float] = None  # [s] ROS time of the last new transform odom -> base_link
-        self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        self._obedience, self._commanded = Obedience(), STOP
-        self._disobedience, self._disobeyed = Disobedience(robot, self._velocity), ""
+        self._command_publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._obedience, self._last_command = Obedience(), STOP
+        self._disobedience, self._disobedience_reason = Disobedience(robot, self._command_publisher), ""
         self._scan_absence = ScanAbsence(rospy.resolve_name(topic.scan_topic_name))
-        self._absence = ""  # sentence on why no scans come
-        self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
+        self._absence_reason = ""  # sentence on why no scans come
+        self._arrived_publisher = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display(robot)
         self._tuning = ReconfigureServer(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
-        self._registration = RegistrationWatch(self._stand)
+        self._registration = RegistrationWatch(self._stand_still)
         transforms = tf2_ros.Buffer()
         self._placement = ScanPlacement(transforms, self._answer, robot.footprint)
         self._listener = Listener(transforms, self._placement)
@@ -154,18 +154,18 @@ class ControllerNode:
     def _notice_disobedience(self) -> None:
         """Log once why the robot does not follow the commands, and keep it for the status."""
         if self._obedience.obeys:
-            self._disobeyed = ""
-        elif not self._disobeyed:
+            self._disobedience_reason = ""
+        elif not self._disobedience_reason:
             seconds = self._obedience.stamp - self._obedience.since
-            self._disobeyed = self._disobedience.sentence(self._commanded, seconds)
-            rospy.logwarn(self._disobeyed)
+            self._disobedience_reason = self._disobedience.sentence(self._last_command, seconds)
+            rospy.logwarn(self._disobedience_reason)
             self._diagnostics.hasten()
 
     def _notice_absence(self) -> None:
         """Log why no scans come when the reason changes, and keep it for the status."""
         absence = self._scan_absence.update(rospy.get_time(), self._scan_time)
-        if absence != self._absence:
-            self._absence = absence
+        if absence != self._absence_reason:
+            self._absence_reason = absence
             self._diagnostics.hasten()
             if absence:
                 rospy.logwarn(absence)
@@ -173,8 +173,8 @@ class ControllerNode:
     def _stop(self) -> None:
         self._command(STOP)
 
-    def _stand(self) -> None:
-        with self._deciding:
+    def _stand_still(self) -> None:
+        with self._decision_lock:
             self._stop()
 
     def _command(self, twist: Twist2D) -> None:
@@ -184,7 +184,7 @@ class ControllerNode:
                 REPORT_PERIOD, f"standing still: the command {twist} is not finite and was not sent"
             )
             twist = STOP
-        publish(self._velocity, conversions.twist_to_msg(twist))
+        publish(self._command_publisher, conversions.twist_to_msg(twist))
 
     def _on_start_stop(self, request: SetBoolRequest) -> SetBoolResponse:
         """Start or stop driving, as the service requests. A stop sends a zero command before it returns.
@@ -193,7 +193,7 @@ class ControllerNode:
         """
         if request.data and self._registration.is_lost:
             return SetBoolResponse(False, LOST)
-        with self._deciding:
+        with self._decision_lock:
             already = self._enabled is request.data
             self._enabled = request.data
             if not request.data:
@@ -227,7 +227,7 @@ class ControllerNode:
 
         If the decision raises, the robot stops, and the error goes on to the caller.
         """
-        with self._deciding:
+        with self._decision_lock:
             control, detector_config = self._tuning.records
             before = self._controller_state
             enabled = self._enabled and not self._registration.is_lost
@@ -242,17 +242,17 @@ class ControllerNode:
         # if the robot pushes the pillar, the wheels may turn without motion, so the command must not count as
         # disobeyed
         is_pushing = control.stop_distance == 0.0
-        self._commanded = STOP if is_pushing else output.twist
+        self._last_command = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(
-            observation.scan.stamp, observation.base_in_odom, self._commanded
+            observation.scan.stamp, observation.base_in_odom, self._last_command
         )
         if output.state is not before.state:
             self._diagnostics.hasten()
-        self._stamps.append(observation.scan.stamp)
+        self._scan_stamps.append(observation.scan.stamp)
         self._log(observation, before, output, control)
-        if output.at_pillar is not self._arrived:
-            publish(self._announcement, Bool(output.at_pillar))
-        self._arrived = output.at_pillar
+        if output.at_pillar is not self._last_announced:
+            publish(self._arrived_publisher, Bool(output.at_pillar))
+        self._last_announced = output.at_pillar
         self._display.show(observation, output, control.stop_distance, detector_config.pillar_height)
 
     def _log(
@@ -328,7 +328,7 @@ class ControllerNode:
 
     def _examine(self, paused: bool) -> Health:
         """Return the figures for /diagnostics; `paused` says whether simulated time stands still."""
-        now, stamps = rospy.get_time(), list(self._stamps)
+        now, stamps = rospy.get_time(), list(self._scan_stamps)
         latest = self._placement.lookup(ODOM, BASE)
         tf_stamp = now
         if latest is None:
@@ -355,8 +355,8 @@ class ControllerNode:
             state=self._state(),
             pillar=self._pillar_status,
             reason=self._reason,
-            disobeyed=self._disobeyed,
-            absence=self._absence,
+            disobeyed=self._disobedience_reason,
+            absence=self._absence_reason,
         )
 
 
@@ -370,6 +370,7 @@ def _to_go(output: ControlOutput) -> str:
 
 
 def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
+    """Smallest range of a scan, the pillar if it was found, and the frame, as text for the log."""
     summary = _smallest_range(scan)
     if pillar is not None:
         summary += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"

@@ -81,65 +81,68 @@ class ScanPlacement:
         self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
         self._outline = outline
         self._lock = threading.Lock()
-        self._pending: Optional[_PendingScan] = None
-        self._next: Optional[_PendingScan] = None
-        self._started = False  # true after the first observation
+        self._pending_scan: Optional[_PendingScan] = None
+        self._next_scan: Optional[_PendingScan] = None
+        self._has_placed = False  # true after the first observation
         # stamp of the latest transform at the moment when a wait became overdue; None if no wait was overdue
-        self._overdue_after: Optional[rospy.Time] = None
-        self._clocks = ClockOffset(MIN_OFFSET)
+        self._stamp_when_overdue: Optional[rospy.Time] = None
+        self._clock_offset = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
         # frame of the lidar and its pose, if /tf_static alone gives the pose
-        self._mount: Optional[Tuple[str, Pose]] = None
+        self._static_mount: Optional[Tuple[str, Pose]] = None
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
         """Take a scan, and its stamp exact to the nanosecond. Any thread."""
         with self._lock:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
             if odometry_stamp > 0.0:
-                self._clocks.add_reference(odometry_stamp)
-            self._clocks.add(scan.stamp, self._clock())
-            pending = self._pending
+                self._clock_offset.add_reference(odometry_stamp)
+            self._clock_offset.add(scan.stamp, self._clock())
+            pending = self._pending_scan
             # a smaller stamp means that the simulator was started again
             if pending is None or stamp < pending.stamp:
-                self._pending, self._next = _PendingScan(scan, stamp, self._clock()), None
+                self._pending_scan, self._next_scan = _PendingScan(scan, stamp, self._clock()), None
             elif stamp != pending.stamp:
                 # an equal stamp means the pending scan itself, which the simulator sends again in lockstep
-                self._next = _PendingScan(scan, stamp, self._clock())
+                self._next_scan = _PendingScan(scan, stamp, self._clock())
         self.update()
 
     def update(self) -> None:
         """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
         # the check needs no lock, because `add` calls `update` again after it has added a scan
-        if self._pending is None:
+        if self._pending_scan is None:
             return
         with self._lock:
-            while self._pending is not None:
-                observation = self._place(self._pending)
+            while self._pending_scan is not None:
+                observation = self._place(self._pending_scan)
                 if observation is None:
                     return
-                self._started = True
-                self._pending, self._next = self._next, None
+                self._has_placed = True
+                self._pending_scan, self._next_scan = self._next_scan, None
                 self._on_observation(observation)
 
     def discard(self) -> None:
         """Forget the pending scans, because a newer one is unusable."""
         with self._lock:
-            self._pending = self._next = None
+            self._pending_scan = self._next_scan = None
 
     def forget_mount(self) -> None:
         """Look the lidar's pose up again for the next scan: call after each message on /tf_static."""
-        self._mount = None
+        self._static_mount = None
 
     def lookup(
         self, parent: str, child: str, stamp: Optional[rospy.Time] = None
     ) -> Optional[TransformStamped]:
-        """The transform at a stamp or (None) the latest; None if TF does not have it. Never waits."""
+        """Return the transform of a child frame in its parent frame; None if TF does not have it.
+
+        It is the transform at a stamp, or the latest one if the stamp is None. The lookup never waits.
+        """
         return lookup_transform(self._transforms, parent, child, stamp)
 
     @property
     def ahead(self) -> float:
         """Time by which the scans' clock is ahead of odometry's [s]; 0 if it is not."""
-        return max(self._clocks.seconds, 0.0)
+        return max(self._clock_offset.seconds, 0.0)
 
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
         """Return the observation of a scan, or None while its transform may still come.
@@ -148,9 +151,9 @@ class ScanPlacement:
         scan, an unknown pose is None.
         """
         frame = pending.scan.frame
-        timeout = TRANSFORM_TIMEOUT if self._started else START_TIMEOUT
+        timeout = TRANSFORM_TIMEOUT if self._has_placed else START_TIMEOUT
         overdue = self._clock() - pending.arrived_at > timeout
-        if not self._started and not overdue:
+        if not self._has_placed and not overdue:
             has_all_frames = self.lookup(BASE, frame) and self.lookup(ODOM, BASE)
             if not has_all_frames:
                 return None
@@ -186,15 +189,15 @@ class ScanPlacement:
         # the node waits only once for odometry that has stopped. The last pose is not used after MAX_AGE,
         # because the robot would drive blindly
         if overdue:
-            self._overdue_after = newest_stamp
+            self._stamp_when_overdue = newest_stamp
         age = (stamp - newest_stamp).to_sec() - self.ahead
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
-        waits = not self.ahead and newest_stamp != self._overdue_after
+        waits = not self.ahead and newest_stamp != self._stamp_when_overdue
         return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Pose of the lidar, None if unknown; warn if many scans in a row had none."""
-        mount = self._mount
+        mount = self._static_mount
         if mount is not None and mount[0] == frame:
             return mount[1]
         transform = self.lookup(BASE, frame)
@@ -206,5 +209,5 @@ class ScanPlacement:
         pose = pose_from_transform(transform)
         # stamp 0 means that every transform between the two frames comes from /tf_static
         if transform.header.stamp.is_zero():
-            self._mount = frame, pose
+            self._static_mount = frame, pose
         return pose

@@ -54,15 +54,15 @@ class LocalizationNode:
         for remark in remarks:
             rospy.logerr(remark)
         options = self._config.options
-        self._base = options.base_link_frame_output or options.base_link_frame
+        self._base_frame = options.base_link_frame_output or options.base_link_frame
         self._lock = threading.Lock()
         # [s] time of the last warning, by input and kind of warning
-        self._reported: Dict[Tuple[str, str], float] = {}
-        self._begin()
+        self._complained_at: Dict[Tuple[str, str], float] = {}
+        self._start_filter()
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
-        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
+        self._odometry_publisher = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
+        self._tf_publisher = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self._on_set_pose)
         for name, item in self._config.inputs.items():
             kind = Imu if name.startswith("imu") else Odometry
@@ -73,11 +73,12 @@ class LocalizationNode:
         """Work until the node is shut down."""
         rospy.spin()
 
-    def _begin(self) -> None:
-        self._now, self._filter = 0.0, Localization(self._config)
-        self._held: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
-        self._first_heard = 0.0  # [s] wall time of the first message
-        self._heard: Dict[str, float] = {}  # [s] wall time of the last message of each input
+    def _start_filter(self) -> None:
+        """Make a new filter, and forget all messages."""
+        self._last_time, self._filter = 0.0, Localization(self._config)
+        self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
+        self._first_heard_at = 0.0  # [s] wall time of the first message
+        self._heard_at: Dict[str, float] = {}  # [s] wall time of the last message of each input
 
     def _on_message(self, msg: Any, name: str) -> None:
         """Give a message to the filter, after earlier messages of this input that waited for a transform.
@@ -90,29 +91,31 @@ class LocalizationNode:
             name: name of the input in the parameters, such as odom0.
         """
         stamp = msg.header.stamp.to_sec()
-        self._heard[name] = inf  # the input is not silent while its thread waits for the lock
+        self._heard_at[name] = inf  # the input is not silent while its thread waits for the lock
         with self._lock:
             # the time is read under the lock, because a fast bag may advance by seconds while this thread
             # waits
             now = rospy.get_time()
-            if now < self._now - CLOCK_BACK:
-                rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s; the filter starts again")
-                self._begin()
-            self._now = max(now, self._now)
-            self._heard[name] = time.monotonic()
-            self._first_heard = self._first_heard or self._heard[name]
+            if now < self._last_time - CLOCK_BACK:
+                rospy.logwarn(
+                    f"clock from {self._last_time:.3f} back to {now:.3f} s; the filter starts again"
+                )
+                self._start_filter()
+            self._last_time = max(now, self._last_time)
+            self._heard_at[name] = time.monotonic()
+            self._first_heard_at = self._first_heard_at or self._heard_at[name]
             if stamp > now + MAX_AHEAD:
                 self._complain(name, "clock", f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored")
                 return
-            held = self._held[name]
+            held = self._held_messages[name]
             held.append(msg)
             mounting = self._mounting(msg, name)
             if mounting is None:
                 # the input counts as silent, so that the other inputs need not wait for it
-                self._heard[name] = 0.0
+                self._heard_at[name] = 0.0
                 del held[:-QUEUE]
                 return
-            self._held[name] = []
+            self._held_messages[name] = []
             for message in held:
                 self._add(name, message, mounting)
 
@@ -129,17 +132,20 @@ class LocalizationNode:
             self._complain(name, "reading", f"{error}, so it is ignored")
             return
         for estimate in estimates:
-            msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base)
-            publish(self._odometry, msg)
+            msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base_frame)
+            publish(self._odometry_publisher, msg)
             if self._config.options.publish_tf:
                 pose, frame = conversions.pose_from_msg(msg.pose.pose), msg.header.frame_id
-                publish(self._tf, conversions.tree_to_msg([(frame, self._base, pose)], estimate.stamp))
+                publish(
+                    self._tf_publisher,
+                    conversions.tree_to_msg([(frame, self._base_frame, pose)], estimate.stamp),
+                )
 
     def _is_silent(self, name: str, now: float) -> bool:
         """Return whether an input has sent nothing for too long, at a wall time [s]."""
-        if name not in self._heard:
-            return now > self._first_heard + ABSENCE
-        return now > self._heard[name] + SILENCE
+        if name not in self._heard_at:
+            return now > self._first_heard_at + ABSENCE
+        return now > self._heard_at[name] + SILENCE
 
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
         """Return the poses of a message's frames; None, with a warning, if TF does not have one of them.
@@ -179,12 +185,12 @@ class LocalizationNode:
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:
         """Warn of an input, at most once in REPORT_PERIOD for each kind of complaint."""
-        if abs(self._now - self._reported.get((name, kind), -inf)) >= REPORT_PERIOD:
-            self._reported[name, kind] = self._now
+        if abs(self._last_time - self._complained_at.get((name, kind), -inf)) >= REPORT_PERIOD:
+            self._complained_at[name, kind] = self._last_time
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")
 
     def _report_silence(self, _event: Any) -> None:
-        for name in sorted(set(self._config.inputs) - set(self._heard)):
+        for name in sorted(set(self._config.inputs) - set(self._heard_at)):
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: no message yet ({name})")
 
 

@@ -27,11 +27,12 @@ class CrashStopNode:
     """Judges every IMU sample."""
 
     def __init__(self) -> None:
+        """Read the parameters, and subscribe to odometry and IMU; ConfigError for a wrong parameter."""
         values, robot = parameters_and_robot()
         service, config = read_config(values, rospy.get_name() + "/", ServiceConfig, CrashConfig)
         self._detector = CrashDetector(config)
         # held while the detector is used, because odometry and IMU come in different threads
-        self._detecting = threading.Lock()
+        self._detector_lock = threading.Lock()
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
@@ -44,7 +45,7 @@ class CrashStopNode:
         self._guard.run()
 
     def _on_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
-        with self._detecting:
+        with self._detector_lock:
             self._detector.add_odometry(stamp, twist_in_base)
 
     def _on_imu(self, msg: Imu) -> None:
@@ -58,7 +59,7 @@ class CrashStopNode:
         if self._guard.clocks.seconds != 0.0:
             self._guard.judge(stamp, None)
             return
-        with self._detecting:
+        with self._detector_lock:
             loss = self._detector.add_sample(sample, mount)
             delay = self._detector.delay
         if delay > LONG_DELAY:

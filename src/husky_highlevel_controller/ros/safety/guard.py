@@ -27,7 +27,7 @@ from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
 REPORT_PERIOD = 5.0  # [s] time between two warnings of the same kind
-FRESH = 0.5  # [s] a measured velocity counts as the present velocity up to this age
+MAX_VELOCITY_AGE = 0.5  # [s] a measured velocity counts as the present velocity up to this age
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,11 @@ class Guard:
         """
         self._latch = Latch()
         self._odometry: Optional[Odometry] = None
-        self._pass_on = on_odometry
+        self._odometry_callback = on_odometry
         self.clocks = ClockOffset(clock_tolerance)
-        self._service = rospy.resolve_name(config.start_stop_service_name)
-        self._zero = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
-        self._stop = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
+        self._stop_service = rospy.resolve_name(config.start_stop_service_name)
+        self._zero_publisher = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
+        self._stop_request = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
         self._registration = RegistrationWatch(self._command_zero)
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
@@ -74,8 +74,8 @@ class Guard:
         """Take the robot's measured velocity."""
         self._odometry = msg
         self.clocks.add_reference(msg.header.stamp.to_sec())
-        if self._pass_on is not None:
-            self._pass_on(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
+        if self._odometry_callback is not None:
+            self._odometry_callback(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
 
     def time_of(self, stamp: float, who: str, effect: str) -> float:
         """Time of a message by odometry's clock [s]: its stamp, or the stamp of the newest odometry.
@@ -93,7 +93,7 @@ class Guard:
     def twist(self, stamp: float) -> Optional[Twist2D]:
         """Velocity at a time [s]; None if odometry is missing or not fresh."""
         msg = self._odometry
-        if msg is None or abs(stamp - msg.header.stamp.to_sec()) > FRESH:
+        if msg is None or abs(stamp - msg.header.stamp.to_sec()) > MAX_VELOCITY_AGE:
             return None
         return conversions.twist_from_msg(msg.twist.twist)
 
@@ -109,42 +109,46 @@ class Guard:
             rospy.loginfo("guard active again: the robot moves")
         self._latch = latch
         if stop and danger is not None:
-            self._stop.start(danger)
+            self._stop_request.start(danger)
 
     def run(self) -> None:
         """Wait for the service, and serve stops until the node is shut down."""
-        threading.Thread(target=self._stop.run, args=(rospy.is_shutdown,), daemon=True).start()
+        threading.Thread(target=self._stop_request.run, args=(rospy.is_shutdown,), daemon=True).start()
         self._registration.start()
         while not rospy.is_shutdown():
             try:
-                rospy.wait_for_service(self._service, timeout=REPORT_PERIOD)
+                rospy.wait_for_service(self._stop_service, timeout=REPORT_PERIOD)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     rospy.logwarn(
-                        f"no service {self._service} to stop the controller; check that it is running "
+                        f"no service {self._stop_service} to stop the controller; check that it is running "
                         f"and that {rospy.get_name()}/start_stop_service_name is its start_stop_service_name"
                     )
             else:
-                rospy.loginfo(f"guard active: will call {self._service} on danger")
+                rospy.loginfo(f"guard active: will call {self._stop_service} on danger")
                 rospy.spin()
 
     def _call(self) -> Optional[str]:
         """Call the service. Return the reason of a failure, or None."""
         try:
-            answer = rospy.ServiceProxy(self._service, SetBool)(False)
+            answer = rospy.ServiceProxy(self._stop_service, SetBool)(False)
         except (rospy.ServiceException, rospy.ROSException) as error:
             return str(error)
         return None if answer.success else f"it answered '{answer.message}'"
 
     def _command_zero(self) -> None:
-        publish(self._zero, conversions.twist_to_msg(STOP))
+        publish(self._zero_publisher, conversions.twist_to_msg(STOP))
 
     def _on_failure(self, danger: str, reason: str) -> None:
+        """Warn that the service did not stop the controller."""
         rospy.logwarn_throttle(
             REPORT_PERIOD,
-            f"{danger}, but {self._service} did not stop the controller: {reason}; "
-            f"commanding zero on {self._zero.resolved_name} until it does",
+            f"{danger}, but {self._stop_service} did not stop the controller: {reason}; "
+            f"commanding zero on {self._zero_publisher.resolved_name} until it does",
         )
 
     def _on_success(self, danger: str) -> None:
-        rospy.logwarn(f"{danger}: stopped the controller. To continue: rosservice call {self._service} true")
+        """Log that the controller was stopped, and how to continue."""
+        rospy.logwarn(
+            f"{danger}: stopped the controller. To continue: rosservice call {self._stop_service} true"
+        )

@@ -27,6 +27,7 @@ class ProximityStopNode:
     """Checks every scan for obstacles in the robot's path."""
 
     def __init__(self) -> None:
+        """Read the parameters, and subscribe to odometry and scans; ConfigError for a wrong parameter."""
         values, self._robot = parameters_and_robot()
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()

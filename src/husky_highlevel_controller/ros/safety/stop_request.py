@@ -41,13 +41,14 @@ class StopRequest:
         self._call, self._command_zero = call, command_zero
         self._on_failure, self._on_success = on_failure, on_success
         self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)
-        self._hung = threading.Semaphore(MAX_HUNG_CALLS)
-        self._turn = threading.Lock()
+        self._call_slots = threading.Semaphore(MAX_HUNG_CALLS)
+        self._pending_lock = threading.Lock()
         self.pending = False
 
     def start(self, danger: str) -> None:
         """Request a stop because of a danger, as text; ignored while one is pending. Any thread."""
-        with self._turn:  # the callbacks of the sensors run in several threads, one for each publisher
+        # the callbacks of the sensors run in several threads, one for each publisher
+        with self._pending_lock:
             if not self.pending:
                 self.pending = True
                 self._dangers.put_nowait(danger)
@@ -103,13 +104,14 @@ class StopRequest:
         answers: queue.Queue[Optional[str]] = queue.Queue()
 
         def call() -> None:
+            """Call the service, and put the outcome into the queue."""
             try:
                 answers.put(self._call())
             except Exception as error:  # the service did not answer, or any other error has come
                 answers.put(f"{type(error).__name__}: {error}")
             finally:
-                self._hung.release()
+                self._call_slots.release()
 
-        if self._hung.acquire(blocking=False):
+        if self._call_slots.acquire(blocking=False):
             threading.Thread(target=call, daemon=True).start()
         return answers

@@ -19,7 +19,9 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, messages_of_drive
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
-ADVANCE = 400  # number of messages that are simulated before the player begins, so that every topic is known
+FIRST_MESSAGES = (
+    400  # number of messages that are simulated before the player begins, so that every topic is known
+)
 QUEUE = 100_000  # length of the queues, so that no message is lost on a busy machine
 
 
@@ -27,6 +29,7 @@ class BagPlayer:
     """Advertises every topic, waits for the reader of the true poses, and plays."""
 
     def __init__(self) -> None:
+        """Prepare the drive that the arguments of the program name."""
         name, seed, pace, seconds = sys.argv[1:5]
         self._pace, self._truth = float(pace), TruthLog()
         self._messages = messages_of_drive(name, "hard", int(seed), float(seconds))
@@ -35,9 +38,9 @@ class BagPlayer:
     def run(self) -> None:
         """Play at the pace, then stay until shutdown, because latched messages would end with the node.
 
-        The first ADVANCE messages are made before time begins, so that every topic is advertised by then.
+        FIRST_MESSAGES messages are made before time begins, so that every topic is advertised by then.
         """
-        first_messages = list(islice(self._messages, ADVANCE))
+        first_messages = list(islice(self._messages, FIRST_MESSAGES))
         for _, topic, msg in first_messages:
             if topic not in {TRUTH_TOPIC, *self._publishers}:
                 latch = topic == "/tf_static"

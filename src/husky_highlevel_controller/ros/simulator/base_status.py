@@ -94,6 +94,7 @@ def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
 
 
 def _system_level(status: HuskyStatus) -> Level:
+    """Return the level and the sentence of the worst problem of voltages and temperatures."""
     driver = max(status.left_driver_temp, status.right_driver_temp)
     motor = max(status.left_motor_temp, status.right_motor_temp)
     levels = [

@@ -84,6 +84,7 @@ class CallQueue:
 
 
 def _make(work: Callable[[], Any], future: Future) -> None:
+    """Make a call, and give its result or its error to the caller."""
     try:
         future.set_result(work())
     except Exception as error:  # the error is raised again in the thread of the caller

@@ -50,22 +50,22 @@ class Commands:
         self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
-        self._doubled: Set[str] = set()  # nodes that have sent a second command for one scan
+        self._double_senders: Set[str] = set()  # nodes that have sent a second command for one scan
         self.driver = ""  # node that sent the last command that moves the robot
         self._mux = CommandMux(topics.velocity)
         self._is_refusing = False
-        self._passed = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
+        self._passed_publisher = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
             topic: rospy.Subscriber(
                 topic, Twist, partial(self._on_twist, topic), queue_size=10, tcp_nodelay=True
             )
             for topic in (*topics.velocity, topics.wheel_command)
         }
-        self._main, self._direct = subscribers[MAIN], subscribers[topics.wheel_command]
+        self._main_subscriber, self._direct_subscriber = subscribers[MAIN], subscribers[topics.wheel_command]
         self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
         # latched, so that a page that starts later gets the state of the emergency stop
-        self._locked = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
-        publish(self._locked, Bool(False))
+        self._locked_publisher = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
+        publish(self._locked_publisher, Bool(False))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
@@ -86,8 +86,9 @@ class Commands:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                if self._passed.get_num_connections() > 1:  # the first subscriber is this node itself
-                    publish(self._passed, msg)
+                # the first subscriber is this node itself
+                if self._passed_publisher.get_num_connections() > 1:
+                    publish(self._passed_publisher, msg)
             else:
                 stronger = self._mux.stronger(topic, stamp)
             self._notice_habits(stamp, topic, msg, twist, stronger)
@@ -96,7 +97,15 @@ class Commands:
     def _notice_habits(
         self, stamp: float, topic: str, msg: Twist, twist: Twist2D, stronger: Optional[str]
     ) -> None:
-        """Log each habit of a command's sender that is found for the first time."""
+        """Log each habit of a command's sender, such as commands that come too slowly, once.
+
+        Args:
+            stamp: simulated time at which the command is taken [s].
+            topic: topic of the command.
+            msg: the command, with the name of its sender.
+            twist: its velocity.
+            stronger: topic that is obeyed in place of this one; None if this command is obeyed.
+        """
         sender = msg._connection_header["callerid"]
         if stronger is None and twist != STOP:
             self.driver = sender
@@ -109,7 +118,10 @@ class Commands:
 
     def has_sender(self) -> bool:
         """Return whether a controller is connected; one of the direct input's senders is our own."""
-        return self._main.get_num_connections() > 0 or self._direct.get_num_connections() > 1
+        return (
+            self._main_subscriber.get_num_connections() > 0
+            or self._direct_subscriber.get_num_connections() > 1
+        )
 
     @property
     def locked(self) -> bool:
@@ -138,8 +150,8 @@ class Commands:
         if self._lockstep.drops(topic):
             # the first additional command of a node causes no warning, because a controller that ends also
             # sends a stop
-            if sender not in self._doubled:
-                self._doubled.add(sender)
+            if sender not in self._double_senders:
+                self._double_senders.add(sender)
                 return
             rospy.logwarn_throttle(
                 10.0,
@@ -164,11 +176,12 @@ class Commands:
             )
 
     def _on_e_stop(self, msg: Bool) -> None:
+        """Lock or release the commands, and log and publish the change."""
         if msg.data != self._mux.locked:
             rospy.logwarn(
                 "e_stop: locked, ignoring commands" if msg.data else "e_stop: released, accepting commands"
             )
-            publish(self._locked, msg)
+            publish(self._locked_publisher, msg)
         self._mux.locked = msg.data
 
 

@@ -31,12 +31,17 @@ class DepthCamera:
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
         """A camera that is due every `steps` steps; with `wait` the simulation waits for each image."""
-        self._config, self._pose_in_base, self._steps, self._wait = config, pose_in_base, steps, wait
-        self._image = rospy.Publisher("camera/depth/image_raw", Image, queue_size=QUEUE)
-        self._info = rospy.Publisher("camera/depth/camera_info", CameraInfo, queue_size=QUEUE)
-        self._points = rospy.Publisher("camera/depth/points", PointCloud2, queue_size=QUEUE)
+        self._config, self._pose_in_base, self._steps, self._waits_for_image = (
+            config,
+            pose_in_base,
+            steps,
+            wait,
+        )
+        self._image_publisher = rospy.Publisher("camera/depth/image_raw", Image, queue_size=QUEUE)
+        self._info_publisher = rospy.Publisher("camera/depth/camera_info", CameraInfo, queue_size=QUEUE)
+        self._points_publisher = rospy.Publisher("camera/depth/points", PointCloud2, queue_size=QUEUE)
         self._renderer = Renderer(config)
-        self._stamp = 0.0
+        self._image_stamp = 0.0
 
     def close(self) -> None:
         """End the renderer."""
@@ -56,29 +61,35 @@ class DepthCamera:
             )
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
+        """Publish an image that is drawn, and start the next one if it is due and has a subscriber."""
         self._publish(0.0)
-        is_watched = any(topic.get_num_connections() for topic in (self._image, self._info, self._points))
+        is_watched = any(
+            topic.get_num_connections()
+            for topic in (self._image_publisher, self._info_publisher, self._points_publisher)
+        )
         if snapshot.step % self._steps == 0 and not self._renderer.busy and is_watched:
             poses = {
                 name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
             }
             camera = compose(snapshot.robot.pose_in_world, self._pose_in_base)
             self._renderer.start(simulation.bodies, poses, camera)
-            self._stamp = snapshot.stamp
-            if self._wait:
+            self._image_stamp = snapshot.stamp
+            if self._waits_for_image:
                 self._publish(None)
 
     def _publish(self, timeout: Optional[float]) -> None:
+        """Publish the image that was started last, if it is drawn within a timeout [s]; None waits for it."""
         buffer = self._renderer.take(timeout)
         if buffer is None:
             return
-        depth, header = image_of(buffer, self._config), conversions.header(self._stamp, CAMERA_FRAME)
-        publish(self._info, camera_info_to_msg(self._config, header))
-        if self._image.get_num_connections():
-            publish(self._image, depth_to_msg(depth, header))
-        if self._points.get_num_connections():
+        depth, header = image_of(buffer, self._config), conversions.header(self._image_stamp, CAMERA_FRAME)
+        publish(self._info_publisher, camera_info_to_msg(self._config, header))
+        if self._image_publisher.get_num_connections():
+            publish(self._image_publisher, depth_to_msg(depth, header))
+        if self._points_publisher.get_num_connections():
             publish(
-                self._points, points_to_msg(points_in_image(depth, self._config), self._stamp, CAMERA_FRAME)
+                self._points_publisher,
+                points_to_msg(points_in_image(depth, self._config), self._image_stamp, CAMERA_FRAME),
             )
 
 

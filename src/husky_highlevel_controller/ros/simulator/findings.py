@@ -12,26 +12,27 @@ import rospy
 
 from husky_highlevel_controller.ros.master_graph import FINDINGS
 
-MOST = 20  # largest number of findings that are kept
+MAX_FINDINGS = 20  # largest number of findings that are kept
 
 
 class Findings:
     """Findings since the simulator began."""
 
     def __init__(self) -> None:
-        self._kept: Deque[List[str]] = deque(maxlen=MOST)  # node and sentence
+        """Begin without a finding."""
+        self._findings: Deque[List[str]] = deque(maxlen=MAX_FINDINGS)  # node and sentence
         # true if the parameter on the master is out of date; at first, it may have the findings of an earlier
         # simulator
-        self._is_new = True
+        self._is_unpublished = True
 
     def tell(self, node: str, sentence: str) -> None:
-        """Log a sentence on a node, and keep it."""
+        """Log a sentence on a fault of a node, and keep it for `publish`."""
         rospy.logwarn(sentence)
-        self._kept.append([node, sentence])
-        self._is_new = True
+        self._findings.append([node, sentence])
+        self._is_unpublished = True
 
     def publish(self) -> None:
         """Send new findings to the master. `GraphWatch` calls this, because the call may have to wait."""
-        if self._is_new:
-            self._is_new = False
-            rospy.set_param(FINDINGS, list(self._kept))
+        if self._is_unpublished:
+            self._is_unpublished = False
+            rospy.set_param(FINDINGS, list(self._findings))

@@ -56,49 +56,51 @@ class GazeboServices:
             steps: physics steps between two messages; None for no topic.
         """
         self._simulation, self._calls = simulation, calls
-        self._robot = os.environ.get(MODEL_VARIABLE) or robot
+        self._robot_name = os.environ.get(MODEL_VARIABLE) or robot
         calls.offer("gazebo/set_model_state", SetModelState, self._set_state)
         calls.offer("gazebo/spawn_sdf_model", SpawnModel, self._spawn)
         calls.offer("gazebo/spawn_urdf_model", SpawnModel, self._spawn)
         calls.offer("gazebo/delete_model", DeleteModel, self._delete)
         rospy.Service("gazebo/get_model_state", GetModelState, self._on_get_state)
         rospy.Service("gazebo/get_world_properties", GetWorldProperties, self._on_get_properties)
-        self._states: Optional[rospy.Publisher] = None
+        self._states_publisher: Optional[rospy.Publisher] = None
         if steps is not None:
             self._steps = steps
-            self._states = rospy.Publisher("gazebo/model_states", ModelStates, queue_size=QUEUE)
+            self._states_publisher = rospy.Publisher("gazebo/model_states", ModelStates, queue_size=QUEUE)
 
     def publish(self, snapshot: Snapshot) -> None:
         """Publish the motions of all models, if they are due and somebody listens."""
-        if self._states and snapshot.step % self._steps == 0:
-            publish_if_subscribed(self._states, self._states_to_msg)
+        if self._states_publisher and snapshot.step % self._steps == 0:
+            publish_if_subscribed(self._states_publisher, self._states_to_msg)
 
     def _states_to_msg(self) -> ModelStates:
+        """Message with the names, poses and velocities of all models in the world."""
         models = self._simulation.models
         states = [conversions.motion_to_msg(self._simulation.motion_of(model)) for model in models]
         return ModelStates(self._names(), [pose for pose, _ in states], [twist for _, twist in states])
 
     def _names(self) -> list:
-        return [self._robot if model == ROBOT else model for model in self._simulation.models]
+        return [self._robot_name if model == ROBOT else model for model in self._simulation.models]
 
-    def _model(self, name: str, field: str) -> str:
+    def _model_name(self, name: str, field: str) -> str:
         """The simulation's name of a model; ObjectError if there is none."""
-        if name in (self._robot, *NAMES_OF_ROBOT):
+        if name in (self._robot_name, *NAMES_OF_ROBOT):
             return ROBOT
         if name not in self._simulation.models:
             raise ObjectError(f"{field} '{name}' is not one of {', '.join(self._names())}")
         return name
 
-    def _frame(self, name: str, field: str) -> ModelMotion:
+    def _frame_motion(self, name: str, field: str) -> ModelMotion:
         """Motion of a reference frame in the world."""
         if name in FRAMES_OF_WORLD:
             return ModelMotion(IDENTITY)
-        return self._simulation.motion_of(self._model(name, field))
+        return self._simulation.motion_of(self._model_name(name, field))
 
     def _set_state(self, request: SetModelStateRequest) -> str:
+        """Put a model at a pose, with a velocity, and return a sentence about it."""
         state = request.model_state
-        model = self._model(state.model_name, "model_name")
-        frame = self._frame(state.reference_frame, "reference_frame")
+        model = self._model_name(state.model_name, "model_name")
+        frame = self._frame_motion(state.reference_frame, "reference_frame")
         try:
             motion = checked_motion(conversions.motion_from_msg(state.pose, state.twist))
             self._simulation.place_model(model, in_world(motion, frame))
@@ -107,8 +109,9 @@ class GazeboServices:
         return f"'{state.model_name}' was moved"
 
     def _spawn(self, request: SpawnModelRequest) -> str:
+        """Add a model, given as SDF or URDF, and return a sentence about it."""
         name = request.model_name
-        frame = self._frame(request.reference_frame, "reference_frame")
+        frame = self._frame_motion(request.reference_frame, "reference_frame")
         try:
             motion = checked_motion(conversions.motion_from_msg(request.initial_pose, Twist()))
             self._simulation.spawn(bodies_of_xml(request.model_xml, name, in_world(motion, frame).pose))
@@ -117,10 +120,11 @@ class GazeboServices:
         return f"'{name}' was added"
 
     def _delete(self, request: DeleteModelRequest) -> str:
-        self._simulation.delete(self._model(request.model_name, "model_name"))
+        """Delete a model, and return a sentence about it."""
+        self._simulation.delete(self._model_name(request.model_name, "model_name"))
         return f"'{request.model_name}' was deleted"
 
-    def _read(self, work: Any, what: str) -> Tuple[Any, str]:
+    def _ask_simulation(self, work: Any, what: str) -> Tuple[Any, str]:
         """Result of work in the simulation's thread, or None and the reason."""
         try:
             result = self._calls.call(work)
@@ -131,12 +135,15 @@ class GazeboServices:
         return result, f"{what} was read"
 
     def _on_get_state(self, request: GetModelStateRequest) -> GetModelStateResponse:
+        """Answer with the pose and velocity of a model in the frame of another one, or of the world."""
+
         def read() -> Tuple[float, ModelMotion]:
-            motion = self._simulation.motion_of(self._model(request.model_name, "model_name"))
-            frame = self._frame(request.relative_entity_name, "relative_entity_name")
+            """Simulated time [s], and the motion in the requested frame."""
+            motion = self._simulation.motion_of(self._model_name(request.model_name, "model_name"))
+            frame = self._frame_motion(request.relative_entity_name, "relative_entity_name")
             return self._simulation.stamp, seen_from(motion, frame)
 
-        result, sentence = self._read(read, f"the true state of '{request.model_name}'")
+        result, sentence = self._ask_simulation(read, f"the true state of '{request.model_name}'")
         if result is None:
             return GetModelStateResponse(success=False, status_message=sentence)
         header = conversions.header(result[0], request.relative_entity_name)

@@ -31,7 +31,7 @@ from husky_highlevel_controller.xml_rpc import ask
 
 # names of roslaunch's own processes, and of nodes in simulator.launch and compat/, none of which drives the
 # robot
-NODES = {
+OWN_NODES = {
     "master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web",
     "arrival_exit", "spawn_husky", "gazebo_gui",
 }  # fmt: skip
@@ -88,7 +88,7 @@ def launched() -> Set[str]:
 
 def launched_beside() -> Set[str]:
     """Names of the launched nodes without the simulator's own."""
-    return launched() - NODES
+    return launched() - OWN_NODES
 
 
 def launched_together(name: str) -> Set[str]:
@@ -101,19 +101,19 @@ class SecondFilter:
 
     def __init__(self, topic: str, leave: Callable[[str], None]) -> None:
         """Set up; `leave` is called once with the name of another node that publishes `topic`."""
-        self._topic, self._leave = topic, leave
-        self._seen = {rospy.get_name()}
+        self._topic, self._leave_filter_to = topic, leave
+        self._seen_publishers = {rospy.get_name()}
         # name of another node that publishes the topic, such as a filter; empty if there is none
         self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
         """Look for new publishers; a node that was started later is logged as a second publisher instead."""
-        for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen):
-            self._seen.add(node)
+        for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen_publishers):
+            self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
             if is_launched and rospy.get_param(f"{node}/publish_tf", True):
                 self.filter_node = node
-                self._leave(node)
+                self._leave_filter_to(node)
 
 
 class GraphWatch:
@@ -132,11 +132,11 @@ class GraphWatch:
         self._filter_watch, self._markers, self._findings = filter_watch, markers, findings
         self._master_uri = rosgraph.get_master_uri()
         self._clock_nodes = {rospy.get_name()}
-        self._clock: Optional[rospy.Subscriber] = None
-        self._kinds: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
+        self._clock_subscriber: Optional[rospy.Subscriber] = None
+        self._kinds_of_nodes: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
         # [s] simulated time at which each mistake was first seen
-        self._first_times: Dict[Mistake, float] = {}
-        self._warnings: Set[Mistake] = set()
+        self._first_seen_at: Dict[Mistake, float] = {}
+        self._warned_mistakes: Set[Mistake] = set()
 
     def start(self) -> None:
         """Look now, and every PERIOD in a thread of its own."""
@@ -155,23 +155,24 @@ class GraphWatch:
 
     def look(self, graph: Graph) -> None:
         """Warn of new mistakes in a graph."""
-        if self._clock is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
+        if self._clock_subscriber is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
             # a second clock is detected by its messages, because rosbag play advertises /clock even without
             # --clock
-            self._clock = rospy.Subscriber("/clock", Clock, self._on_clock)
+            self._clock_subscriber = rospy.Subscriber("/clock", Clock, self._on_clock)
         if self._filter_watch is not None:
             self._filter_watch.look(graph)
         if self._markers is not None:
             self._markers.look(graph)
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
-        self._first_times = {mistake: self._first_times.get(mistake, now) for mistake in mistakes}
-        for finding, first_time in self._first_times.items():
-            if now - first_time >= JOINING_TIME and finding not in self._warnings:
-                self._warnings.add(finding)
+        self._first_seen_at = {mistake: self._first_seen_at.get(mistake, now) for mistake in mistakes}
+        for finding, first_time in self._first_seen_at.items():
+            if now - first_time >= JOINING_TIME and finding not in self._warned_mistakes:
+                self._warned_mistakes.add(finding)
                 self._warn(mistake_sentence(finding))
 
     def _on_clock(self, message: Clock) -> None:
+        """Warn once of each other node that publishes /clock."""
         name = message._connection_header["callerid"]
         if name not in self._clock_nodes:
             self._clock_nodes.add(name)
@@ -185,12 +186,13 @@ class GraphWatch:
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:
+            """Types of the topics that a node publishes or subscribes to, from an answer for equal topics."""
             nodes_by_topic = graph.publishers if publishes else graph.subscribers
             topics = frozenset(topic for topic, nodes in nodes_by_topic.items() if node in nodes)
             key = node, publishes, topics
-            if key not in self._kinds:
-                self._kinds[key] = read_kinds(self._master_uri, node, publishes)
-            return self._kinds[key]
+            if key not in self._kinds_of_nodes:
+                self._kinds_of_nodes[key] = read_kinds(self._master_uri, node, publishes)
+            return self._kinds_of_nodes[key]
 
         yield from wrong_topics(graph)
         yield from unread_parameters(self._master_uri)

@@ -26,10 +26,11 @@ LOOK_PERIOD = 0.002  # [s] wall time between two checks of the processes
 # if the kernel counts them
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state
+READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state
 # largest number of threads whose files stay open, because opening files takes most of the time of a check
 MAX_THREADS = 200
-RUNNING = {b"R", b"D"}  # states of a thread that works: R is on a CPU or waits for a CPU, D waits for a disk
+# states of a thread that works: R is on a CPU or waits for a CPU, D waits for a disk
+RUNNING_STATES = {b"R", b"D"}
 
 Ports = Tuple[int, int]  # ports of a connection: port of the subscriber, port of this process
 Turns = Dict[str, bytes]  # content of the file SCHEDULE of each thread
@@ -50,12 +51,12 @@ class Listeners:
         self._ports: Set[Ports] = set()  # ports of both topics' connections
         self._own_threads = _Threads(os.getpid())
         self._processes: Dict[int, _Threads] = {}  # processes that receive the topic or the clock
-        self._receivers: Set[int] = set()  # processes that receive the topic
-        self._on_clock: Set[int] = set()  # processes that receive the clock
-        self._complete = False  # true if all processes that receive the topic are on this machine
-        self._in_python = False  # true if all processes are in Python
+        self._topic_receivers: Set[int] = set()  # processes that receive the topic
+        self._clock_receivers: Set[int] = set()  # processes that receive the clock
+        self._sees_all_receivers = False  # true if all processes that receive the topic are on this machine
+        self._all_in_python = False  # true if all processes are in Python
         # turns of the threads of each process when all processes were last asleep
-        self._settled: Dict[int, Optional[Turns]] = {}
+        self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
         """Return whether all listeners stay asleep until something is sent.
@@ -64,7 +65,7 @@ class Listeners:
         milliseconds.
         """
         self._find_processes()
-        if not self._complete:
+        if not self._sees_all_receivers:
             return False
         end, last_turns = time.monotonic() + ASLEEP_FOR, None
         while True:
@@ -72,15 +73,15 @@ class Listeners:
             if self._own_threads.turns() is None:
                 return False
             turns = {process: threads.turns() for process, threads in self._processes.items()}
-            if any(turns[process] is None for process in self._receivers):
+            if any(turns[process] is None for process in self._topic_receivers):
                 return False
             # if all processes are in Python, two checks are enough: no thread has run between them, and all
             # have received the tick
-            is_certain = self._in_python and turns == last_turns and self._have_run(turns)
+            is_certain = self._all_in_python and turns == last_turns and self._have_run(turns)
             if is_certain or time.monotonic() >= end:
-                self._settled = turns
+                self._turns_when_idle = turns
                 return True
-            if last_turns is not None or not self._in_python:
+            if last_turns is not None or not self._all_in_python:
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
 
@@ -91,19 +92,21 @@ class Listeners:
             return
         self._ports = topic_ports | clock_ports
         process_by_ports = _owners(self._ports)
-        self._receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
-        self._on_clock = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
-        self._complete = bool(topic_ports) and topic_ports <= process_by_ports.keys()
+        self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
+        self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
+        self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
         # only with a count of turns, because a thread that runs between two checks would otherwise not be
         # noticed
-        self._in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
+        self._all_in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
         self._processes = {process: _Threads(process) for process in process_by_ports.values()}
 
     def _have_run(self, turns: Mapping[int, Optional[Turns]]) -> bool:
         """Return whether processes that receive the clock have run since they were asleep, and none runs."""
-        have_run = all(turns[process] != self._settled.get(process) for process in self._on_clock)
+        have_run = all(
+            turns[process] != self._turns_when_idle.get(process) for process in self._clock_receivers
+        )
         return have_run and None not in turns.values()
 
 
@@ -136,15 +139,16 @@ class _Threads:
                 if thread not in self._files:
                     self._open(thread)
                 schedule, stat = self._files[thread]
-                turns[thread] = os.pread(schedule, SIZE, 0)
-                state = os.pread(stat, SIZE, 0).rpartition(b") ")[2][:1]  # the letter behind the name
-                if state in RUNNING:
+                turns[thread] = os.pread(schedule, READ_SIZE, 0)
+                state = os.pread(stat, READ_SIZE, 0).rpartition(b") ")[2][:1]  # the letter behind the name
+                if state in RUNNING_STATES:
                     return None
             except OSError:  # the thread has just ended
                 self._forget(thread)
         return turns
 
     def _open(self, thread: str) -> None:
+        """Open the files of a thread."""
         # registered before they are open, because `_forget` must close the first if the second does not open
         files: List[int] = []
         self._files[thread] = files
@@ -167,6 +171,7 @@ def _ports(publisher: Any) -> Set[Ports]:
 
 
 def _in_python(process: int) -> bool:
+    """Return whether a process runs Python."""
     try:
         return os.path.basename(os.readlink(f"/proc/{process}/exe")).startswith("python")
     except OSError:

@@ -85,14 +85,16 @@ class Lockstep:
         each scan that a sleeping controller does not answer, and "unanswered" once, when lockstep ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
-        self._wakes_to = self._mode  # mode before SLEEPING
+        self._mode_before_sleep = self._mode  # mode before SLEEPING
         self._listeners, self._tell = listeners, tell
         self._answered = threading.Event()
         # topics on which a command has come since the last scan; None before the first scan
-        self._answered_on: Optional[Set[str]] = None
-        self._begun = False  # true if any command has come so far
-        self._due = False  # true from `begin_scan` until the wait for the answer to the scan is over
-        self._in_a_row = 0  # scans answered
+        self._answered_topics: Optional[Set[str]] = None
+        self._has_commanded = False  # true if any command has come so far
+        self._answer_is_due = (
+            False  # true from `begin_scan` until the wait for the answer to the scan is over
+        )
+        self._answered_in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
         """Return whether to drop a command on this topic, because the last scan has an answer. Any thread.
@@ -100,13 +102,13 @@ class Lockstep:
         Such a command arrives before or after the next physics step as the machine pleases, so a run that
         obeyed it would not be repeatable.
         """
-        return self._mode is Mode.ANSWERING and topic in (self._answered_on or ())
+        return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
 
     def command_arrived(self, topic: str) -> None:
         """Take a command on any velocity topic for the answer to the last scan. Any thread."""
-        if self._answered_on is not None:
-            self._answered_on.add(topic)
-        self._begun = True
+        if self._answered_topics is not None:
+            self._answered_topics.add(topic)
+        self._has_commanded = True
         self._answered.set()
 
     def wait_for_partners(self, partners: Partners, meanwhile: Callable[[], None]) -> None:
@@ -126,7 +128,7 @@ class Lockstep:
 
     def begin_scan(self) -> None:
         """Call before a scan is published: commands until now do not answer it."""
-        self._due, self._answered_on = True, set()
+        self._answer_is_due, self._answered_topics = True, set()
         self._answered.clear()
 
     def wait_for_answer(
@@ -144,15 +146,15 @@ class Lockstep:
             self._wait_for_command(meanwhile, resend, nudge)
         self._wait_until_idle(meanwhile)
         # only if a command has come before, because a controller may wait for a call of its start service
-        if self._mode is Mode.SLEEPING and self._begun and not self._answered.is_set():
+        if self._mode is Mode.SLEEPING and self._has_commanded and not self._answered.is_set():
             self._tell(
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
             )
-        self._due = False
-        self._in_a_row = self._in_a_row + 1 if self._answered.is_set() else 0
-        if self._in_a_row >= AWAKE:
+        self._answer_is_due = False
+        self._answered_in_a_row = self._answered_in_a_row + 1 if self._answered.is_set() else 0
+        if self._answered_in_a_row >= AWAKE:
             if self._mode is Mode.SLEEPING:
-                self._mode = self._wakes_to
+                self._mode = self._mode_before_sleep
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ANSWERING
 
@@ -168,11 +170,11 @@ class Lockstep:
             self._wait_until_idle(meanwhile)
         # a command that came before the scan was sent shows that the controller sends commands at ticks of
         # /clock
-        if self._due and self._answered.is_set():
+        if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
-            if self._mode is Mode.SLEEPING and self._wakes_to is Mode.WATCHED:
-                self._wakes_to = Mode.ALWAYS_WATCHED
+            if self._mode is Mode.SLEEPING and self._mode_before_sleep is Mode.WATCHED:
+                self._mode_before_sleep = Mode.ALWAYS_WATCHED
 
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
@@ -182,21 +184,21 @@ class Lockstep:
         Until the very first command the scan is sent once more, by `resend`. Later, idle listeners get one
         more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
         """
-        may_nudge = self._begun  # true after the first command of the run
+        may_nudge = self._has_commanded  # true after the first command of the run
         waiting_since = time.monotonic()  # begin of the wait, or of the wait after the last repetition
-        is_resent, is_nudged = self._begun, not self._begun
+        is_resent, is_nudged = self._has_commanded, not self._has_commanded
 
         def is_over() -> bool:
             """Serve calls, send the scan or a tick again if due, and return whether the wait is over."""
             nonlocal waiting_since, is_resent, is_nudged
             meanwhile()
             waited = time.monotonic() - waiting_since
-            if not is_resent and not self._begun and waited > RESEND_TIMEOUT:
+            if not is_resent and not self._has_commanded and waited > RESEND_TIMEOUT:
                 waiting_since, is_resent = time.monotonic(), True
                 resend()
             elif is_resent and waited > SLEEP_TIMEOUT and self._listeners.asleep():
                 if is_nudged:
-                    self._wakes_to, self._mode = self._mode, Mode.SLEEPING
+                    self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
                 waiting_since, is_nudged = time.monotonic(), True
                 nudge()
@@ -254,11 +256,12 @@ class LeadLimit:
     """
 
     def __init__(self, is_on: bool) -> None:
+        """Limit the lead if `is_on`, and begin with a controller that is waited for."""
         self._is_on = is_on
         self._follows = is_on  # whether the controller answers scans, so that a wait makes sense
         self._arrived = threading.Event()  # set by a command since the last scan
         self._lead = 0  # scans sent since the last command
-        self._in_a_row = 0  # scans answered one after another
+        self._answered_in_a_row = 0  # scans answered one after another
 
     def command_arrived(self) -> None:
         """Call for every velocity command. Any thread."""
@@ -273,11 +276,11 @@ class LeadLimit:
         if not self._is_on:
             return
         if self._arrived.is_set():
-            self._lead, self._in_a_row = 0, self._in_a_row + 1
+            self._lead, self._answered_in_a_row = 0, self._answered_in_a_row + 1
         else:
-            self._lead, self._in_a_row = self._lead + 1, 0
+            self._lead, self._answered_in_a_row = self._lead + 1, 0
         if self._follows and self._lead >= MAX_LEAD:
             self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
             self._lead = 0
-        self._follows = self._follows or self._in_a_row >= FOLLOWING_SCANS
+        self._follows = self._follows or self._answered_in_a_row >= FOLLOWING_SCANS
         self._arrived.clear()

@@ -50,6 +50,7 @@ class MarkerFrames:
                 self._subscribers[topic] = rospy.Subscriber(topic, kind, partial(self._on_markers, topic))
 
     def _on_markers(self, topic: str, message: Any) -> None:
+        """Report markers in unknown frames, and stop listening to a topic after MESSAGES messages."""
         node = message._connection_header["callerid"]
         for marker in getattr(message, "markers", [message]):
             frame = marker.header.frame_id.lstrip("/")

@@ -60,7 +60,7 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
 
 MAX_STEPS = 100_000  # largest number of steps in one request
-SLOW_SHARE = 0.9  # smallest fraction of the requested real-time factor that causes no warning
+SLOW_FRACTION = 0.9  # smallest fraction of the requested real-time factor that causes no warning
 # [s] wall times
 PAUSE_POLL_PERIOD = 0.05  # [s] longest wait for a service call during a pause
 # [s] longest wait for the other nodes of the launch, if the real-time factor is unlimited
@@ -81,6 +81,7 @@ class SimulatorNode:
         """
         start, config, camera = read_parameters()
         self._start, self._paused = start, start.paused
+        # latched, so that a page that starts later knows whether the world is paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
         self._paused_topic.publish(start.paused)
         robot = robot_model(read_robot_description(), config.robot, start.laser_frame)
@@ -92,8 +93,8 @@ class SimulatorNode:
             )
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
-        self._fallen = False
-        self._touched: Set[str] = set()  # names of objects
+        self._has_fallen = False
+        self._touched: Set[str] = set()  # names of the objects that the robot has touched since the start
         self._arrival = ArrivalWatch(config.robot.footprint)
         # true if the launch has a node arrival_exit, which logs the arrival itself
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
@@ -110,8 +111,9 @@ class SimulatorNode:
         self._registration = RegistrationWatch(self._commands.refuse)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services(config.robot.name)
-        if vain := variables_without_effect(os.environ):
-            rospy.logwarn("ignored by this simulator: %s", ", ".join(vain))
+        ignored_variables = variables_without_effect(os.environ)
+        if ignored_variables:
+            rospy.logwarn("ignored by this simulator: %s", ", ".join(ignored_variables))
         rospy.loginfo(
             "simulating '%s' with %d bodies, physics at %d Hz%s",
             world.name, len(world.bodies), config.physics_rate, ", paused" if start.paused else "",
@@ -164,9 +166,8 @@ class SimulatorNode:
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
                     self._display.refresh()
-            else:
-                if self._advance():
-                    self._keep_pace()
+            elif self._advance():  # the pace is kept at each tick of /clock
+                self._keep_pace()
         if self._camera:
             self._camera.close()
         simulation.close()
@@ -192,25 +193,27 @@ class SimulatorNode:
         """Wait for the launched nodes; at full speed ten simulated seconds pass while a controller starts."""
 
         def missing() -> str:
-            beside = launched_beside() if not partners.joined() else ()
+            other_nodes = () if partners.joined() else launched_beside()
+            if not other_nodes:
+                return ""
             topics = " and ".join(filter(None, (partners.scan_topic, partners.command_topics)))
-            return f"{', '.join(sorted(beside))} did not join on {topics}" if beside else ""
+            return f"{', '.join(sorted(other_nodes))} did not join on {topics}"
 
         self._hold_time_while(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)
 
     def _wait_for_rviz(self) -> None:
         """Wait for the RViz that a launch file opens, because it shows the begin of a run."""
         master_uri, caller = rosgraph.get_master_uri(), rospy.get_name()
-        begin, found = time.monotonic(), False
+        begin, has_rviz = time.monotonic(), False
 
         def missing() -> str:
-            nonlocal found
-            nodes = sorted(filter(is_rviz, launched()))
-            found = found or bool(nodes)
-            late = ", ".join(loading(master_uri, caller, nodes))
-            return f"{late} did not open its window" if late else ""
+            nonlocal has_rviz
+            rviz_nodes = sorted(filter(is_rviz, launched()))
+            has_rviz = has_rviz or bool(rviz_nodes)
+            loading_nodes = ", ".join(loading(master_uri, caller, rviz_nodes))
+            return f"{loading_nodes} did not open its window" if loading_nodes else ""
 
-        if self._hold_time_while(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and found:
+        if self._hold_time_while(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and has_rviz:
             rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begin:.1f} s of wall time")
 
     def _hold_time_while(self, missing: Callable[[], str], timeout: float, period: float) -> bool:
@@ -275,12 +278,12 @@ class SimulatorNode:
 
     def _notice_fall(self, position: Vector3) -> None:
         """Log an error when the robot begins to fall off the world, once for each fall."""
-        fallen = position[2] < self._start.z - FALL_DEPTH
-        if fallen and not self._fallen:
+        has_fallen = position[2] < self._start.z - FALL_DEPTH
+        if has_fallen and not self._has_fallen:
             rospy.logerr(
                 "the robot has fallen off the world near (%.1f, %.1f); ~reset puts it back", *position[:2]
             )
-        self._fallen = fallen
+        self._has_fallen = has_fallen
 
     def _notice_touches(self, snapshot: Snapshot) -> None:
         """Log the first touch of each object since the start or a reset, except in a run that is graded."""
@@ -304,6 +307,7 @@ class SimulatorNode:
                 rospy.loginfo(arrival_sentence(arrival))
 
     def _pillars(self) -> List[PillarPlace]:
+        """Upright cylinders of the world, at their present positions."""
         places = [(body, self._simulation.pose_of(name)) for name, body in self._simulation.bodies.items()]
         pillars = (pillar_of(body, *pose.position[:2]) for body, pose in places)
         return [pillar for pillar in pillars if pillar]
@@ -322,7 +326,7 @@ class SimulatorNode:
         """Sleep until wall time has caught up with simulated time; warn once if this machine is too slow."""
         stamp, now = self._simulation.stamp, time.monotonic()
         reached = self._pacer.lag(stamp, now)
-        if reached is not None and reached < SLOW_SHARE * self._start.real_time_factor:
+        if reached is not None and reached < SLOW_FRACTION * self._start.real_time_factor:
             rospy.logwarn_once(
                 f"this machine is too slow for real_time_factor {self._start.real_time_factor:g}: "
                 f"reached {reached:.2f}; nothing is dropped, but simulated time passes more slowly",
@@ -356,12 +360,14 @@ class SimulatorNode:
         self._calls.offer("~load_world", srv.LoadWorld, self._load_world, between_steps=True)
 
     def _set_paused(self, paused: bool) -> str:
+        """Pause or resume the world, and return a sentence with the time."""
         self._paused = paused
         self._paused_topic.publish(paused)
         self._follow_wall_time()
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:
+        """Reset robot and world, and return a sentence with the time."""
         self._simulation.reset()
         self._commands.forget()
         self._forget_touches()
@@ -371,6 +377,7 @@ class SimulatorNode:
         return with_ground(load_world(find_world(name)), self._start.pose, self._start.z)
 
     def _load_world(self, request: srv.LoadWorldRequest) -> str:
+        """Load another world, and return a sentence about it."""
         world = self._read_world(request.world_name)
         self._simulation.load_world(world)
         self._commands.forget()
@@ -380,6 +387,7 @@ class SimulatorNode:
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self, _request: Any) -> str:
+        """Put robot and objects back to their first poses, and return a sentence about it."""
         self._simulation.reset_poses()
         self._forget_touches()
         return "the robot and every object are back at their first poses"

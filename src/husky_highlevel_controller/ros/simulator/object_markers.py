@@ -31,10 +31,12 @@ from husky_highlevel_controller.ros import conversions
 
 DELETE = 1  # id of the menu's only entry
 # colour of every plane, so dark that grid, scan and robot are well visible on it
-QUIET = (0.2, 0.21, 0.22, 1.0)
-PAINT = 0.005  # [m] a box that is lower than this is drawn as a painted area on the surface below it
-SLIM = 0.95  # drawn fraction of a cylinder's radius, so that the marker of a found pillar is visible
-MOST_FACES = 20_000  # largest number of faces of a drawn mesh
+PLANE_COLOR = (0.2, 0.21, 0.22, 1.0)
+PAINT_HEIGHT = 0.005  # [m] a box that is lower than this is drawn as a painted area on the surface below it
+DRAWN_RADIUS_FRACTION = (
+    0.95  # drawn fraction of a cylinder's radius, so that the marker of a found pillar is visible
+)
+MAX_DRAWN_FACES = 20_000  # largest number of faces of a drawn mesh
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -75,23 +77,23 @@ def upwards(pose: Pose) -> Vector3:
 def _geometry_to_msg(geometry: Geometry) -> Marker:
     """Marker of one visual part of a body.
 
-    A plane, and a box that is lower than PAINT, become sheets, which RViz draws without shadow. A cylinder is
-    drawn with SLIM of its radius.
+    A plane, and a box that is lower than PAINT_HEIGHT, become sheets, which RViz draws without shadow. A
+    cylinder is drawn with DRAWN_RADIUS_FRACTION of its radius.
     """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
         turned = Pose(quat_xyzw=quat_between(Z, shape.normal))
-        return _sheet(compose(pose, turned), shape.size, QUIET)
-    if isinstance(shape, Box) and shape.size[2] < PAINT:
+        return _sheet(compose(pose, turned), shape.size, PLANE_COLOR)
+    if isinstance(shape, Box) and shape.size[2] < PAINT_HEIGHT:
         top = Pose((0.0, 0.0, shape.size[2] / 2.0))
         return _sheet(compose(pose, top), shape.size[:2], geometry.rgba)
     if isinstance(shape, TriangleMesh):
-        corners = simplified(shape, MOST_FACES)
+        corners = simplified(shape, MAX_DRAWN_FACES)
         return _triangles(pose, corners.vertices[corners.faces].reshape(-1, 3).tolist(), geometry.rgba)
     kind = {Box: Marker.CUBE, Cylinder: Marker.CYLINDER, Sphere: Marker.SPHERE}[type(shape)]
     color, scale = ColorRGBA(*geometry.rgba), Vector3Msg(*shape.size)
     if kind == Marker.CYLINDER:
-        scale.x, scale.y = SLIM * scale.x, SLIM * scale.y
+        scale.x, scale.y = DRAWN_RADIUS_FRACTION * scale.x, DRAWN_RADIUS_FRACTION * scale.y
     return Marker(type=kind, pose=conversions.pose_to_msg(pose), scale=scale, color=color)
 
 
@@ -105,6 +107,7 @@ def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
 
 
 def _triangles(pose: Pose, corners: Sequence[Vector3], rgba: Rgba) -> Marker:
+    """Marker of triangles, whose corners follow one another, three for each triangle [m]."""
     return Marker(
         type=Marker.TRIANGLE_LIST,
         pose=conversions.pose_to_msg(pose),

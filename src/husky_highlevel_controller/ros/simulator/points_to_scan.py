@@ -26,6 +26,7 @@ class PointsToScanNode(rospy.SubscribeListener):
     """Listens to the cloud while something listens to the scan, as the real node does."""
 
     def __init__(self) -> None:
+        """Read the parameters, and advertise the scan; ConfigError for a wrong parameter."""
         parameters = rospy.get_param("~", {})  # unknown parameters are ignored, as in the original node
         (self._config,) = read_config(parameters_of(parameters), rospy.get_name() + "/", FlattenConfig)
         self._transforms = tf2_ros.Buffer()

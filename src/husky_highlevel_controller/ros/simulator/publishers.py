@@ -44,23 +44,33 @@ class Publishers:
             HuskyError: a rate does not divide the rate of the physics.
         """
         topics = config.robot.topics
+        # physics steps between two messages; a real base reports its wheels less often
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
-        # the base of a real robot publishes its wheels less often than Gazebo
-        rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
-        self._wheel_steps = steps_per(rate, config.physics_rate, "the rate of wheel odometry")
+        wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
+        self._wheel_steps = steps_per(wheel_rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         # [s] longest time between two messages on /clock
-        self._tick = gcd(self.state_steps, scan_steps) / config.physics_rate
+        self._clock_period = gcd(self.state_steps, scan_steps) / config.physics_rate
+
+        # memory of what was published
+        # stamp [s] and odometry of the last state
+        self._last_odometry: Optional[Tuple[float, OdometrySample]] = None
+        self._kept_scan: Optional[Scan] = None  # scan for new subscribers before time begins
+        # bodies that the robot has touched since the last message on bumps
+        self._bumped_bodies: Set[str] = set()
+        self._transform_connections: List[Any] = []  # connections of the publisher of /tf at the last check
+        self.leaves_filter = False  # true if another node publishes the estimated pose; any thread may set it
+
+        # time and true poses
+        self.tells_time = bool(rospy.get_param("/use_sim_time", False))
+        self.truth_log = TruthLog()
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
+
+        # transforms
         self._wheels = robot.wheels
         # names of all frames that this node publishes in TF
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
-        self.tells_time = bool(rospy.get_param("/use_sim_time", False))
-        self._bumped: Set[str] = set()
-        self.truth_log = TruthLog()
-        self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
-        self._last: Optional[Tuple[float, OdometrySample]] = None
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
-        self._kept_scan: Optional[Scan] = None
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
         # messages by what they contain: the transform of odom, and those of the wheels
         self._moving_trees = {
@@ -68,32 +78,34 @@ class Publishers:
             (False, True): MovingTree(wheels),
             (True, True): MovingTree(base + wheels),
         }
-        self._transform_connections: List[Any] = []  # connections of the publisher of /tf at the last check
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
+
+        # sensors
         self.scan: Optional[rospy.Publisher] = None  # stays None for a robot without a lidar
         if robot.laser_frame in robot.fixed_poses:
             self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
         self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
 
-        def sensor(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
-            """Advertise the messages made of the samples in a field of the snapshot."""
+        def advertise(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
+            """Advertise the messages that `make` makes of the samples in a field of the snapshot."""
             self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
 
-        sensor(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
+        advertise(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
         if config.real:
-            sensor("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
-            sensor("imu/mag", MagneticField, "mag", conversions.mag_to_msg, BASE)
+            advertise("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
+            advertise("imu/mag", MagneticField, "mag", conversions.mag_to_msg, BASE)
         if config.gps_rate:
-            sensor("navsat/fix", NavSatFix, "gps", conversions.fix_to_msg, config.gps.drift, BASE)
-            sensor("navsat/vel", Vector3Stamped, "gps", conversions.fix_velocity_to_msg, BASE)
+            advertise("navsat/fix", NavSatFix, "gps", conversions.fix_to_msg, config.gps.drift, BASE)
+            advertise("navsat/vel", Vector3Stamped, "gps", conversions.fix_velocity_to_msg, BASE)
         self._points: Optional[rospy.Publisher] = None
         if config.points_rate and self.scan:
             self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
             self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
             self._points_frame = robot.laser_frame
-        self.leaves_filter = False  # true if another node publishes the estimated pose; any thread may set it
+
+        # state of the robot
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
         self.filter_topic = self._odometry.resolved_name
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
@@ -127,7 +139,7 @@ class Publishers:
             self.publish_clock(snapshot.stamp)
             on_clock()
         if odometry is not None:
-            self._last = snapshot.stamp, odometry
+            self._last_odometry = snapshot.stamp, odometry
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
             if with_wheels or not self.leaves_filter:
                 publish_if_subscribed(
@@ -135,7 +147,7 @@ class Publishers:
                 )
         if snapshot.scan is not None:
             self.publish_scan(snapshot.scan)
-        self._bumped.update(snapshot.contacts)
+        self._bumped_bodies.update(snapshot.contacts)
         if odometry is not None:
             self._publish_state(snapshot, odometry)
         for field, publisher, make, args in self._sensors:
@@ -159,10 +171,10 @@ class Publishers:
         publisher = self.transforms.impl
         # rospy makes a new list whenever a connection is added or removed
         connections = publisher.connections
-        if connections is self._transform_connections or self._last is None:
+        if connections is self._transform_connections or self._last_odometry is None:
             return
         self._transform_connections = connections
-        stamp, odometry = self._last
+        stamp, odometry = self._last_odometry
         # a robot_state_publisher sends no transforms at time 0
         with_wheels = stamp == 0.0 or not self._has_state_publisher()
         if with_wheels or not self.leaves_filter:
@@ -178,7 +190,7 @@ class Publishers:
     def keep(self, snapshot: Snapshot) -> None:
         """Keep a snapshot, which new subscribers get while time has not begun."""
         if snapshot.odometry is not None:
-            self._last = snapshot.stamp, snapshot.odometry
+            self._last_odometry = snapshot.stamp, snapshot.odometry
             if self._world_transforms:
                 publish(self._world_transforms, self._world_tree_to_msg(snapshot, snapshot.odometry))
         self._kept_scan = snapshot.scan
@@ -223,9 +235,9 @@ class Publishers:
         if self._truth:
             publish_if_subscribed(self._truth, conversions.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
         publish_if_subscribed(
-            self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
+            self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped_bodies))
         )
-        self._bumped.clear()
+        self._bumped_bodies.clear()
 
     def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> MovingTree:
         """Transform of odom, unless another node publishes it, and of the wheels, in one message.
@@ -249,6 +261,7 @@ class Publishers:
         return conversions.tree_to_msg(tree, snapshot.stamp)
 
     def _wheel_branches(self, odometry: OdometrySample) -> Iterator[Tuple[str, str, Pose]]:
+        """Yield parent, child and pose of the wheels' transforms."""
         return (
             (BASE, wheel.link, wheel.pose_at(angle))
             for wheel, angle in zip(self._wheels, odometry.wheels.angles)
@@ -267,9 +280,10 @@ class Publishers:
 
     def publish_clock_between_ticks(self, stamp: float) -> None:
         """Publish a time between the last snapshot's stamp and the next tick of /clock [s]."""
-        self.publish_clock(stamp + 0.95 * self._tick)
+        self.publish_clock(stamp + 0.95 * self._clock_period)
 
     def _set_time(self, now: rospy.Time) -> None:
+        """Set rospy's time of this process, if the node uses simulated time."""
         if self.tells_time:
             # rospy's own subscriber of /clock calls this function too. Subscribing to /clock would cost the
             # simulator 3 % more CPU time in lockstep, and its time would lag behind its own messages.

@@ -33,7 +33,7 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
 DURATION = 90.0  # [s]
 MAX_SEED = 2**31 - 1  # largest seed that the simulator accepts
-STANDING = 3.0  # [s] time for which the robot stands before and after it drives
+STANDING_TIME = 3.0  # [s] time for which the robot stands before and after it drives
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
 # rates [Hz] in the bag; point clouds are rare, because one cloud is as large as all other messages of ten
@@ -48,8 +48,8 @@ TRUTH_TOPIC = "/ground_truth/odom"  # topic of the second bag, which has the tru
 
 def command_at(stamp: float, yaw: float) -> Twist2D:
     """Command of a driver who steers a figure of eight by the true heading [rad], first to the left."""
-    lap, middle = DURATION / 2.0 - STANDING, DURATION / 2.0
-    if not STANDING <= stamp < DURATION - STANDING:
+    lap, middle = DURATION / 2.0 - STANDING_TIME, DURATION / 2.0
+    if not STANDING_TIME <= stamp < DURATION - STANDING_TIME:
         return STOP
     rate = 2.0 * pi / lap * (1.0 if stamp < middle else -1.0)
     return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(rate * (stamp - middle) - yaw))

@@ -27,6 +27,7 @@ class TruthLog:
     """Log, JSON by line: "ready", "truth" (`TrueState.to_numbers`), "changed", "asleep", "unanswered"."""
 
     def __init__(self) -> None:
+        """Connect to the reader, if the environment names its socket."""
         path = os.environ.get(VARIABLE)
         self._socket: Optional[socket.socket] = None
         self._lock = threading.Lock()  # held while sending, because services run in threads of their own
@@ -59,6 +60,7 @@ class TruthLog:
             self._wait_for_reader()
 
     def _wait_for_reader(self) -> None:
+        """Wait for the byte with which the reader answers; give it up if it has closed or is too slow."""
         try:
             if self._socket is not None and not self._socket.recv(1):
                 raise ConnectionResetError("it has closed the socket")

@@ -32,8 +32,8 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose
 
 PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
-TIPPED = 0.1  # [rad] a body that tips by more than this is drawn again
-NOTICED = 0.001  # [m] a body that has moved by less than this is not sent again
+TIPPED_ANGLE = 0.1  # [rad] a body that tips by more than this is drawn again
+NOTICEABLE_MOVE = 0.001  # [m] a body that has moved by less than this is not sent again
 # [m] distance up to which a turn of odom is visible; at larger distances, the lidar's noise hides the turn
 TURN_RADIUS = 2.0
 # [m] size of a box, high enough for the lidar, which looks 0.44 m above the ground
@@ -54,6 +54,7 @@ class _Server(InteractiveMarkerServer):
     """Interactive marker server that one thread owns."""
 
     def __init__(self, name: str, on_feedback: Callable[[InteractiveMarkerFeedback], None]) -> None:
+        """Make a server whose topics begin with a name; `on_feedback` gets each action of a user."""
         self._on_feedback = on_feedback
         super().__init__(name)
 
@@ -91,10 +92,11 @@ class WorldDisplay:
     """Shows the simulation's bodies; made and updated by the thread that owns the simulation."""
 
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
+        """Set up the markers, and subscribe to RViz's tools."""
         self._simulation, self._calls = simulation, calls
-        self._shown: Dict[str, _Shown] = {}
+        self._shown_markers: Dict[str, _Shown] = {}
         self._world_in_odom = Pose()  # pose of the world in odom with which all objects were last drawn
-        self._due = 0.0  # [s] simulated time of the next refresh
+        self._next_refresh = 0.0  # [s] simulated time of the next refresh
         self._dragged: Set[str] = set()
         self._transforms: Optional[tf2_ros.Buffer] = None
         self._server = _Server("~world", self._on_feedback)
@@ -106,8 +108,8 @@ class WorldDisplay:
 
     def update(self, stamp: float) -> None:
         """Refresh the markers if it is time for it, at `stamp` [s]."""
-        if stamp >= self._due:
-            self._due = stamp + PERIOD - 1e-6  # slightly earlier, because of rounding errors
+        if stamp >= self._next_refresh:
+            self._next_refresh = stamp + PERIOD - 1e-6  # slightly earlier, because of rounding errors
             self.refresh()
 
     def refresh(self) -> None:
@@ -132,11 +134,11 @@ class WorldDisplay:
         has_drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if has_drifted:
             self._world_in_odom = world_in_odom
-        for name in self._shown.keys() - bodies.keys():
+        for name in self._shown_markers.keys() - bodies.keys():
             self._server.erase(name)
-            del self._shown[name]
+            del self._shown_markers[name]
         for name, body in bodies.items():
-            shown, pose = self._shown.get(name), self._simulation.pose_of(name)
+            shown, pose = self._shown_markers.get(name), self._simulation.pose_of(name)
             if shown and shown.body is not body:  # the body is new and has the name of a deleted body
                 shown = None
             if shown and shown.pose_in_world and not has_drifted:
@@ -144,13 +146,13 @@ class WorldDisplay:
                 if last_pose == pose or not _noticeable(last_pose, pose, 1.0):
                     continue
             pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
-            is_upright = shown is not None and dist(shown.up, up) < TIPPED
+            is_upright = shown is not None and dist(shown.up, up) < TIPPED_ANGLE
             if shown and is_upright:
                 self._server.setPose(name, conversions.pose_to_msg(pose_in_odom))
                 up = shown.up  # the marker keeps the axis with which it was made
             else:
                 self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
-            self._shown[name] = _Shown(body, up, pose)
+            self._shown_markers[name] = _Shown(body, up, pose)
 
     def _drop_box(self, msg: PointStamped) -> str:
         """Put a box on a point that was clicked in RViz, and return a sentence about it."""
@@ -165,14 +167,16 @@ class WorldDisplay:
         return f"'{box.name}' was added"
 
     def _move_robot(self, msg: PoseWithCovarianceStamped) -> str:
+        """Put the robot at a pose that was set in RViz, and return a sentence about it."""
         pose = self._in_world(msg.pose.pose, msg.header.frame_id)
         self._simulation.move(ROBOT, pose_from_2d(pose_to_2d(pose)))
         return f"'{ROBOT}' was moved"
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
+        """Put a body where its marker was dragged, and return a sentence about it."""
         name = feedback.marker_name
-        if name in self._shown:  # the body is drawn again, because its marker may be at another place
-            self._shown[name] = self._shown[name]._replace(pose_in_world=None)
+        if name in self._shown_markers:  # the body is drawn again, because its marker may be at another place
+            self._shown_markers[name] = self._shown_markers[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
         self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # keeps its height
@@ -189,6 +193,7 @@ class WorldDisplay:
         return checked_pose(compose(compose(odom_in_world, self._frame_in_odom(frame.lstrip("/"))), pose))
 
     def _frame_in_odom(self, frame: str) -> Pose:
+        """Pose of a frame in odom; ObjectError if TF does not have it."""
         if frame == ODOM:
             return Pose()
         # the latest transform is good enough, because a person's click takes longer than TF needs
@@ -198,6 +203,7 @@ class WorldDisplay:
         return pose
 
     def _on_feedback(self, feedback: InteractiveMarkerFeedback) -> None:
+        """Delete or move the body of a marker that a user clicked or dragged."""
         name, event = feedback.marker_name, feedback.event_type
         if event == InteractiveMarkerFeedback.MENU_SELECT and feedback.menu_entry_id == DELETE:
             self._ask(self._delete, feedback)
@@ -209,6 +215,7 @@ class WorldDisplay:
             self._ask(self._drag, feedback)
 
     def _ask(self, work: Callable[[Any], str], msg: Any) -> None:
+        """Let the simulation's thread do some work, and log the sentence that it returns."""
         done, sentence = self._calls.ask(partial(work, msg))
         if done:
             rospy.loginfo(f"RViz: {sentence}")
@@ -218,4 +225,4 @@ def _noticeable(before: Pose, after: Pose, radius: float) -> bool:
     """Return whether a point `radius` m from the origin of a moved body moves noticeably."""
     cosine_of_half_turn = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
     turn = 2.0 * acos(min(1.0, cosine_of_half_turn))
-    return dist(before.position, after.position) + radius * turn > NOTICED
+    return dist(before.position, after.position) + radius * turn > NOTICEABLE_MOVE

@@ -23,6 +23,7 @@ class WorldServices:
     """Services that respond with success and a message; a refused request changes nothing."""
 
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
+        """Offer the services."""
         self._simulation, self._calls = simulation, calls
         calls.offer("~spawn", srv.SpawnObject, self._spawn)
         calls.offer("~delete", srv.DeleteObject, self._delete)
@@ -30,6 +31,7 @@ class WorldServices:
         rospy.Service("~list", srv.ListObjects, self._on_list)
 
     def _spawn(self, request: srv.SpawnObjectRequest) -> str:
+        """Add the requested object, and return a sentence about it."""
         pose = self._in_world(request.initial_pose, request.reference_frame)
         self._simulation.spawn(_bodies_of(request, pose))
         return f"'{request.model_name}' was added"
@@ -39,6 +41,7 @@ class WorldServices:
         return f"'{request.model_name}' was deleted"
 
     def _move(self, request: srv.MoveObjectRequest) -> str:
+        """Move a body, and return a sentence about it."""
         pose = self._in_world(request.pose, request.reference_frame)
         self._simulation.move(request.model_name, pose)
         return f"'{request.model_name}' was moved"
@@ -48,6 +51,7 @@ class WorldServices:
         return compose(self._frame_in_world(frame), pose_in_frame)
 
     def _frame_in_world(self, frame: str) -> Pose:
+        """Pose of the world's frame or of odom in the world; ObjectError for another name."""
         if frame in ("", WORLD):
             return Pose()
         if frame == ODOM:
@@ -55,12 +59,14 @@ class WorldServices:
         raise ObjectError(f"reference_frame '{frame}' is not one of {WORLD}, {ODOM}")
 
     def _list(self, frame: str) -> srv.ListObjectsResponse:
+        """Answer with the names of all bodies and their poses in a frame."""
         to_frame = inverse(self._frame_in_world(frame))
         names = list(self._simulation.bodies)
         poses = [conversions.pose_to_msg(compose(to_frame, self._simulation.pose_of(name))) for name in names]
         return srv.ListObjectsResponse(True, f"{len(names)} objects", names, poses)
 
     def _on_list(self, request: srv.ListObjectsRequest) -> srv.ListObjectsResponse:
+        """Answer a request for the list of bodies; an unknown frame is a failure with a sentence."""
         try:
             response: srv.ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
             self._calls.on_change("the true poses of all bodies were listed")
@@ -77,6 +83,7 @@ def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
 
 
 def _bodies_of(request: srv.SpawnObjectRequest, pose: Pose) -> List[Body]:
+    """Bodies of a request: its SDF or URDF, otherwise one body of the requested shape."""
     name = request.model_name
     if request.model_xml:
         return bodies_of_xml(request.model_xml, name, pose)

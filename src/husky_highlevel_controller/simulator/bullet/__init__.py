@@ -10,6 +10,7 @@ import os
 
 
 def _import_silently() -> None:
+    """Import PyBullet with standard error redirected to nowhere."""
     stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:

@@ -31,7 +31,7 @@ class RobotWorld(BulletWorld):
         """Add the robot with base_link at `pose`; PlacementError if something stands there."""
         self._model = model
         self._robot = self._load(pose)
-        self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
+        self._name_by_id[self._robot], self._ids_by_name[ROBOT] = ROBOT, [self._robot]
         # Bullet's friction is switched off, because traction.py computes the friction; damping is switched
         # off, too
         self._engine.changeDynamics(
@@ -51,19 +51,20 @@ class RobotWorld(BulletWorld):
             os.remove(path)
         info = self._engine.getDynamicsInfo(body_id, BASE_INDEX)
         self._inertial_in_body[body_id] = Pose(info[3], info[4])
-        self._put(body_id, pose)
+        self._set_pose(body_id, pose)
         return body_id
 
     def move_robot(self, pose: Pose) -> None:
         """Move the robot, at rest, with base_link to a pose; PlacementError, and no change, without room."""
         self.check_moves({ROBOT: pose}, ROBOT)
-        self._put(self._robot, pose)
+        self._set_pose(self._robot, pose)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
+        """Id of a new body with the shape of another body, or of the robot."""
         if name != ROBOT:
             return super()._copy(name, pose_in_world)
         copy = self._load(pose_in_world)
-        self._names[copy] = ROBOT
+        self._name_by_id[copy] = ROBOT
         return copy
 
     def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
@@ -74,7 +75,7 @@ class RobotWorld(BulletWorld):
     def contact_points(self) -> List[ContactPoint]:
         """Contact points of the robot with other bodies."""
         contacts = self._engine.getContactPoints(bodyA=self._robot)
-        names = self._names
+        names = self._name_by_id
         return [
             (names[contact[2]], contact[5], contact[7], contact[9])
             for contact in contacts

@@ -65,6 +65,7 @@ class _Engine:
         self._client = pybullet.connect(pybullet.DIRECT)
 
     def __getattr__(self, name: str) -> Any:
+        """Bind a function of PyBullet to this server, once."""
         bound = partial(getattr(pybullet, name), physicsClientId=self._client)
         setattr(self, name, bound)
         return bound
@@ -94,15 +95,15 @@ class BulletWorld:
             contactBreakingThreshold=_BREAKING_THRESHOLD,
             deterministicOverlappingPairs=1,
         )
-        self._names: Dict[int, str] = {}
-        self._ids: Dict[str, List[int]] = {}
+        self._name_by_id: Dict[int, str] = {}
+        self._ids_by_name: Dict[str, List[int]] = {}
         self._shapes: Dict[Tuple[Any, ...], int] = {}
         self._shape_ids: Dict[int, int] = {}
         self._planes: List[int] = []
         # frame of the centre of mass in the body's frame, by id; Bullet's poses are poses of this frame
         self._inertial_in_body: Dict[int, Pose] = {}
         # ids of the bodies of each model that pass through one another
-        self._models: Dict[str, List[int]] = {}
+        self._ids_by_model: Dict[str, List[int]] = {}
 
     def add_body(self, body: Body) -> None:
         """Add a body; a movable body that is sunk into the ground is placed on top of the ground.
@@ -122,7 +123,7 @@ class BulletWorld:
             shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
             if body.model:
-                others = self._models.setdefault(body.model, [])
+                others = self._ids_by_model.setdefault(body.model, [])
                 self._set_collides(body_id, others, collides=False)
                 others.append(body_id)
             if body.mass > 0.0:
@@ -135,37 +136,38 @@ class BulletWorld:
 
     def remove_body(self, name: str) -> None:
         """Remove a body from the world."""
-        for body_id in self._ids.pop(name):
+        for body_id in self._ids_by_name.pop(name):
             self._remove(body_id)
             if body_id in self._planes:
                 self._planes.remove(body_id)
 
     def _remove(self, body_id: int) -> None:
-        for bodies in self._models.values():
+        """Remove a body of Bullet's, and forget all records of its id."""
+        for bodies in self._ids_by_model.values():
             # Bullet gives the id to the next body, together with the settings, so the settings are reset
             if body_id in bodies:
                 bodies.remove(body_id)
                 self._set_collides(body_id, bodies, collides=True)
         self._engine.removeBody(body_id)
-        for record in (self._names, self._shape_ids, self._inertial_in_body):
+        for record in (self._name_by_id, self._shape_ids, self._inertial_in_body):
             record.pop(body_id, None)
 
     def check_movable(self, name: str) -> None:
         """Raise PlacementError if a body is a plane, because planes cannot be moved."""
-        (*planes, body_id) = self._ids[name]
+        (*planes, body_id) = self._ids_by_name[name]
         if planes or body_id in self._planes:
             raise PlacementError(f"'{name}' is a plane, which cannot be moved")
 
     def move_body(self, name: str, pose_in_world: Pose) -> None:
         """Move a body, but not a plane, to another pose, at rest."""
-        body_id = self._ids[name][-1]
-        self._put(body_id, pose_in_world)
+        body_id = self._ids_by_name[name][-1]
+        self._set_pose(body_id, pose_in_world)
         if self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0] > 0.0:
             self._lift_out_of_the_ground(body_id)
 
     def set_pose_unchecked(self, name: str, pose_in_world: Pose) -> None:
         """Move a body without checking for room, for a world that is only rendered."""
-        self._put(self._ids[name][-1], pose_in_world)
+        self._set_pose(self._ids_by_name[name][-1], pose_in_world)
 
     def depth_buffer(
         self,
@@ -206,7 +208,8 @@ class BulletWorld:
         )
         return np.reshape(depth, (height, width))
 
-    def _put(self, body_id: int, pose_in_world: Pose) -> None:
+    def _set_pose(self, body_id: int, pose_in_world: Pose) -> None:
+        """Put a body of Bullet's at a pose, at rest."""
         pose = compose(pose_in_world, self._inertial_in_body[body_id])
         self._engine.resetBasePositionAndOrientation(body_id, pose.position, pose.quat_xyzw)
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -228,17 +231,19 @@ class BulletWorld:
         try:
             for other, pose in poses.items():
                 copies[other] = self._copy(other, pose)
-            self.check_room(name, copies[name], [body_id for other in poses for body_id in self._ids[other]])
+            self.check_room(
+                name, copies[name], [body_id for other in poses for body_id in self._ids_by_name[other]]
+            )
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
         """Id of a new body with the shape of another, without planes."""
-        body_id = self._ids[name][-1]
+        body_id = self._ids_by_name[name][-1]
         mass = self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0]
         copy = self._create(self._shape_ids[body_id], mass, pose_in_world, self._inertial_in_body[body_id])
-        self._names[copy] = name
+        self._name_by_id[copy] = name
         if mass > 0.0:
             self._lift_out_of_the_ground(copy)
         return copy
@@ -256,9 +261,9 @@ class BulletWorld:
         Raises:
             PlacementError: the body reaches into another body.
         """
-        checked_ids = self._ids[name] if copy is None else [copy]
-        body_ids = set(self._ids[name])
-        links_of_model = [bodies for bodies in self._models.values() if not body_ids.isdisjoint(bodies)]
+        checked_ids = self._ids_by_name[name] if copy is None else [copy]
+        body_ids = set(self._ids_by_name[name])
+        links_of_model = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
             # first the bodies whose bounding boxes overlap, which Bullet finds quickly
@@ -269,25 +274,25 @@ class BulletWorld:
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
-                    raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'{remedy}")
+                    raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""
-        return self._pose(self._ids[name][-1])
+        return self._pose(self._ids_by_name[name][-1])
 
     def velocity_of(self, name: str) -> Tuple[Vector3, Vector3]:
         """Velocity of a body's origin [m/s] and its spin [rad/s], in the world."""
-        body_id = self._ids[name][-1]
+        body_id = self._ids_by_name[name][-1]
         velocity, spin = self._engine.getBaseVelocity(body_id)
-        return minus(velocity, cross(spin, self._arm(body_id))), spin
+        return minus(velocity, cross(spin, self._origin_to_com(body_id))), spin
 
     def set_velocity(self, name: str, velocity: Vector3, spin: Vector3) -> None:
         """Give a body a velocity of its origin [m/s] and a spin [rad/s], in the world."""
-        body_id = self._ids[name][-1]
-        at_com = minus(velocity, cross(self._arm(body_id), spin))
+        body_id = self._ids_by_name[name][-1]
+        at_com = minus(velocity, cross(self._origin_to_com(body_id), spin))
         self._engine.resetBaseVelocity(body_id, at_com, spin)
 
-    def _arm(self, body_id: int) -> Vector3:
+    def _origin_to_com(self, body_id: int) -> Vector3:
         """Vector from a body's origin to its centre of mass, in the world [m]."""
         return rotate(self._pose(body_id).quat_xyzw, self._inertial_in_body[body_id].position)
 
@@ -313,11 +318,12 @@ class BulletWorld:
         body_id = self._create(shape, mass, pose, inertial_in_body)
         if body_id < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
-        self._names[body_id] = name
-        self._ids.setdefault(name, []).append(body_id)
+        self._name_by_id[body_id] = name
+        self._ids_by_name.setdefault(name, []).append(body_id)
         return body_id
 
     def _create(self, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
+        """Id of a new body of Bullet's; negative if PyBullet refuses it."""
         body_id: int = self._engine.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
@@ -347,7 +353,7 @@ class BulletWorld:
                 position, quat = self._engine.getBasePositionAndOrientation(body_id)
                 lifted = [coordinate + depth * up for coordinate, up in zip(position, normal)]
                 self._engine.resetBasePositionAndOrientation(body_id, lifted, quat)
-                names = self._names[body_id], self._names[plane]
+                names = self._name_by_id[body_id], self._name_by_id[plane]
                 log.debug("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
 
     def step(self) -> None:

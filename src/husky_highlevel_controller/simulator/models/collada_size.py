@@ -31,41 +31,42 @@ class _Scene:
     """Nodes and geometries of a file by their id, and the sizes that are known."""
 
     def __init__(self, document: ElementTree.Element) -> None:
+        """List the nodes and geometries of a file by their id."""
         self._document = document
-        self._named: Dict[str, List[ElementTree.Element]] = {}
+        self._elements_by_id: Dict[str, List[ElementTree.Element]] = {}
         for element in document.iter():
             if _tag(element) in ("node", "geometry"):
-                self._named.setdefault(element.get("id", ""), []).append(element)
+                self._elements_by_id.setdefault(element.get("id", ""), []).append(element)
         self._sizes: Dict[ElementTree.Element, SceneSize] = {}
-        self._open: Set[ElementTree.Element] = set()
+        self._unfinished: Set[ElementTree.Element] = set()
 
     def size(self) -> SceneSize:
-        return _sum([self._of(each) for each in self._document.iter() if _tag(each) == "visual_scene"])
+        return _sum([self._size_of(each) for each in self._document.iter() if _tag(each) == "visual_scene"])
 
-    def _of(self, element: ElementTree.Element) -> SceneSize:
+    def _size_of(self, element: ElementTree.Element) -> SceneSize:
         """Return the size of a scene, node, instance or geometry with its content; 0 for other elements.
 
         Sizes are kept, because an element may have many instances. ValueError if a node contains itself.
         """
         if element in self._sizes:
             return self._sizes[element]
-        if element in self._open:
+        if element in self._unfinished:
             raise ValueError(f"node '{element.get('id')}' contains itself")
-        self._open.add(element)
+        self._unfinished.add(element)
         tag = _tag(element)
         if tag == "geometry":
             size = SceneSize(0, sum(map(_corners, element.iter())))
         elif tag in ("instance_node", "instance_geometry"):
-            targets = self._named.get(element.get("url", "").lstrip("#"), [])
+            targets = self._elements_by_id.get(element.get("url", "").lstrip("#"), [])
             # if several elements have this id, the COLLADA reader uses any one of them, so the largest size
             # counts
-            sizes = [self._of(target) for target in targets]
+            sizes = [self._size_of(target) for target in targets]
             size = SceneSize(*(max(numbers) for numbers in zip(NOTHING, *sizes)))
         elif tag in ("node", "visual_scene"):
-            size = _sum([SceneSize(1, 0), *map(self._of, element)])
+            size = _sum([SceneSize(1, 0), *map(self._size_of, element)])
         else:
             size = NOTHING
-        self._open.remove(element)
+        self._unfinished.remove(element)
         self._sizes[element] = size
         return size
 

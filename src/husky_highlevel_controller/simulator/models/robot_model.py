@@ -235,6 +235,7 @@ def _require_solid(inertial: Inertial, what: str) -> None:
 
 
 def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
+    """Write mass, centre of mass and inertia into a link."""
     mass, com, inertia = inertial
     element = ET.SubElement(link, "inertial")
     urdf.write_origin(element, Pose(com))

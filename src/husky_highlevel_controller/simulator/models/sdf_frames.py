@@ -23,9 +23,9 @@ class FrameScope:
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
     pose_in_outer: Optional[Pose] = None  # pose in `outer`; None until it is resolved
-    _known: Dict[str, Pose] = field(default_factory=dict)
+    _resolved: Dict[str, Pose] = field(default_factory=dict)
     # names of the frames whose poses are being resolved, outermost first
-    _open: List[str] = field(default_factory=list)
+    _unfinished: List[str] = field(default_factory=list)
 
     @cached_property
     def _models(self) -> Dict[str, Model]:
@@ -85,16 +85,17 @@ class FrameScope:
     def _resolve(self, name: str) -> Pose:
         """Return the pose of a member in this world or model; WorldError if it depends on itself."""
         pose, default_frame = self._members[name]
-        if name in self._open:
-            circle = " > ".join((*self._open[self._open.index(name) :], name))
+        if name in self._unfinished:
+            circle = " > ".join((*self._unfinished[self._unfinished.index(name) :], name))
             raise (pose or self.holder).error(f"frames are relative to each other: {circle}")
-        if name not in self._known:
-            self._open.append(name)
-            self._known[name] = self.pose_of(pose, default_frame)
-            self._open.pop()
-        return self._known[name]
+        if name not in self._resolved:
+            self._unfinished.append(name)
+            self._resolved[name] = self.pose_of(pose, default_frame)
+            self._unfinished.pop()
+        return self._resolved[name]
 
     def _pose_in_world(self) -> Pose:
+        """Pose of this world or model in the world."""
         if self.outer is None:
             return IDENTITY
         return compose(self.outer._pose_in_world(), self.pose_in_outer or self.outer._resolve(self.name))

@@ -113,9 +113,11 @@ def _included(include: Node) -> Optional[Node]:
 def _find_model(uri: str, source: str) -> Optional[Path]:
     """The newest SDF file of a model that can be read here; None if there is none on this machine."""
     name = uri[len("model://") :].strip("/")
-    for folder in model_folders(name, source) if name else ():
-        files = (os.path.join(folder, file) for file in ("model.config", "model.sdf"))
-        config, plain = (Path(os.path.realpath(file)) for file in files)
+    if not name:
+        return None
+    for folder in model_folders(name, source):
+        config = Path(os.path.realpath(os.path.join(folder, "model.config")))
+        plain = Path(os.path.realpath(os.path.join(folder, "model.sdf")))
         newest = _newest_file(config, plain) if os.path.isfile(config) else plain
         if os.path.isfile(newest):
             return newest

@@ -34,7 +34,7 @@ class Assembly:
     self_colliding: Set[str] = field(default_factory=set)  # links
 
     def add_joint(self, joint: Node, scope: str) -> None:
-        """Add a joint of the model of that full name."""
+        """Add a joint; `scope` is the full name of its model."""
         self.joints.append(joint)
         self.scopes.append(scope)
 
@@ -58,7 +58,7 @@ class Assembly:
         # each link, and the world, begins as a group of its own, named by it; a joint merges two groups
         group_of = {name: name for name in (*self.links, _WORLD)}
         for joint, scope in zip(self.joints, self.scopes):
-            ends = [self._end(joint, tag, scope) for tag in ("parent", "child")]
+            ends = [self._link_at_end(joint, tag, scope) for tag in ("parent", "child")]
             if "" in ends:
                 joint.note("a <joint> of a link that does not exist is left out")
                 continue
@@ -71,14 +71,14 @@ class Assembly:
             links_by_group.setdefault(group_of[name], []).append(name)
         is_whole = len(links_by_group) == 1
         for group, names in links_by_group.items():
-            body = self._rigid(names, is_whole)
+            body = self._rigid_body(names, is_whole)
             is_fixed = group == group_of[_WORLD]
             hits_other_bodies = is_whole or self.self_colliding.intersection(names)
             yield replace(
                 body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
             )
 
-    def _end(self, joint: Node, tag: str, scope: str) -> str:
+    def _link_at_end(self, joint: Node, tag: str, scope: str) -> str:
         """Return the full name of the link at an end of a joint, or _WORLD; empty if there is none.
 
         Args:
@@ -96,7 +96,7 @@ class Assembly:
             name = self.frames.get(name, name)
         return name if name in self.links else ""
 
-    def _rigid(self, names: List[str], is_whole: bool) -> Body:
+    def _rigid_body(self, names: List[str], is_whole: bool) -> Body:
         """Return the rigid body of several links, in the frame of the first one.
 
         If one of the links never moves, the body never moves. The body has the name of the model if it

@@ -144,14 +144,14 @@ class Node:
 
     def numbers(self, *counts: int) -> Tuple[float, ...]:
         """The finite numbers in it, as many as one of `counts`; anything else is a WorldError."""
-        values = self._finite()
+        values = self._finite_numbers()
         if len(values) not in counts:
             amount = " or ".join(str(count) for count in counts)
             plural = "" if counts == (1,) else "s"
             raise self.error(f"needs {amount} finite number{plural}, not '{self.text}'")
         return values
 
-    def _finite(self) -> Tuple[float, ...]:
+    def _finite_numbers(self) -> Tuple[float, ...]:
         """The numbers in it; none if one of them is not a finite number."""
         try:
             values = tuple(map(float, self.text.split()))
@@ -171,7 +171,7 @@ class Node:
             return IDENTITY
         if self.element.get("rotation_format") == "quat_xyzw":  # SDF 1.9
             return self._quaternion_pose()
-        values = self._finite() or self.numbers(6)
+        values = self._finite_numbers() or self.numbers(6)
         if len(values) != 6:
             self.note(
                 "a <pose> needs 6 numbers; missing ones are read as 0, further ones are left out", self.text
@@ -182,6 +182,7 @@ class Node:
         return Pose((x, y, z), quat_from_rpy(*angles))
 
     def _quaternion_pose(self) -> Pose:
+        """Pose from three coordinates and a quaternion xyzw, which may have any length but zero."""
         x, y, z, *quat = self.numbers(7)
         length = hypot(*quat)
         if not 0.0 < length < inf:

@@ -20,6 +20,7 @@ class SavedState:
     """
 
     def __init__(self, node: Optional[Node] = None) -> None:
+        """Read a <state>, or a <model> or <link> in one; None if nothing was saved."""
         self._node = node
         self._members: Dict[Tuple[str, str], Node] = {}
         for child in node.children() if node else ():

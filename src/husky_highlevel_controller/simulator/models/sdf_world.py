@@ -131,6 +131,7 @@ def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
 
 
 def _log_notes(load: Load) -> None:
+    """Log which meshes were made coarser, and each kind of note with at most three of its places."""
     if load.meshes.coarser:
         files = "; ".join(load.meshes.coarser)
         log.warning("meshes of more than %d triangles are made coarser: %s", MAX_FACES, files)
@@ -263,6 +264,7 @@ def _is_set(node: Optional[Node]) -> bool:
 
 
 def _claim_link(link: Node, model: _Place) -> str:
+    """Return a free full name for a link, and take it, so that no other body gets it."""
     name = link.named()
     free = _free_name(name, model, link)
     if free != name:
@@ -310,6 +312,7 @@ def _is_near(pose: Pose) -> bool:
 
 
 def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
+    """Pose of a <collision>, <visual> or <inertial> in its link."""
     pose, frames = part.child("pose"), model.frames
     if pose is None or frame_of(pose) in ("", link.named()):
         return pose.pose() if pose else IDENTITY

@@ -42,6 +42,7 @@ class _LineBuilder(ElementTree.TreeBuilder):
     expat: Any = None
 
     def start(self, tag: Any, attrs: Any) -> Any:
+        """Make an element with the line at which the parser is."""
         element: Any = super().start(tag, attrs)
         element.line = self.expat.CurrentLineNumber
         return element
@@ -84,15 +85,18 @@ def _strict(data: bytes) -> bytes:
     Gone are text before the declaration or after a NUL, `--` in comments, <?word>, and a bare &.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
-    data = _LOOSE.sub(_strict_part, text.partition(b"\0")[0])
-    return _DECLARATION.sub(rb"\2\1", data, count=1) if _DECLARATION.match(data) else data
+    text, _, _ = text.partition(b"\0")
+    text = _LOOSE.sub(_strict_part, text)
+    # space before the declaration <?xml ...?> goes behind it, so that the lines keep their numbers
+    return _DECLARATION.sub(rb"\2\1", text, count=1) if _DECLARATION.match(text) else text
 
 
 def _strict_part(part: Match[bytes]) -> bytes:
+    """Return what takes the place of a match of _LOOSE, with as many line breaks."""
     text = part.group()
-    if (text.startswith(b"<!--") and text.endswith(b"-->")) or (
-        text.startswith(b"<?") and text.endswith(b">")
-    ):
+    is_comment = text.startswith(b"<!--") and text.endswith(b"-->")
+    is_instruction = text.startswith(b"<?") and text.endswith(b">")
+    if is_comment or is_instruction:
         return b"\n" * text.count(b"\n")
     return b"&amp;" if text == b"&" else text
 

@@ -37,7 +37,7 @@ class Gps:
     def __init__(self, config: GpsConfig, period: float) -> None:
         """A receiver that is sampled every `period` s."""
         self._config = config
-        self._kept = exp(-period / DRIFT_TIME)
+        self._kept_fraction = exp(-period / DRIFT_TIME)
         phi = radians(config.latitude)
         eccentricity2 = FLATTENING * (2.0 - FLATTENING)
         curvature = 1.0 - eccentricity2 * sin(phi) ** 2
@@ -52,9 +52,9 @@ class Gps:
     def sample(self, state: RobotState, stamp: float) -> GpsFix:
         """The fix at one instant, one period after the last."""
         # each error keeps a part of the last one; the rest is new, so that its deviation stays `drift`
-        new_part = self._config.drift * sqrt(1.0 - self._kept**2)
+        new_part = self._config.drift * sqrt(1.0 - self._kept_fraction**2)
         draws = self._rng.standard_normal(3).tolist()
-        self._error = [self._kept * old + new_part * draw for old, draw in zip(self._error, draws)]
+        self._error = [self._kept_fraction * old + new_part * draw for old, draw in zip(self._error, draws)]
         east, north, up = (true + error for true, error in zip(state.pose_in_world.position, self._error))
         vx, vy, vz = rotate(state.pose_in_world.quat_xyzw, state.velocity_in_base)
         return GpsFix(

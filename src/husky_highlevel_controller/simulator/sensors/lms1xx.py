@@ -27,15 +27,15 @@ from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, 
 from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
-SAMPLES = 5  # number of rays from one beam to the next
+RAYS_PER_BEAM = 5  # number of rays from one beam to the next
 WIDEST_SPOT = 0.0208  # [rad] half the angle of the spot at 0.3 m and at smaller distances
 # number of pieces of a scan; the rays of a piece start at the pose at its middle; the error is below 1.5 mm
 # at 1 m/s
-PIECES = 5
-ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
+SWEEP_PIECES = 5
+MAX_ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
 FARTHEST = 60.0  # [m] largest distance of an echo
-STANDING = 1e-3  # [m/s], [rad/s] slower motion counts as standing
-DARK, DARK_RANGE = 0.1, 18.0  # remission of a dark surface, and its detection range [m]
+STANDING_SPEED = 1e-3  # [m/s], [rad/s] slower motion counts as standing
+DARK_REMISSION, DARK_RANGE = 0.1, 18.0  # remission of a dark surface, and its detection range [m]
 # intensity of a full spot on a surface that returns all light; the scale is our own choice
 INTENSITY_SCALE = 255.0
 
@@ -85,9 +85,9 @@ class Lms1xx:
         config = self._config
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         # if the robot moves, it has another pose for each piece of the scan
-        is_moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING
+        is_moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING_SPEED
         echoes = []
-        for piece in _pieces(config, PIECES if is_moving else 1):
+        for piece in _pieces(config, SWEEP_PIECES if is_moving else 1):
             base_in_world = _pose_before(state, piece.age) if is_moving else state.pose_in_world
             depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
             echoes.append(_echoes(depths, piece, config))
@@ -135,15 +135,15 @@ class _Piece(NamedTuple):
 def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
     """Return the sweep as `count` pieces, each with the rays that are cast from the middle pose of its beams.
 
-    Neighbouring spots share rays, of which there are SAMPLES from one beam to the next.
+    Neighbouring spots share rays, of which there are RAYS_PER_BEAM from one beam to the next.
     """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
-    step = float(increment) / SAMPLES
+    step = float(increment) / RAYS_PER_BEAM
     half = int(WIDEST_SPOT / step) + 1
     pieces = []
     for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
         age = (config.beams - 1 - (beams[0] + beams[-1]) / 2.0) * config.time_increment
-        rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * SAMPLES + half + 1)
+        rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * RAYS_PER_BEAM + half + 1)
         pieces.append(_Piece(len(beams), age, beams_at(rays), step * np.arange(-half, half + 1)))
     return pieces
 
@@ -152,7 +152,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     """Return the range of each beam's nearest echo that is strong enough, and its fraction of the light.
 
     Surfaces within `echo_length` give one echo, at the mean of their distances. A weak echo is skipped, and
-    the next one behind it counts, up to ECHOES of them.
+    the next one behind it counts, up to MAX_ECHOES of them.
 
     Args:
         depths: distances at which the rays meet a surface [m], inf for a miss.
@@ -164,12 +164,12 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     """
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
     # distances of the S rays that sample the spot of each beam, (N, S)
-    spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::SAMPLES]
+    spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
     # the loop keeps only the beams without a strong echo so far: their indices, and rows of their rays
     (beams,) = np.isfinite(spots).any(axis=1).nonzero()
     depth, weights = spots[beams], _weights(spots[beams], piece.offsets, config)
     depth[weights <= 0.0] = inf
-    for _ in range(ECHOES):
+    for _ in range(MAX_ECHOES):
         if not len(beams):
             break
         in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
@@ -177,7 +177,9 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         fraction = light.sum(axis=1)
         mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
         # the light that comes back falls with the square of the distance
-        is_strong = (fraction > 0.0) & (fraction * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
+        is_strong = (fraction > 0.0) & (
+            fraction * config.remission >= DARK_REMISSION * (mean / DARK_RANGE) ** 2
+        )
         ranges[beams[is_strong]] = mean[is_strong]
         fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
         depth[in_echo] = inf  # the echo is too weak, so the next echo behind it counts

@@ -25,6 +25,7 @@ Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
 
 def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
+    """Rows and numbers of a box for `_enter_box`: the slab method along each of its axes."""
     x, y, z = axes
     a, b, c = size
     i, j, k = dot(center, x), dot(center, y), dot(center, z)
@@ -32,6 +33,7 @@ def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Pre
 
 
 def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Distances at which beams enter a box: where they are inside all three slabs."""
     near, far = _slab(along, numbers[:3], numbers[3:6], numbers[6:])
     return _entries(np.maximum.reduce(near), np.minimum.reduce(far))
 
@@ -79,11 +81,13 @@ def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarr
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
+    """Rows and numbers of a sphere for `_enter_sphere`."""
     x, y, z = center
     return ((y, -x), (x, y)), (size[0] * size[0] - z * z,)
 
 
 def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Distances at which beams enter a sphere: `ahead` to the point nearest to its centre, minus the root."""
     aside, ahead = along
     root = np.sqrt(numbers[0] - aside * aside)
     return _entries(ahead - root, ahead + root)

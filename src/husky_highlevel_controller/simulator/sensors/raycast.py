@@ -49,7 +49,7 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
 # Largest number of solid shapes that are computed one by one. If there are more, all are computed at once, as
 # arrays. With arrays, a scan in the course's world would take three times as long. One by one, a scan of 1000
 # objects would take ten times as long.
-FEW = 10
+MAX_ONE_BY_ONE = 10
 KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
 
@@ -84,7 +84,7 @@ class RayScene:
     @property
     def has_many(self) -> bool:
         """Return whether the beams meet its solids all at once, as arrays."""
-        return len(self.solids) > FEW
+        return len(self.solids) > MAX_ONE_BY_ONE
 
     def move(self, index: int, pose_in_world: Pose) -> None:
         """Set the pose of a solid shape."""

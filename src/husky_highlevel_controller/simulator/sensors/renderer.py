@@ -32,6 +32,7 @@ class Renderer:
     """A process that renders one image at a time; methods raise OSError or EOFError once it has died."""
 
     def __init__(self, config: CameraConfig) -> None:
+        """Start the process, and send it the camera's configuration."""
         self._pipe, end = Pipe()
         # a new program, because multiprocessing would run the simulator's main script again in the new
         # process

@@ -56,8 +56,8 @@ class VibratingImu:
     def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
         """`track`: effective track, by which turning makes the wheels roll [m]."""
         self._imu, self._track = imu, track
-        self._saturation = config.saturation
-        self._scale = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
+        self._saturation_speed = config.saturation
+        self._noise_per_speed = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
 
     def reset(self, rng: np.random.Generator) -> None:
         """Restart on a robot at rest, with noise from `rng`."""
@@ -69,8 +69,8 @@ class VibratingImu:
         """Take the robot to be at rest, for instance after it has been moved."""
         self._imu.restart()
         self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
-        self._last: List[float] = [0.0] * 6
-        self._before: List[float] = [0.0] * 6
+        self._last_noise: List[float] = [0.0] * 6
+        self._noise_before_last: List[float] = [0.0] * 6
 
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
@@ -79,14 +79,14 @@ class VibratingImu:
         draws = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
         noise = [
             A * last + B * before + INNOVATION * draw
-            for last, before, draw in zip(self._last, self._before, draws)
+            for last, before, draw in zip(self._last_noise, self._noise_before_last, draws)
         ]
-        self._last, self._before = noise, self._last
+        self._last_noise, self._noise_before_last = noise, self._last_noise
         # its scale grows with the mean speed of the wheels, of |linear - turning| and |linear + turning|
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
         wheel_speed = max(abs(linear), abs(turning))
-        speed = min(wheel_speed, self._saturation)
-        vibration = [speed * scale * value for scale, value in zip(self._scale, noise)]
+        speed = min(wheel_speed, self._saturation_speed)
+        vibration = [speed * scale * value for scale, value in zip(self._noise_per_speed, noise)]
         (fx, fy, fz), (wx, wy, wz) = sample.specific_force, sample.angular_velocity
         self.yaw_rate = wz + vibration[5]
         return sample._replace(

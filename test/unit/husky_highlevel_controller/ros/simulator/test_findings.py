@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("rospy")
 
 from husky_highlevel_controller.ros.simulator import findings
-from husky_highlevel_controller.ros.simulator.findings import MOST, Findings
+from husky_highlevel_controller.ros.simulator.findings import MAX_FINDINGS, Findings
 
 
 def test_findings_are_logged_and_given_to_the_master_once_and_the_newest_are_kept(monkeypatch):
@@ -16,11 +16,11 @@ def test_findings_are_logged_and_given_to_the_master_once_and_the_newest_are_kep
     kept.publish()
     kept.publish()
     assert given == [[]], "those of an earlier simulator are forgotten"
-    for number in range(MOST + 1):
+    for number in range(MAX_FINDINGS + 1):
         kept.tell("/drive", f"fault {number}")
-    assert len(logged) == MOST + 1
+    assert len(logged) == MAX_FINDINGS + 1
     kept.publish()
-    assert len(given[1]) == MOST
-    assert given[1][-1] == ["/drive", f"fault {MOST}"]
+    assert len(given[1]) == MAX_FINDINGS
+    assert given[1][-1] == ["/drive", f"fault {MAX_FINDINGS}"]
     kept.publish()
     assert len(given) == 2

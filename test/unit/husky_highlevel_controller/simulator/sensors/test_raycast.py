@@ -95,10 +95,10 @@ def free_lengths(world: Placed, start: np.ndarray, directions: np.ndarray, reach
     return flown
 
 
-@pytest.mark.parametrize("few", [raycast.FEW, -1], ids=["one by one", "all at once"])
+@pytest.mark.parametrize("few", [raycast.MAX_ONE_BY_ONE, -1], ids=["one by one", "all at once"])
 def test_every_beam_ends_on_the_first_surface_it_meets(few, monkeypatch):
     """Nothing stands before a hit, a hit is on a surface, and a laser inside a solid reads 0."""
-    monkeypatch.setattr(raycast, "FEW", few)
+    monkeypatch.setattr(raycast, "MAX_ONE_BY_ONE", few)
 
     @LAW
     @given(st.one_of(worlds(boxes, cylinders, spheres, planes), worlds(cylinders, most=3)), lasers)
@@ -187,7 +187,7 @@ def test_a_plane_s_normal_is_in_its_own_frame_and_both_sides_are_seen():
         assert np.nanmin(cast(wall, at(7.0, y))) == pytest.approx(distance, abs=0.01)
 
 
-@pytest.mark.parametrize("others", [0, raycast.FEW])
+@pytest.mark.parametrize("others", [0, raycast.MAX_ONE_BY_ONE])
 def test_a_shape_that_moved_is_seen_where_it_is_now(others):
     floor = (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, z=-1.0))
     behind = [(Sphere(0.5), at(-5.0))] * others
