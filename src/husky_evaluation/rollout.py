@@ -129,9 +129,8 @@ def rollout(
                 continue
             base_in_odom = odometry.filtered.pose_base_in_odom
             scan_age = snapshot.stamp - scan.stamp
-            if (
-                scan_age > 0.0
-            ):  # the lidar needs time for a scan, and the pose must be the pose at the first beam
+            # the lidar needs time for a scan, and the pose must be the pose at the first beam
+            if scan_age > 0.0:
                 base_in_odom = advance(base_in_odom, odometry.filtered.twist_in_base, -scan_age)
             observation = Observation(scan, laser_in_base, base_in_odom, simulator.robot.footprint)
             controller_state, output = controller(

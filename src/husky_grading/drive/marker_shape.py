@@ -43,9 +43,14 @@ def draw(
     points: Sequence[Sequence[float]],
     axis: Tuple[float, float],
 ) -> Drawn:
-    """Place a marker's shape by its type, scale [m] and points in its frame [m].
+    """Return the shape that RViz draws of a marker, in the world.
 
-    `axis` is the vertical axis, x and y in the world [m].
+    Args:
+        kind: type of the marker, a constant of visualization_msgs/Marker.
+        pose_in_world: pose of the marker.
+        scale: sizes of the marker along its x, y and z [m].
+        points: points of a list or an arrow, relative to the pose [m].
+        axis: vertical axis from which `reach` is measured, x and y in the world [m].
     """
     references, corners = _references_and_outline(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]

@@ -65,9 +65,9 @@ class _Child:
             handed: arguments of the module's main().
         """
         import_early()
-        end, begin = os.pipe()
-        self.stdout = open(end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
-        with Connection(begin) as output:
+        read_end, write_end = os.pipe()
+        self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
+        with Connection(write_end) as output:
             arguments = (command, env, folder, output, handed)
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
