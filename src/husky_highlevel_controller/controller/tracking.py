@@ -101,7 +101,9 @@ def follow(
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
     """Find the tracked pillar in a scan, or begin to track another one.
 
-    A pillar that walks, or that is missed for EMPTY_TIMEOUT, is given up.
+    A pillar that moves (a leg or a wheel), or that is missed for EMPTY_TIMEOUT, is given up. Its position is
+    rejected if it moved, was confirmed before, or proved empty. At a rejected position a pillar is tracked
+    again only if more beams fall on it.
 
     Args:
         track: track after the last scan.

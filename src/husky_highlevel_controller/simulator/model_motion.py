@@ -33,9 +33,9 @@ def checked_motion(motion: ModelMotion) -> ModelMotion:
 
 
 def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
-    """Return a motion in the world.
+    """Return a motion in the world, from a motion in a frame and the motion of this frame in the world.
 
-    As Gazebo computes it, so a velocity is over the ground, also if the frame moves.
+    As in Gazebo, the velocity in the frame is one over the ground, so the frame's own velocity is not added.
     """
     pose, velocity, spin = motion_in_frame
     turn = frame_in_world.pose.quat_xyzw
@@ -43,9 +43,9 @@ def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> Model
 
 
 def seen_from(motion_in_world: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
-    """Return a motion relative to a frame that moves, along its axes.
+    """Return a motion relative to a frame that moves, along the frame's axes.
 
-    As Gazebo computes it, without the velocity that the frame's own turning seems to give.
+    As in Gazebo, the velocity that the frame's own turning seems to give is left out.
     """
     pose, velocity, spin = motion_in_world
     back = quat_inverse(frame_in_world.pose.quat_xyzw)

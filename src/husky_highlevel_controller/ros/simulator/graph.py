@@ -186,7 +186,7 @@ class GraphWatch:
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:
-            """Types of the topics that a node publishes or subscribes to, from an answer for equal topics."""
+            """Types of the topics that a node publishes or subscribes to; asked if they have changed."""
             nodes_by_topic = graph.publishers if publishes else graph.subscribers
             topics = frozenset(topic for topic, nodes in nodes_by_topic.items() if node in nodes)
             key = node, publishes, topics

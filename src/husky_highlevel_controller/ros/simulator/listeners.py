@@ -95,8 +95,7 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # only with a count of turns, because a thread that runs between two checks would otherwise not be
-        # noticed
+        # without the kernel's count of a thread's turns on a CPU, a run between two checks would stay unseen
         self._all_in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()

@@ -278,7 +278,11 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
 
 
 def _crown(link: ET.Element, collision: ET.Element) -> None:
-    """Make a wheel's cylinder the narrow tread, and add its flanks as another collision shape."""
+    """Make a wheel's cylinder the narrow tread, and add its flanks as another collision shape.
+
+    So the wheel stands on the middle of its tread, as a crowned tyre does, and not on one of its edges. The
+    flanks have the wheel's width, and a radius that is smaller by FLANK_DEPTH.
+    """
     tread = collision.find("geometry/cylinder")
     if tread is None:
         return

@@ -72,7 +72,15 @@ class Lms1xx:
     def __init__(
         self, config: Lms1xxConfig, cast_rays: CastRays, frame: str, pose_in_base: Pose, scan_time: float
     ) -> None:
-        """`scan_time`: time from scan to scan [s]."""
+        """Make a lidar.
+
+        Args:
+            config: beams, angles, range and noise.
+            cast_rays: measures distances along rays.
+            frame: frame of the scans.
+            pose_in_base: pose of the lidar in base_link.
+            scan_time: time from scan to scan [s].
+        """
         self._config, self._cast_rays = config, cast_rays
         self._frame, self._pose_in_base, self._scan_time = frame, pose_in_base, scan_time
 
