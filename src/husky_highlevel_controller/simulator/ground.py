@@ -65,7 +65,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
-    # the floor is searched downwards, from a height above any slab
+    # the floor is searched downwards, from a height above any slab; a drop is the way down to the first body
     top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
     is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
     if is_in_wide_body:

@@ -49,7 +49,11 @@ class LocalizationNode:
     """Wheel odometry and IMU in, odometry/filtered and the transform of odom to base_link out."""
 
     def __init__(self) -> None:
-        """Raises ConfigError if the parameters ask for a feature that the filter does not have."""
+        """Read the parameters, make the filter, and subscribe to its inputs.
+
+        Raises:
+            ConfigError: a parameter asks for a feature that the filter does not have.
+        """
         self._config, remarks = read_filter_config(rospy.get_param("~", {}), rospy.get_name() + "/")
         for remark in remarks:
             rospy.logerr(remark)

@@ -163,6 +163,7 @@ class GraphWatch:
             self._filter_watch.look(graph)
         if self._markers is not None:
             self._markers.look(graph)
+        # a mistake must last for JOINING_TIME, because a node that starts later may be the missing side
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
         self._first_seen_at = {mistake: self._first_seen_at.get(mistake, now) for mistake in mistakes}

@@ -173,7 +173,10 @@ class SimulatorNode:
         simulation.close()
 
     def _follow_wall_time(self) -> None:
-        """Without simulated time, let stamps be wall time, so that lookups of transforms of now succeed."""
+        """Let stamps be wall time if the nodes do not use simulated time.
+
+        Other nodes then ask TF for transforms at the present wall time.
+        """
         if self._publishers.tells_time:
             return
         self._simulation.set_stamp(time.time())

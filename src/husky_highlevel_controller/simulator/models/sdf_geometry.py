@@ -44,7 +44,7 @@ _SCRIPT_COLOURS: Dict[str, Rgba] = {
 
 
 def shape_of_geometry(holder: Node) -> Optional[Shape]:
-    """Shape of a <collision> or <visual>; None, and a note, without one that is supported.
+    """Return the shape of a <collision> or <visual>; None, and a note, if it has no supported shape.
 
     Raises:
         WorldError: a size or a direction that cannot be read.
@@ -60,7 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        node.load.lost += 1
+        node.load.lost += 1  # counted for the warning that the lidar sees nothing
     return None
 
 
