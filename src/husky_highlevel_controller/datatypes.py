@@ -58,7 +58,7 @@ STOP = Twist2D()
 
 @dataclass(frozen=True)
 class Box:
-    size: Vector3  # [m], full edge lengths
+    size: Vector3  # [m], lengths of the edges
 
 
 @dataclass(frozen=True)

@@ -343,6 +343,26 @@ def test_comments_and_docstrings_are_whole_phrases():
     assert not offenders(unclear)
 
 
+# a sentence of a page, or an error in a docstring, that begins with a pronoun
+PRONOUN = re.compile(r"(?:^|[.!?:] )(?:It|They|Its|Their|Those) ")
+ERROR_OF_A_PRONOUN = re.compile(r"^ +\w+: (?:it|they|its|their|this|that|these|those)\b")
+
+
+def test_sentences_of_pages_and_errors_in_docstrings_name_their_subject():
+    def unclear(name):
+        lines = [line for _, text in docstrings(name) for line in text.splitlines()]
+        raised = [line for line in lines if re.match(r" +\w*(?:Error|Exception): ", line)]
+        return [line for line in raised if ERROR_OF_A_PRONOUN.match(line)] or True
+
+    assert not offenders(unclear)
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        prose = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        paragraphs = re.split(r"\n\s*\n|\n(?=\s*(?:-|\d+\.) )|\n(?=\|)", prose)
+        texts = [re.sub(r"^\s*(?:-|\d+\.) ", "", " ".join(each.split())) for each in paragraphs]
+        found = [text for text in texts if not text.startswith("|") and PRONOUN.search(text)]
+        assert not found, page.name
+
+
 def literal(node):
     """Text of a literal, with {} for each value in an f-string; empty for anything else."""
     if isinstance(node, ast.JoinedStr):

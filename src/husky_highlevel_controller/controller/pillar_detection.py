@@ -194,7 +194,7 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        # most circles win even against a rival without error, so that the rival need not be fitted
+        # if the circle wins even against a shape with an error of 0, the other shape need not be fitted
         return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
 
     if loses(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
