@@ -24,7 +24,7 @@ MAX_STEPS = 6
 # [m] a step smaller than this is the last step, because the next step would be a thousand times smaller
 _SETTLED = 3e-4
 
-# (4, 4) sums over the beams of the products of two of: derivatives by x, y and r, and the error
+# (4, 4) sums over the beams; each is the product of two of these: derivative by x, y or r, or the error
 Products = List[List[float]]
 Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]

@@ -57,8 +57,8 @@ class PointLidar:
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # beams of a plane, first of the column and then of the opposite one; a cast needs them in ascending
-        # order
+        # beams of a plane: first the beams of its column, then the beams of the opposite column; ray casting
+        # needs ascending angles
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
         self._order = np.argsort(bearings)
