@@ -87,10 +87,9 @@ class RegistrationWatch:
         While the node stands, the loss is on /diagnostics every PERIOD and in the log every REPORT_PERIOD.
         """
         while not (self.is_lost or rospy.is_shutdown()):
+            time.sleep(PERIOD)  # comes first, because the node has just registered and is busy with its start
             with contained("the look for this node's registration"):
                 self._registration.look()
-            if not self.is_lost:
-                time.sleep(PERIOD)
         said_at = published_at = -REPORT_PERIOD
         while not rospy.is_shutdown():
             now = time.monotonic()

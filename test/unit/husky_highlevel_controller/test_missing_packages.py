@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from husky_highlevel_controller import missing_packages
@@ -24,7 +25,7 @@ def test_what_is_missing_and_what_is_too_old_are_named_with_one_command(monkeypa
     find = missing_packages.importlib.util.find_spec
     absent = lambda name: None if name in ("pybullet", "xacro") else find(name)  # noqa: E731
     monkeypatch.setattr(missing_packages.importlib.util, "find_spec", absent)
-    monkeypatch.setattr(missing_packages.metadata, "version", lambda name: "1.17.4")
+    monkeypatch.setattr(missing_packages, "_version", lambda name: "1.17.4")
     monkeypatch.setattr(sys, "executable", "/opt/my python/python3")
     assert missing_packages.missing_sentence() == (
         "husky_highlevel_controller needs numpy 1.20 or later (there is 1.17.4), pybullet and xacro, which "
@@ -49,7 +50,7 @@ def test_the_system_s_python_gets_packages_for_one_user(managed, monkeypatch, tm
     monkeypatch.setattr(missing_packages.sysconfig, "get_path", lambda _: str(tmp_path))
     if managed:
         (tmp_path / "EXTERNALLY-MANAGED").touch()
-    monkeypatch.setattr(missing_packages.metadata, "version", lambda name: "1.17.4")
+    monkeypatch.setattr(missing_packages, "_version", lambda name: "1.17.4")
     words = missing_packages.missing_sentence("robot").partition("-m pip install ")[2].split()
     assert words == ["--user", *(["--break-system-packages"] if managed else []), "'numpy>=1.20,<2'"]
 
@@ -101,3 +102,8 @@ def test_a_program_ends_with_the_sentence(program):
     (line,) = done.stderr.splitlines()
     assert line.startswith("error: husky_highlevel_controller needs numpy, yaml, pybullet, xacro")
     assert Path(sys.executable).name in line
+
+
+def test_the_version_of_a_package_is_the_one_that_it_tells_of_itself():
+    assert missing_packages._version("numpy") == np.__version__
+    assert missing_packages._version("no_such_package") == ""

@@ -143,18 +143,29 @@ class GraphWatch:
         threading.Thread(target=self._run, name="graph", daemon=True).start()
 
     def _run(self) -> None:
-        """Look at the graph every PERIOD until the process ends."""
+        """Look at the graph every PERIOD until the process ends.
+
+        The first look leaves out the mistakes: other nodes are still starting, and the questions to all of
+        them would delay their start.
+        """
+        look = self._look_at_publishers
         while True:
             with contained("the search for mistakes in the ROS graph"):
                 graph = read_graph(self._master_uri)
                 if graph is not None:
-                    self.look(graph)
+                    look(graph)
                 if self._findings is not None:
                     self._findings.publish()
+            look = self.look
             time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:
-        """Warn of new mistakes in a graph."""
+        """Notice new publishers in a graph, and warn of new mistakes."""
+        self._look_at_publishers(graph)
+        self._warn_of_mistakes(graph)
+
+    def _look_at_publishers(self, graph: Graph) -> None:
+        """Notice a second clock, another source of the filtered odometry, and markers."""
         if self._clock_subscriber is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
             # a second clock is detected by its messages, because rosbag play advertises /clock even without
             # --clock
@@ -163,7 +174,9 @@ class GraphWatch:
             self._filter_watch.look(graph)
         if self._markers is not None:
             self._markers.look(graph)
-        # a mistake must last for JOINING_TIME, because a node that starts later may be the missing side
+
+    def _warn_of_mistakes(self, graph: Graph) -> None:
+        """Warn of a mistake that lasts for JOINING_TIME: a node that starts later may be the missing side."""
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
         self._first_seen_at = {mistake: self._first_seen_at.get(mistake, now) for mistake in mistakes}

@@ -14,7 +14,6 @@ from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, VERSIONS, load_robot
 from husky_highlevel_controller.simulator.models.own_description import VARIABLE, choose_description
 from husky_highlevel_controller.urdf import DescriptionError
-from husky_highlevel_controller.xml_rpc import ask
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")
@@ -90,6 +89,9 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     Raises:
         DescriptionError: the parameter that VARIABLE names holds no text.
     """
+    # imported only here, because every launch waits for this program, and few have a description of their own
+    from husky_highlevel_controller.xml_rpc import ask
+
     master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
     own = ask(master_uri, "getParam", "/robot_description", parameter)
     if not isinstance(own, str):

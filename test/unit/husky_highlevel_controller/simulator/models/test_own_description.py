@@ -95,7 +95,7 @@ def test_a_robot_is_known_by_its_name_or_by_its_wheels(text, robot):
 def test_the_command_prints_the_own_description_unless_a_sensor_would_be_without_its_place(
     arguments, own, printed, warning, monkeypatch, capsys
 ):
-    module = "husky_highlevel_controller.simulator.models.description.ask"
+    module = "husky_highlevel_controller.xml_rpc.ask"
     monkeypatch.setattr(module, lambda *words: own if words[-1] == "/own" else None)
     monkeypatch.setenv(VARIABLE, "/own")
     monkeypatch.setattr("sys.argv", ["robot_description", *arguments])
