@@ -98,5 +98,8 @@ def test_a_node_that_is_lost_stands_and_says_so_though_standing_fails(monkeypatc
         for _ in range(3):
             assert stood.acquire(timeout=DEADLINE)
     ends.set()
+    # joined here, because the thread would go on with the true rospy after this test, and log in another test
+    (watch,) = (thread for thread in threading.enumerate() if thread.name == "registration")
+    watch.join(DEADLINE)
     assert LOST in told
     assert (sent[0].level, sent[0].name, sent[0].message) == (2, "walker", LOST)
