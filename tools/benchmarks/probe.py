@@ -37,6 +37,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
+ARRIVED = "/husky_highlevel_controller/arrived"
 PERIOD = 0.02  # [s] between two scans
 WAY = 19.2  # [s] time at 1 m/s until 1.2 m from the pillar's centre
 ANSWER_TIMEOUT = 1.0  # [s] wall time for the answer to one scan
@@ -51,8 +52,10 @@ def first() -> Dict[str, Any]:
 
 def arrived() -> Dict[str, Any]:
     """Hear that the controller has arrived."""
-    while not rospy.wait_for_message("/husky_highlevel_controller/arrived", Bool).data:
-        pass
+    has_arrived = Event()
+    # one subscription, because each new one would get the last message at once, and would load the controller
+    rospy.Subscriber(ARRIVED, Bool, lambda msg: has_arrived.set() if msg.data else None, tcp_nodelay=True)
+    has_arrived.wait()
     return {"arrived": time.monotonic()}
 
 

@@ -12,6 +12,9 @@ Accepting: each connection has a thread and a deadline. rospy reads the header o
 that accepts them, without a deadline: with one TCP connection that says nothing, measured, no service of the
 node answered and no subscriber got in for as long as it was open, `start_stop` among them.
 
+Starting: the wait for the registration looks every millisecond. rospy's own look comes at once, mostly too
+early, and the next one comes 0.1 s later, which is a twelfth of a launch.
+
 test_transport.py pins what is used of rospy.
 """
 
@@ -19,12 +22,16 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from typing import Any, List
 
+import rospy.core
 import rospy.topics
+from rosgraph.xmlrpc import XmlRpcNode
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
+REGISTRATION_POLL_PERIOD = 0.001  # [s] wall time
 HEADER_TIMEOUT = 10.0  # [s] a connection is closed if no byte of its header has come for this wall time
 
 
@@ -103,7 +110,16 @@ def _accept(server: tcpros_base.TCPROSServer, sock: socket.socket, address: Any)
     threading.Thread(target=_SERVE, args=(server, sock, address), name="accepted", daemon=True).start()
 
 
+def _start(node: XmlRpcNode) -> None:
+    """Start the server of a node, and wait until the node is registered with the master."""
+    handler = node.handler
+    _START(node)
+    while not handler._is_registered() and not rospy.core.is_shutdown():
+        time.sleep(REGISTRATION_POLL_PERIOD)
+
+
 _READ_HEADER, _SERVE = tcpros_base.read_ros_handshake_header, tcpros_base.TCPROSServer._tcp_server_callback
+_START = XmlRpcNode.start
 
 
 def replace_transport() -> None:
@@ -111,3 +127,4 @@ def replace_transport() -> None:
     rospy.topics.QueuedConnection = PromptConnection
     tcpros_base.read_ros_handshake_header = _read_header
     tcpros_base.TCPROSServer._tcp_server_callback = _accept
+    XmlRpcNode.start = _start

@@ -10,6 +10,7 @@ pytest.importorskip("rospy")
 
 import rospy.topics
 from rosgraph.network import encode_ros_handshake_header
+from rosgraph.xmlrpc import XmlRpcHandler, XmlRpcNode
 from rospy.exceptions import TransportTerminated
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_base import TCPROSTransport
@@ -107,6 +108,7 @@ def replaced(monkeypatch):
     monkeypatch.setattr(
         tcpros_base.TCPROSServer, "_tcp_server_callback", tcpros_base.TCPROSServer._tcp_server_callback
     )
+    monkeypatch.setattr(XmlRpcNode, "start", XmlRpcNode.start)
     replace_transport()
 
 
@@ -160,3 +162,21 @@ def test_a_connection_that_says_too_little_is_closed(server, monkeypatch, begin)
     with connected(server) as silent:
         silent.sendall(begin)
         assert silent.recv(100) == b""
+
+
+def test_a_node_is_registered_when_its_server_has_started(replaced):
+    class Handler(XmlRpcHandler):
+        uri, looks = None, 0
+
+        def _ready(self, uri):
+            self.uri = uri
+
+        def _is_registered(self):
+            self.looks += self.uri is not None
+            return self.looks == 3
+
+    handler = Handler()
+    node = XmlRpcNode(0, handler)
+    node.start()
+    assert (handler.looks, handler.uri) == (3, node.uri), "rospy's next look is a tenth of a second away"
+    node.shutdown("the test is over")
