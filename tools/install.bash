@@ -266,7 +266,7 @@ build_workspace() {
   # cmake itself rather than catkin_make, which needs a C++ compiler
   { cmake -S "$package" -B "$workspace/build" -DCATKIN_DEVEL_PREFIX="$workspace/devel" \
       -DCMAKE_INSTALL_PREFIX="$workspace/install" -DPYTHON_EXECUTABLE="$venv/bin/python" -DCATKIN_ENABLE_TESTING=OFF \
-    && cmake --build "$workspace/build"; } >"$log" 2>&1 \
+    && cmake --build "$workspace/build" --parallel "$(nproc)"; } >"$log" 2>&1 \
     || { tail -n 20 "$log" >&2; die "the build failed; the whole log is $log"; }
   mark_done build "${sources[@]}"
 }

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, NamedTuple, Tuple
 
 from husky_grading.hand_in.class_folder import find_hand_ins
 from husky_grading.isolation.files import (
@@ -117,46 +117,69 @@ class OpenItem:
         return "", ""
 
 
-def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
-    """Return the items of a class without points, the folder of its submissions, and its students.
+class Marked(NamedTuple):
+    """Submission that was graded."""
 
-    Raises:
-        HuskyError: there are no results of one class, or its folder is itself a submission.
-    """
-    marked: List[Tuple[MarkingResult, Job, Path]] = []
+    result: MarkingResult
+    job: Job
+    place: Path  # folder of its results
+
+
+class Review(NamedTuple):
+    """What a teacher has to decide in a class."""
+
+    items: List[OpenItem]  # items without points
+    folder: Path  # folder of the submissions
+    students: List[str]  # names of all students
+
+
+def _marked_submissions(out: Path) -> List[Marked]:
+    """Return the submissions whose results are in a folder, without those that the teacher has removed."""
+    marked: List[Marked] = []
     for path in sorted((out / HAND_INS).glob(f"*/{RESULT}")):
         try:
             result, job = load_result(path), load(Job, path.with_name(JOB))
         except ConfigError as error:
             print(f"a result is left out: {error}", file=sys.stderr)
             continue
-        if Path(job.hand_in).exists():  # a submission that the teacher has removed is left out
-            marked.append((result, job, path.parent))
-    folders = {Path(job.hand_in).parent for _, job, _ in marked}
+        if Path(job.hand_in).exists():
+            marked.append(Marked(result, job, path.parent))
+    return marked
+
+
+def open_items(out: Path) -> Review:
+    """Return the items of a class without points, the folder of its submissions, and its students.
+
+    Raises:
+        HuskyError: there are no results of one class, or its folder is itself a submission.
+    """
+    marked = _marked_submissions(out)
+    folders = {Path(each.job.hand_in).parent for each in marked}
     if len(folders) != 1:
         raise HuskyError(
             f"{out} has no results of one class; write them by `grade --all FOLDER --out {out}` first"
         )
     folder = folders.pop()
-    for _, job, _ in marked:
-        # FOLDER itself was graded as one submission, so it has no marking.yaml of a teacher
-        if job.hand_in in job.hidden:
+    for each in marked:
+        # `grade --all` hides its folder from each submission, so here this folder itself was the submission.
+        # Its marking.yaml is then a student's and not the teacher's.
+        if each.job.hand_in in each.job.hidden:
             raise HuskyError(
-                f"{job.hand_in} is itself a package, so its {FILE} does not count; put the package into a "
-                "folder of your own, and run `grade --all` with that folder"
+                f"{each.job.hand_in} is itself a package, so its {FILE} does not count; put the package into "
+                "a folder of your own, and run `grade --all` with that folder"
             )
     hand_ins = find_hand_ins(folder)
     # folders of the present submissions; a student's folder changes if two names have become equal
     current = {each.folder for each in hand_ins}
     items = [
-        OpenItem(result.name, item, place)
-        for result, _, place in marked
-        if place.name in current
-        for item in result.items
+        OpenItem(each.result.name, item, each.place)
+        for each in marked
+        if each.place.name in current
+        for item in each.result.items
         if item.points is None
     ]
-    students = [result.name for result, _, place in marked if place.name in current]
-    return items, folder, list(dict.fromkeys([*students, *(each.name for each in hand_ins)]))
+    students = [each.result.name for each in marked if each.place.name in current]
+    return Review(items, folder, list(dict.fromkeys([*students, *(each.name for each in hand_ins)])))
 
 
 def write_review(out: Path) -> Path:

@@ -68,7 +68,8 @@ class DriveTab:
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # state of the controller, from its diagnostics
-        # start (True) or stop (False) that a page has requested after the last state; None if there is none
+        # request of a page to start (True) or to stop (False) the controller, until the controller's next
+        # state; None if no page has requested anything
         self._request: Optional[bool] = None
         self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui

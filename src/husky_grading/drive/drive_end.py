@@ -18,9 +18,10 @@ AT_PILLAR = 3.0  # [s] time at the pillar
 ABANDONED = 3.0  # [s] time at rest after the last node of the submission has ended
 STILL = 15.0  # [s] time at rest after the robot has moved
 NEVER = 12.0  # [s] time at rest from the start; some controllers sleep for 10 s first
-# A robot that is PAST metres farther away than at its nearest point, and that has driven straight away from
-# the pillar for LEAVING simulated seconds, does not come back. Its heading changes by less than STRAIGHT
-# radians in this time, so it would need 80 s to turn round.
+# A robot counts as leaving for good if two conditions hold. Its distance from the pillar is larger than its
+# smallest distance so far by the number PAST [m]. For the simulated time LEAVING [s] it has driven away from
+# the pillar in a straight line, so its heading has changed by less than STRAIGHT [rad]. At this rate, the
+# robot would need 80 s to turn round.
 PAST, LEAVING, STRAIGHT = 10.0, 5.0, 0.2
 NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
 NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")

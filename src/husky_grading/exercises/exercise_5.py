@@ -276,14 +276,23 @@ def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
     return effects
 
 
-def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
-    """Return the item on stops, by the effects of the calls with the value that stops the robot."""
+def _judge_stops(item: Item, service: str, effects: Sequence[Effect]) -> Item:
+    """Return the item on stops, by the share of calls that stopped a driving robot.
+
+    A call to a robot that already stood proves nothing. If there are only such calls, the item is graded by
+    hand.
+
+    Args:
+        item: item on stops, without evidence.
+        service: name of the service.
+        effects: effects of the calls with the value that stops the robot.
+    """
     while_driving = [effect for effect in effects if effect.drove_before]
     if not while_driving:
-        evidence = by_hand(f"{name}: the robot already stood before each call")
+        evidence = by_hand(f"{service}: the robot already stood before each call")
         return replace(item, points=None, evidence=evidence)
     failures = [effect for effect in while_driving if not effect.stopped]
-    return _with_points(item, f"{name}: stands", while_driving, failures)
+    return _with_points(item, f"{service}: stands", while_driving, failures)
 
 
 def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:

@@ -244,16 +244,20 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
 
 
 def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
-    """Return criteria for a package, the most important one first; smaller is better."""
+    """Return the rank of a package among packages of one name: criteria, the most important one first.
+
+    The package with the smallest rank is graded.
+    """
+    starts_own_node = package.name in _launched(package)
     in_archive = any(suffix_of(part) for part in package.place.parts)
-    fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
+    number_of_files = len(list(walk(package.path, BUILT)))
     return (
-        -fits,
-        package.name not in _launched(package),
-        in_archive,
-        -len(files),
+        -fits_exercise(package.place, exercise),  # a folder that is named for the exercise comes first
+        not starts_own_node,  # a package that starts its own node is a solution, and not a library
+        in_archive,  # an archive beside a folder is an older copy of it
+        -number_of_files,  # the copy with more files is more complete
         len(package.place.parts),
-        str(package.place),
+        str(package.place),  # the name decides last, so that the choice is the same in each run
     )
 
 

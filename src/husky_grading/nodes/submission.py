@@ -86,12 +86,13 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
     """Reads a launch file, and leaves out tags that need a package that does not exist."""
 
     def __init__(self, reporter: Reporter, simulator_files: List[str]) -> None:
+        """Set up without a file; the launch files of the simulator in `simulator_files` are not included."""
         super().__init__()
         # set here, because some versions of roslaunch set this attribute only in roslaunch-check
         self.ignore_unset_args = False
         self._reporter = reporter
         self._simulator_files = simulator_files
-        self._files = 0
+        self._included_count = 0  # number of included files, at most MAX_FILES
         self.uses: Set[str] = set()  # packages that the launch file names
         self.pillar = False  # the launch file names the course's world
 
@@ -128,8 +129,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
             ValueError: more than MAX_FILES files are included.
             TimeoutError: the launch files take longer than LOAD_DEADLINE.
         """
-        self._files += 1
-        if self._files > MAX_FILES:
+        self._included_count += 1
+        if self._included_count > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
         # the arguments are resolved even if the include is left out
         for argument in tag.getElementsByTagName("arg"):

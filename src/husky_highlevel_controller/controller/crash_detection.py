@@ -251,7 +251,7 @@ class CrashDetector:
         force = minus(force, left, self._curve_acceleration(sample))
         error = minus(force, self._vertical, GRAVITY)
         belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
-        # the factor is negative, because the vertical moves towards the error
+        # `minus` with a negative factor adds a part of the error, so the vertical turns towards the force
         self._vertical = (
             unit(minus(self._vertical, error, -belief * duration / (self._levelling_time * GRAVITY)))
             or self._vertical

@@ -146,8 +146,8 @@ class SimulatorNode:
             # the wait for RViz comes first, because `partners` includes the connections of RViz
             self._wait_for_rviz()
         if self._start.lockstep:
-            self._lockstep.wait_for_partners(partners, self._hold_time)
-            publishers.truth_log.wait_to_begin(self._hold_time)
+            self._lockstep.wait_for_partners(partners, self._serve_while_time_waits)
+            publishers.truth_log.wait_to_begin(self._serve_while_time_waits)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
         self._follow_wall_time()
@@ -187,7 +187,7 @@ class SimulatorNode:
                 self._start.real_time_factor,
             )
 
-    def _hold_time(self) -> None:
+    def _serve_while_time_waits(self) -> None:
         """Serve calls and publish the clock, which stands still."""
         self._calls.process()
         self._publishers.publish_clock(self._simulation.stamp)
@@ -202,7 +202,7 @@ class SimulatorNode:
             topics = " and ".join(filter(None, (partners.scan_topic, partners.command_topics)))
             return f"{', '.join(sorted(other_nodes))} did not join on {topics}"
 
-        self._hold_time_while(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)
+        self._keep_time_waiting(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)
 
     def _wait_for_rviz(self) -> None:
         """Wait for the RViz that a launch file opens, because it shows the begin of a run."""
@@ -216,14 +216,20 @@ class SimulatorNode:
             loading_nodes = ", ".join(loading(master_uri, caller, rviz_nodes))
             return f"{loading_nodes} did not open its window" if loading_nodes else ""
 
-        if self._hold_time_while(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and has_rviz:
+        if self._keep_time_waiting(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and has_rviz:
             rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begin:.1f} s of wall time")
 
-    def _hold_time_while(self, missing: Callable[[], str], timeout: float, period: float) -> bool:
-        """Hold time while a sentence says what is missing; log the sentence after `timeout` [s] of wall time.
+    def _keep_time_waiting(self, missing: Callable[[], str], timeout: float, period: float) -> bool:
+        """Let simulated time wait until nothing is missing, or until `timeout` [s] of wall time have passed.
+
+        Args:
+            missing: returns a sentence on what is missing, which is logged after the timeout; empty if
+                nothing is missing.
+            timeout: longest wait, wall time [s].
+            period: wall time between two calls of `missing` [s].
 
         Returns:
-            Whether nothing is missing any more. `period` [s] of wall time is between two looks.
+            Whether nothing is missing any more.
         """
         end = time.monotonic() + timeout
         while not rospy.is_shutdown():
@@ -233,7 +239,7 @@ class SimulatorNode:
             if time.monotonic() > end:
                 rospy.loginfo(f"time begins: {sentence} within {timeout:g} s of wall time")
                 break
-            self._hold_time()
+            self._serve_while_time_waits()  # repeated, because calls and new nodes come during the wait
             time.sleep(period)
         return False
 

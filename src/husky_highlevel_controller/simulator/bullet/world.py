@@ -301,7 +301,10 @@ class BulletWorld:
         return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
     def _add_plane(self, body: Body, normal: Vector3, pose_in_body: Pose) -> None:
-        """Add a plane as a separate body, with the stiffness of the ground; PlacementError if it can move."""
+        """Add a plane, with the stiffness of the ground; PlacementError if it can move.
+
+        The plane gets a body of its own in Bullet, because a compound shape of Bullet cannot hold a plane.
+        """
         if body.mass > 0.0:
             raise PlacementError(f"'{body.name}' is a plane that can move ({body.mass} kg); make it static")
         shape = self._engine.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=normal)
@@ -310,6 +313,7 @@ class BulletWorld:
         self._engine.changeDynamics(
             plane, BASE_INDEX, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
         )
+        # Bullet gives the pose of the plane, from which this pose leads back to the pose of its body
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 

@@ -15,7 +15,7 @@ from husky_highlevel_controller.urdf import DescriptionError
 
 # environment variable with the name of the parameter that has a user's own robot description
 VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"
-# environment variable with the name that spawn_model gives the robot among Gazebo's models
+# environment variable that holds the name of the robot's model in Gazebo, as spawn_model was told
 MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"
 
 

@@ -55,7 +55,7 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter, by t = (ahead -+ root) / a of the endless cylinder, and its ends."""
     a, ahead, root = _flank(along, numbers)
-    enter, leave = _unless(a < 1e-18, numbers[2], (ahead - root) / a, (ahead + root) / a)
+    enter, leave = _span((ahead - root) / a, (ahead + root) / a, a < 1e-18, numbers[2])
     near, far = _slab(along[3], numbers[3], numbers[4], numbers[5])
     return _entries(np.maximum(enter, near), np.minimum(leave, far))
 
@@ -112,17 +112,25 @@ Span = Tuple[np.ndarray, np.ndarray]
 
 
 def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:
-    """Slab method: the interval of t with |t direction - middle| <= half; depth = half - |middle|."""
+    """Span in which a ray is inside a slab: the interval of t with |t direction - middle| <= half.
+
+    `depths` is half - |middle|, which is negative if the laser is outside the slab.
+    """
     steep = np.abs(directions)
     middle, half = middles / directions, halves / steep
-    return _unless(steep < 1e-9, depths, middle - half, middle + half)
+    return _span(middle - half, middle + half, steep < 1e-9, depths)
 
 
-def _unless(parallel: np.ndarray, depths: np.ndarray, near: np.ndarray, far: np.ndarray) -> Span:
-    """Span from `near` to `far`; but a parallel ray is inside all along or never, as the laser is."""
-    if parallel.any():
-        outside = np.where(depths >= 0.0, -inf, inf)
-        near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
+def _span(near: np.ndarray, far: np.ndarray, is_parallel: np.ndarray, depths: np.ndarray) -> Span:
+    """Span from `near` to `far`, except for rays that are parallel to the surface.
+
+    A parallel ray stays inside or outside, as the laser is. If `depths` is negative, the laser is outside and
+    the span is empty, from inf to -inf. Otherwise it is endless, from -inf to inf.
+    """
+    if is_parallel.any():
+        near_of_parallel = np.where(depths >= 0.0, -inf, inf)
+        near = np.where(is_parallel, near_of_parallel, near)
+        far = np.where(is_parallel, -near_of_parallel, far)
     return near, far
 
 
