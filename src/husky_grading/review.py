@@ -126,7 +126,7 @@ class Marked(NamedTuple):
 
 
 class Review(NamedTuple):
-    """What a teacher has to decide in a class."""
+    """Decisions that a teacher has to make in a class."""
 
     items: List[OpenItem]  # items without points
     folder: Path  # folder of the submissions
