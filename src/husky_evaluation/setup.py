@@ -92,7 +92,8 @@ def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky"
         there_are = ", ".join(simulator.robot.profiles)
         raise ConfigError(f"the {simulator.robot.title} has no profile '{profile}'; there are: {there_are}")
     if profile == "gazebo":
-        file = share_folder() / "config" / f"{robot}.yaml"  # parameters that differ from the Husky's controller
+        # only the parameters whose values differ from those of the Husky's controller
+        file = share_folder() / "config" / f"{robot}.yaml"
         setup = Setup(simulator=simulator)
         return load_setup(file, setup) if file.is_file() else setup
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))

@@ -68,8 +68,8 @@ class DriveTab:
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # state of the controller, from its diagnostics
-        # request of a page to start (True) or to stop (False) the controller, until the controller's next
-        # state; None if no page has requested anything
+        # True if a page has requested to start the controller, False if it has requested to stop it; None as
+        # soon as the controller's state agrees, or after STALE_STATUS
         self._request: Optional[bool] = None
         self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui

@@ -121,7 +121,7 @@ def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: P
     nowhere = "http://127.0.0.1:1"
     env = {**clean_environment(), "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
-    # a launch file may contain RViz only if there is a display; nothing is started here
+    # some launch files start RViz only if there is a display, so one is set; here no node is started
     env["DISPLAY"] = ":0"
     process = Process(
         starter(events, "describe", launchables, parts, workspace.own),

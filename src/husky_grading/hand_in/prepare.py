@@ -63,7 +63,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    # the folders exist only for delivered files; a teacher may have a folder `ws` of his own
+    # FOLDERS are made only for delivered files; otherwise, a folder `ws` may belong to the teacher, and stays
     names = FILES if job.launchable else (*FILES, *FOLDERS)
     for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(old_path)

@@ -53,7 +53,7 @@ class Pillar(NamedTuple):
 _CORNER_ODDS = 1.0  # largest lead of a corner over the circle, divided by the number of beams
 # largest number of segments that are fitted without a screen, because the screen takes as long as some fits
 _UNSCREENED = 8
-MAX_FITS = 24  # largest number of exact fits per scan, which bounds the time that clutter takes
+MAX_FITS = 24  # largest number of exact fits per scan; it limits the computing time among many objects
 _MAX_SKIPPED = 2  # largest number of missing returns between two beams on one pillar
 
 

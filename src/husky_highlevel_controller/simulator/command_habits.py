@@ -16,7 +16,7 @@ SLOW_GAPS = 8
 LONGEST_GAP = 3.0  # [s] a sender with longer gaps does not count as slow, because a person may press keys
 ZEROS_TIME = 10.0  # [s] time with only zero commands after which they are reported
 ZEROS_COUNT = 20  # least number of commands in ZEROS_TIME that are reported
-# [s] time after which it is reported that zero commands on a topic of higher priority overrule another node
+# [s] a node is reported if its zero commands, on a topic of higher priority, overrule another node this long
 OVERRULED_TIME = 2.0
 
 

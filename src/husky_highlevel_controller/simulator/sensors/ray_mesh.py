@@ -92,7 +92,7 @@ def _segments(
     corners = corners[(lone + np.arange(3)[:, None]) % 3, np.arange(len(cut))]
     first, second, third = heights[corners]
     x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))  # (3, K) each [m]
-    # the plane cuts the two edges from this corner, at these fractions of their length
+    # two edges begin at the first corner; the plane crosses them at these fractions of their length
     to_second, to_third = first / (first - second), first / (first - third)
     start = np.array([each[0] + to_second * (each[1] - each[0]) for each in (x, y)])
     end = np.array([each[0] + to_third * (each[2] - each[0]) for each in (x, y)])
