@@ -126,22 +126,25 @@ class ServiceWatch(Watch):
 
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
         """Take the answer of the last call, or make the next one; return why the plan is done, if it is."""
+        # a type may be unknown at first, so the types are asked for at each look
         self._types.update(self._ros.service_types(state.services))
         if self._waiting_call:
             answer = self._ros.answer()
-            if answer is None:
+            if answer is None:  # the call still waits, so the run goes on
                 return None
             self._calls.append(
                 replace(self._waiting_call, success=answer.success, answer=answer.text, answered_at=state.now)
             )
             self._plan.answered(state.now)
             self._waiting_call = None
+        # names of start/stop services
         names = [name for name, kind in self._types.items() if kind == SET_BOOL]
         value = self._plan.due(state.now, state.speed) if names else None
         if value is None:
             return self._plan.reason(state.now, bool(names))
+        # success, answer and time of the answer are not known yet
         self._waiting_call = Call(state.now, value, False, "", state.now)
-        self._ros.call(min(names), value)
+        self._ros.call(min(names), value)  # the first name, so that all calls go to the same service
         return None
 
     def has_silenced(self, last_command: float) -> bool:
@@ -185,28 +188,28 @@ def judge_calls(recording: Recording) -> List[Item]:
     """
     stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
     start = replace(stop, name=ITEMS[1], hint=START)
-    offered = recording.watched_as(ServiceCalls)
+    offered = recording.watched_as(ServiceCalls)  # the services, and our calls of them
     if not offered.calls:
         return _judge_no_calls([stop, start], recording, offered)
-    name = offered.services[0] if offered.services else "its service"
-    effects = _effects(recording, offered.calls)
+    service = offered.services[0] if offered.services else "its service"  # name for the sentences
+    effects = _effects(recording, offered.calls)  # speeds before and after each call
     if not effects:
-        evidence = by_hand(f"{name}: the run ended before the effect of a call could be seen")
+        evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
-        return _judge_no_stop(stop, start, name, calls_while_driving, offered.callers)
-    stop_value = _stopping_value(effects)
-    stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stop_value])
+        return _judge_no_stop(stop, start, service, calls_while_driving, offered.callers)
+    stop_value = _stopping_value(effects)  # value of the request that stops the robot
+    stop = _judge_stops(stop, service, [effect for effect in effects if effect.call.data is stop_value])
     if not calls_while_driving:
-        return [stop, _judge_starts_from_rest(start, name, recording, effects)]
+        return [stop, _judge_starts_from_rest(start, service, recording, effects)]
     # a start counts only if the robot stood because the call before had stopped it
     starts = [
         effect
         for previous, effect in zip(effects, effects[1:])
         if effect.call.data is not stop_value and previous.stopped
     ]
-    return [stop, _judge_starts(start, name, starts)]
+    return [stop, _judge_starts(start, service, starts)]
 
 
 def _judge_no_calls(items: Sequence[Item], recording: Recording, offered: ServiceCalls) -> List[Item]:
@@ -224,19 +227,19 @@ def _judge_no_calls(items: Sequence[Item], recording: Recording, offered: Servic
 
 
 def _judge_no_stop(
-    stop: Item, start: Item, name: str, effects: Sequence[Effect], callers: Mapping[str, int]
+    stop: Item, start: Item, service: str, effects: Sequence[Effect], callers: Mapping[str, int]
 ) -> List[Item]:
     """Return both items of a robot that drives on after every call, whichever value the call has.
 
     Args:
         stop: item on stops, without evidence.
         start: item on starts, without evidence.
-        name: name of the service.
+        service: name of the service.
         effects: effects of the calls to a driving robot, at least one.
         callers: lookups of the service by each node; a node with MANY of them also calls the service.
     """
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
-    evidence, hint = f"{name}: neither value stops it: {', '.join(speeds)}", NEITHER
+    evidence, hint = f"{service}: neither value stops it: {', '.join(speeds)}", NEITHER
     first_call = effects[0].call
     if first_call.answer and not first_call.success:
         evidence += f" ({first_call.answer})"
@@ -248,7 +251,7 @@ def _judge_no_stop(
         hint = OTHER_CALLER
     return [
         replace(stop, evidence=evidence, at=first_call.at, hint=hint),
-        replace(start, evidence=f"{name}: no call had stopped it, so none could start it", hint=hint),
+        replace(start, evidence=f"{service}: no call had stopped it, so none could start it", hint=hint),
     ]
 
 
@@ -295,22 +298,36 @@ def _judge_stops(item: Item, service: str, effects: Sequence[Effect]) -> Item:
     return _with_points(item, f"{service}: stands", while_driving, failures)
 
 
-def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
-    """Return the item on starts, by the effects of calls to a robot that an earlier call had stopped."""
+def _judge_starts(item: Item, service: str, effects: Sequence[Effect]) -> Item:
+    """Return the item on starts, by the effects of calls to a robot that an earlier call had stopped.
+
+    `service` is the name of the service.
+    """
     if not effects:
-        return replace(item, evidence=f"{name}: no call had stopped it, so none could start it again")
+        return replace(item, evidence=f"{service}: no call had stopped it, so none could start it again")
     failures = [effect for effect in effects if effect.after < FAST]
-    return _with_points(item, f"{name}: drives", effects, failures)
+    return _with_points(item, f"{service}: drives", effects, failures)
 
 
-def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects: Sequence[Effect]) -> Item:
-    """Return the item of a robot that stood before every call."""
+def _judge_starts_from_rest(
+    item: Item, service: str, recording: Recording, effects: Sequence[Effect]
+) -> Item:
+    """Return the item on starts for a robot that stood before every call.
+
+    A robot that drives only after a call may obey the service, so a person grades it.
+
+    Args:
+        item: item on starts, without evidence.
+        service: name of the service.
+        recording: recording of the run.
+        effects: effects of all calls.
+    """
     if any(effect.after >= FAST for effect in effects):
-        evidence = by_hand(f"{name}: it drives after a call, but no call had stopped it before")
+        evidence = by_hand(f"{service}: it drives after a call, but no call had stopped it before")
         return replace(item, points=None, evidence=evidence)
     if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
-        return with_cause(item, f"{name}: it never drives", first_cause(recording))
-    evidence = by_hand(f"{name}: it had stopped by itself before the first call")
+        return with_cause(item, f"{service}: it never drives", first_cause(recording))
+    evidence = by_hand(f"{service}: it had stopped by itself before the first call")
     return replace(item, points=None, evidence=evidence)
 
 

@@ -39,9 +39,9 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
         root: folder in which the configuration must be; None for any folder.
         launch_file: path of the launch file that is started; empty for a node.
     """
-    planned = _without_the_simulators(planned)
-    remaps: Sequence[Tuple[str, str]] = ()
-    missing = ""
+    planned = _without_our_rviz_nodes(planned)
+    remaps: Sequence[Tuple[str, str]] = ()  # topic in the configuration, and topic that replaces it
+    missing = ""  # path of a configuration that the rviz node names, but that was not handed in
     for node in planned.rviz[:1]:
         remaps = node.remap
         path = _display_config(node.args)
@@ -68,6 +68,7 @@ def _config_in_package(
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
+        # launch files that name .rviz files, by the names of these files
         owners = _named_by_others(folder, launch_file, not planned.rviz)
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
@@ -79,14 +80,19 @@ def _config_in_package(
     return max(configs, key=_count_needed_displays, default=None)
 
 
-def _without_the_simulators(planned: Plan) -> Plan:
-    """Return a plan without the rviz node of our simulator.launch, unless our own package is graded."""
-    share = share_folder()
+def _without_our_rviz_nodes(planned: Plan) -> Plan:
+    """Return a plan without the rviz nodes whose configuration is a file of our package.
+
+    A submission that includes our simulator.launch starts such a node. This configuration is not the
+    student's work, so it must get no points. But if our own package is graded, the configuration counts.
+    """
+    share = share_folder()  # folder of our package
     # the file package.xml is compared, because the package's folder in the workspace of ./dev contains links
     if planned.package_path and is_below(planned.package_path / "package.xml", share):
         return planned
-    paths = [(node, _display_config(node.args)) for node in planned.rviz]
-    return replace(planned, rviz=tuple(node for node, path in paths if not (path and is_below(path, share))))
+    nodes_and_paths = [(node, _display_config(node.args)) for node in planned.rviz]
+    students_nodes = [node for node, path in nodes_and_paths if not (path and is_below(path, share))]
+    return replace(planned, rviz=tuple(students_nodes))
 
 
 def _count_needed_displays(config: RvizConfig) -> int:

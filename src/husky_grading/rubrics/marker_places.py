@@ -35,6 +35,7 @@ from husky_highlevel_controller.robot import load_robot
 # [m] a shape that touches the pillar scores only if its middle is at most this far from the axis
 LARGEST = 1.0
 TOUCHING = 0.5  # least score of a marker whose shape touches the pillar
+MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
 MOST = 0.5  # fraction of the drawn markers of a namespace that must be right at a moment
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
@@ -104,21 +105,45 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     moments = _moments(markers, scores)
     if not moments:
         return Placement(0.0, f"{title}: deleted as soon as it has come", first.at, Kind.DELETED)
-    groups = _by_axis(recording, moments, rules)
+    groups = _by_direction(recording, moments, rules)
     score = _score(groups)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
-    evidence = f"{title}: right {100.0 * _time_fraction(moments, 1.0):.0f} % of the time"
+    # a marker is right if it has the full score 1; a marker near enough for points has a score above 0
+    evidence = f"{title}: right {100.0 * _time_fraction(moments, at_least=1.0):.0f} % of the time"
     evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
     wrong = [marker for marker in added if scores[id(marker)] < 1.0]
     if not wrong:
         return Placement(score, evidence, first.at)
     if len(groups) > 1:
-        parts = [f"{100.0 * _time_fraction(group):.0f} % {axis}" for axis, group in groups.items()]
+        parts = [f"{100.0 * _time_fraction(group):.0f} % {direction}" for direction, group in groups.items()]
         evidence += f"; near enough for points: {', '.join(parts)}"
+    return _with_fault(recording, added, wrong, Placement(score, evidence, wrong[0].at), rules)
+
+
+def _with_fault(
+    recording: Recording,
+    added: Sequence[MarkerSample],
+    wrong: Sequence[MarkerSample],
+    placement: Placement,
+    rules: Rules,
+) -> Placement:
+    """Return a placement with the fault that most wrong markers have, and with the first wrong marker.
+
+    Args:
+        recording: recording of the run.
+        added: all markers that are judged together.
+        wrong: markers among them with a score below 1, at least one.
+        placement: placement without a fault.
+        rules: rules of the rubric.
+    """
+    score, evidence = placement.score, placement.evidence
     fault = find_fault(recording, wrong, len(wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
+        # While the pillar is ahead, mirrored markers are near it and get points. But the sign of y is wrong
+        # all the time, so the score is at most half. Fewer than FEW markers off the axis are too few to judge
+        # the sign.
         if len(off_axis(recording, wrong, rules)) >= FEW:
-            score = min(score, 0.5)
+            score = min(score, MOST_IF_MIRRORED)
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
         why = ", because this lidar is mounted upside down" if upside_down else ""
         evidence = f"mirrored: y has the wrong sign{why}; {evidence}"
@@ -134,9 +159,9 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         namespaces = {(marker.topic, marker.namespace) for marker in added}
         holder = f"{len(namespaces)} topics and namespaces"
         if len(namespaces) == 1:
-            holder = f"namespace '{first.namespace}'"
+            holder = f"namespace '{added[0].namespace}'"
         evidence += f"; {len(identities)} markers in {holder}, and half of the drawn ones must be right"
-    return Placement(score, evidence, wrong[0].at, fault)
+    return Placement(score, evidence, placement.at, fault)
 
 
 def _moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
@@ -183,21 +208,24 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     return np.array(sorted(rows, key=lambda row: row[2])).T
 
 
-def _by_axis(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
-    """Return the moments in two groups: with the pillar ahead, on the robot's axis, and with it to the side.
+def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
+    """Return the moments in two groups, by the direction in which the robot has the pillar: aside or ahead.
 
-    A group of fewer than FEW moments is left out. If both groups are so small, all moments are one group.
+    The pillar is ahead while it is on the robot's x axis, where a mirrored marker is right, too. The keys are
+    words for a sentence. A group of fewer than FEW moments is left out. If both groups are so small, all
+    moments are one group, with an empty key.
     """
     aside: List[Moment] = []
     ahead: List[Moment] = []
     for moment in moments:
         _, bearing = pillar_from_robot(recording, moment.at)
+        # a pillar behind the robot is on the axis, too, but counts as aside
         if abs(bearing) > 0.5 * pi or is_off_axis(recording, moment.at, rules):
             aside.append(moment)
         else:
             ahead.append(moment)
     groups = {"with the pillar to the side": aside, "with it ahead": ahead}
-    large = {axis: group for axis, group in groups.items() if len(group) >= FEW}
+    large = {direction: group for direction, group in groups.items() if len(group) >= FEW}
     return large or {"": list(moments)}
 
 
@@ -219,17 +247,17 @@ def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
     counts as half of the time at most, because there a wrong sign of y makes no difference.
 
     Args:
-        groups: result of `_by_axis`, so the moments with the pillar to the side come first.
+        groups: result of `_by_direction`, so the moments with the pillar to the side come first.
     """
     right = [moment for group in groups.values() for moment in group if moment.score > 0.0]
     if not right:
         return 0.0
     mean_score = sum(each.seconds * each.score for each in right) / _seconds(right)
-    right_fraction, *others = [_time_fraction(group) for group in groups.values()]
-    if others:
+    right_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
+    if fractions_ahead:  # the second of two groups has the pillar ahead
         aside, ahead = map(_seconds, groups.values())
         weight_ahead = min(ahead / (aside + ahead), 0.5)
-        right_fraction += weight_ahead * (others[0] - right_fraction)
+        right_fraction += weight_ahead * (fractions_ahead[0] - right_fraction)  # weighted mean of both groups
     return mean_score * min(max((right_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
 
@@ -247,6 +275,7 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
     touches = marker.reach <= size.radius
+    # the shape of a huge marker touches the pillar from anywhere, so its middle must be near, too
     if touches and distance <= LARGEST + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
     return min(max(score, 0.0), 1.0) * height_score(marker, size.height)
