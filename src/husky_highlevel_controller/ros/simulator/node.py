@@ -79,6 +79,7 @@ class SimulatorNode:
         Raises:
             HuskyError: a parameter, the world or the robot description cannot be used.
         """
+        # start: world, start pose and pace; config: rates, robot and sensors; camera: the depth camera
         start, config, camera = read_parameters()
         self._start, self._paused = start, start.paused
         # latched, so that a page that starts later knows whether the world is paused
@@ -91,6 +92,7 @@ class SimulatorNode:
                 f"{rospy.get_name()}/lockstep = True, but the robot has no lidar, and lockstep waits for "
                 "answers to its scans: let laser_enabled be true, or lockstep false"
             )
+        # config.real is None for the robot of Gazebo; only the base of a real Husky publishes its status
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
         self._has_fallen = False
@@ -102,13 +104,18 @@ class SimulatorNode:
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
+            # tells whether the nodes that read the scans or the clock have finished their work
             Listeners(self._publishers.scan, self._publishers.clock),
+            # the recorder of a graded run gets a line about each scan that was not answered
             self._publishers.truth_log.write_line,
         )
+        # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
         self._findings = Findings()
         self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
+        # if the ROS master loses this node, no new program can stop the robot, so all commands are refused
         self._registration = RegistrationWatch(self._commands.refuse)
+        # the recorder of a graded run gets a line about each call of a service that changes the world
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services(config.robot.name)
         ignored_variables = variables_without_effect(os.environ)
@@ -131,28 +138,17 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down.
 
-        Before time begins, the node waits for RViz and, in lockstep or at unlimited pace, for the other nodes
-        of the launch. During a pause, it serves calls and repeats /clock for nodes that start then.
+        Simulated time begins when the other nodes are there. During a pause, the node serves calls and
+        repeats /clock for nodes that start then.
         """
         publishers, simulation = self._publishers, self._simulation
-        filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
-        findings = self._findings
-        markers = None if publishers.is_graded else MarkerFrames(publishers.frames, findings.tell)
-        GraphWatch(lambda: simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
-        self._registration.start()
-        others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
-        partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
-        if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
-            # the wait for RViz comes first, because `partners` includes the connections of RViz
-            self._wait_for_rviz()
-        if self._start.lockstep:
-            self._lockstep.wait_for_partners(partners, self._serve_while_time_waits)
-            publishers.truth_log.wait_to_begin(self._serve_while_time_waits)
-        elif self._start.real_time_factor == 0.0 and not self._paused:
-            self._wait_for_launch(partners)
-        self._follow_wall_time()
+        self._watch_other_nodes()
+        self._wait_for_other_nodes()
+        self._use_wall_time_if_not_simulated()
         if self._paused:
-            self._publishers.keep(simulation.at_start())
+            # no step is made during the pause, so RViz and other new subscribers get the scan and transforms
+            # of the start
+            publishers.keep(simulation.at_start())
         begin = simulation.stamp
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
@@ -172,8 +168,36 @@ class SimulatorNode:
             self._camera.close()
         simulation.close()
 
-    def _follow_wall_time(self) -> None:
-        """Let stamps be wall time if the nodes do not use simulated time.
+    def _watch_other_nodes(self) -> None:
+        """Start the threads that look for mistakes in the ROS graph, and for the loss of the registration."""
+        publishers, findings = self._publishers, self._findings
+        # if another node of the launch estimates the pose, this node ends its own odometry and transform
+        filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
+        # a submission that is graded gets no hints on its markers
+        markers = None if publishers.is_graded else MarkerFrames(publishers.frames, findings.tell)
+        GraphWatch(lambda: self._simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
+        self._registration.start()
+
+    def _wait_for_other_nodes(self) -> None:
+        """Wait for the nodes that would miss the begin of simulated time.
+
+        RViz shows the begin of a run. In lockstep, or at unlimited speed, a controller that starts late would
+        miss the first scans. In lockstep, the recorder of a graded run must also be ready.
+        """
+        publishers = self._publishers
+        others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
+        partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
+        if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
+            # the wait for RViz comes first, because `partners` includes the connections of RViz
+            self._wait_for_rviz()
+        if self._start.lockstep:
+            self._lockstep.wait_for_partners(partners, self._serve_while_time_waits)
+            publishers.truth_log.wait_to_begin(self._serve_while_time_waits)
+        elif self._start.real_time_factor == 0.0 and not self._paused:
+            self._wait_for_launch(partners)
+
+    def _use_wall_time_if_not_simulated(self) -> None:
+        """Set the stamp of the simulation to the wall time if the nodes do not use simulated time.
 
         Other nodes then ask TF for transforms at the present wall time.
         """
@@ -261,9 +285,10 @@ class SimulatorNode:
         if snapshot.odometry is not None:
             self._notice_arrival(snapshot)
         if snapshot.scan is not None:
-            self._lead_limit.before_scan()
-            self._lockstep.begin_scan()
-        tells_time = self._publishers.publish(snapshot, self._hold_tick)
+            self._lead_limit.before_scan()  # waits for a controller that has not answered the last scans
+            self._lockstep.begin_scan()  # commands that come after this call count as answers to this scan
+        # a tick is a step with a message on /clock
+        is_tick = self._publishers.publish(snapshot, self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
         self._gazebo.publish(snapshot)
         if snapshot.power is not None and self._status:
@@ -275,13 +300,16 @@ class SimulatorNode:
         if snapshot.scan is not None:
             self._lockstep.wait_for_answer(
                 self._serve_during_step,
+                # the first answer may be lost while connections are made, so the scan is sent again
                 resend=partial(self._publishers.publish_scan, snapshot.scan),
+                # a controller that sleeps by simulated time wakes only if the time goes on
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
-        return tells_time
+        return is_tick
 
     def _hold_tick(self) -> None:
         """Hold the clock at the tick that was just published, as long as lockstep requires it."""
+        # rospy.sleep may miss a tick, so lockstep can publish the same tick again
         again = partial(self._publishers.publish_clock, self._simulation.stamp)
         self._lockstep.tick(self._serve_during_step, again)
 
@@ -372,7 +400,7 @@ class SimulatorNode:
         """Pause or resume the world, and return a sentence with the time."""
         self._paused = paused
         self._paused_topic.publish(paused)
-        self._follow_wall_time()
+        self._use_wall_time_if_not_simulated()  # wall time has gone on during a pause
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:

@@ -51,9 +51,10 @@ class TruthLog:
             meanwhile()
 
     def write(self, snapshot: Snapshot) -> None:
-        """Write the true state, and wait until it is read.
+        """Write the true state, and wait until the reader has answered it.
 
-        A busy reader must not take what comes now for something later.
+        The reader gives each message of other nodes the time of the last true state that it has read. Without
+        the wait, a busy reader would give messages that come later a time that is too early.
         """
         if self.is_open:
             self.write_line("truth", snapshot.true_state.to_numbers())

@@ -168,10 +168,11 @@ def absent_services(master_uri: str) -> List[AbsentService]:
 
 
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
-    """Topics of a graph that are probably mistakes.
+    """Return the topics of a graph whose names are probably misspelt, with the names that are meant.
 
-    Such a topic has no other side, but a topic of the same type and almost the same name has one. Namespaces
-    of other robots and the topics of TOOLS are not mistakes.
+    A topic is misspelt if it has only publishers or only subscribers, and if the missing side uses a topic of
+    the same type and almost the same name. Namespaces of other robots and the topics of TOOLS are not
+    mistakes.
     """
     return [
         WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
@@ -182,7 +183,11 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 
 
 def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
-    """Yield nodes with a topic that no other side has: node, topic, whether it publishes, the other side."""
+    """Yield the nodes that publish a topic without subscribers, or subscribe to one without publishers.
+
+    A row is the node, the topic, whether the node publishes, and the nodes of the other side by topic. The
+    nodes of TOOLS are left out.
+    """
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     for publishes, nodes_by_topic, other_side in sides:
         for topic in sorted(nodes_by_topic):
