@@ -111,11 +111,13 @@ def _starts(
         Indices in `beams` at which bodies begin, and indices of single beams amid a body, which are to be
         omitted.
     """
+    # largest radius of the pillar, and largest difference in range that noise makes [m]
     radius, noise = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def on_two_bodies(left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Mask of pairs of beams, by their indices in `beams`, that cannot be on one pillar."""
-        between = beams[right] - beams[left]
+        between = beams[right] - beams[left]  # number of steps between the two beams of a pair
+        # distance between the two beams at the shorter range [m], which may be negative if range_min is
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
         # with a spacing of a radius or more, the ranges of neighbouring beams may differ by a whole radius
         spacing = np.minimum(spacing, radius)
@@ -125,10 +127,11 @@ def _starts(
         return different
 
     # most neighbouring beams differ only by noise, and need no exact test
+    # `left` has the index of the first beam of each pair of neighbours that needs a test
     (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):
         return np.array((0,)), left
-    breaks = left[on_two_bodies(left, left + 1)] + 1
+    breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which a body other than the first begins
     # a body that only one beam meets belongs to another body if the beams on its two sides meet one body
     single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
     return np.concatenate(((0,), breaks)), single[~on_two_bodies(single - 1, single + 1)]
@@ -181,26 +184,32 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
     """
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
+    # too many beams pass through the circle, compared with the beams that lie on it
     if missing > beams // 10:
         return False
-    noise = beams * config.range_noise**2
+    noise = beams * config.range_noise**2  # [m^2] sum of squared errors that noise alone makes
 
-    def loses(error_of_rival: Callable[[Segment], float], parameters: int, odds: float) -> bool:
-        """Return whether a rival shape with so many parameters leads by `odds` or more, see LINE_ODDS."""
+    def beats_circle(error_of_rival: Callable[[Segment], float], parameters: int, odds: float) -> bool:
+        """Return whether a rival shape wins, because its lead over the circle is `odds` or more.
+
+        `error_of_rival` fits the rival to a segment and returns the sum of its squared errors [m^2]. The
+        rival has so many `parameters`. LINE_ODDS defines the lead.
+        """
 
         def lead(sum_squared_error: float) -> float:
-            """Lead of a rival with this error over the circle, see LINE_ODDS."""
+            """Lead over the circle of a rival with this sum of squared errors [m^2]."""
             return max(beams - parameters, 1) * log(
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        # if the circle wins even against a shape with an error of 0, the other shape need not be fitted
+        # if the circle wins even against a rival without any error, the rival need not be fitted
         return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
 
-    if loses(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
+    # with hidden beams the circle must lead by HIDDEN_ODDS, which is a negative lead of the line
+    if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
         return False
     # a corner explains five beams or fewer without error, so it proves nothing
-    return beams <= 5 or not loses(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
+    return beams <= 5 or not beats_circle(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
 
 
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
@@ -214,23 +223,26 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     # either side is checked, from `first` to `last`
     inner_radius = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
-    centre = (
-        segment.middle + atan2(circle.y, circle.x) / segment.step
-    )  # index of the beam towards the centre, with a fraction
-    half_width, slack = half_angle / step + 1.0, 4.0 * config.max_residual
+    # index of the beam towards the centre, with a fraction
+    centre = segment.middle + atan2(circle.y, circle.x) / segment.step
+    half_width = half_angle / step + 1.0  # number of beams on either side of the centre
+    slack = 4.0 * config.max_residual  # [m] largest difference from the expected range that counts as a hit
     first, last = ceil(centre - half_width), floor(centre + half_width)
     # the beams of the segment itself need no check if the root of the sum of all squared errors is small
     is_own = np.zeros(len(scan.ranges), dtype=bool)
     if circle.sum_squared_error < slack**2:
         is_own[beams] = True
+    # indices of the other beams from `first` to `last`, without indices beyond the ends of the scan
     others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
     # a beam beyond either end of the scan counts as hidden
     missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
     if len(others):
         angle = (others - centre) * step  # [rad] angle from the direction of the centre
+        # a beam passes the centre at `across`, and meets the circle `depth` before it is beside the centre
         across, square = distance * np.sin(angle), circle.radius * circle.radius
         depth = np.sqrt(square - np.minimum(across * across, square))
-        excess = scan.returns[others] - distance * np.cos(angle) + depth  # [m] range beyond the circle
+        # [m] range beyond the circle; negative if the beam ends in front of the circle
+        excess = scan.returns[others] - distance * np.cos(angle) + depth
         missing = int(((np.abs(angle) <= half_angle) & (excess > slack)).sum())
         hidden += int((excess < -slack).sum())
     return missing, hidden

@@ -45,9 +45,11 @@ def search_on(
     outline: Footprint,
     config: ControlConfig,
 ) -> Tuple[Search, Twist2D]:
-    """Continue the search for a pillar: turn round, drive a leg of a square spiral, and turn round again.
+    """Continue the search for a pillar along a square spiral.
 
-    A leg ends early in front of an obstacle.
+    Before the first leg the robot turns once around to look. At the end of a leg it turns once around to
+    look, and a quarter turn more to the next side of the square. All turns are to the left. A leg ends early
+    in front of an obstacle. Then the robot turns only to the next side, without the look around.
 
     Args:
         search: result of the last call; Search() at first.
@@ -59,6 +61,7 @@ def search_on(
     Returns:
         The search for the next call, and the command.
     """
+    # motion since the last call, which shortens the remaining turn or leg
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
@@ -71,9 +74,10 @@ def search_on(
         length = config.search_radius_step * (1 + search.leg // 2)
         search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
     search = search._replace(to_drive=search.to_drive - driven)
-    # the leg has ended, so the robot turns to look around, and then faces the next side of the square
+    # the leg has its full length, so the robot turns to look around, and then faces the next side
     if search.to_drive <= 0.0:
         return search._replace(to_turn=_FULL_TURN + _QUARTER_TURN), Twist2D()
+    # an obstacle ends the leg, so the robot only turns to the next side, where another leg begins
     if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
         return search._replace(to_drive=0.0, to_turn=_QUARTER_TURN), Twist2D()
     return search, Twist2D(SEARCH_SPEED, 0.0)

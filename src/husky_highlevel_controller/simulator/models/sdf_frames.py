@@ -17,14 +17,17 @@ from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 @dataclass
 class FrameScope:
-    """Frames of a world or model by name, each as a pose in that world or model."""
+    """Frames of a world or model by name, each as a pose in that world or model.
+
+    Its members are its links, the models in it and its <frame>s. The empty name means this world or model.
+    """
 
     holder: Node  # element of the world or model whose frames these are
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
     pose_in_outer: Optional[Pose] = None  # pose in `outer`; None until it is resolved
-    _resolved: Dict[str, Pose] = field(default_factory=dict)
-    # names of the frames whose poses are being resolved, outermost first
+    _resolved: Dict[str, Pose] = field(default_factory=dict)  # poses of members that are known so far
+    # names of the members whose poses are being resolved, outermost first
     _unfinished: List[str] = field(default_factory=list)
 
     @cached_property
@@ -34,7 +37,11 @@ class FrameScope:
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:
-        """<pose> of each link, model and frame by name, and the frame that it has if it names none."""
+        """Two entries for each member by its name: its <pose>, and the name of its default frame.
+
+        The <pose> is None if the member has none. The default frame counts if the <pose> names no frame. It
+        is `attached_to` of a <frame>, and otherwise empty, which means this world or model.
+        """
         members = {name: (model.child("pose"), "") for name, model in self._models.items()}
         for node in (*self.holder.children("link"), *self.holder.children("frame")):
             members[node.named()] = node.child("pose"), node.element.get("attached_to", "")
@@ -45,11 +52,11 @@ class FrameScope:
         return {name: FrameScope(model.node, name, self) for name, model in self._models.items()}
 
     def pose_of(self, pose: Optional[Node], default_frame: str = "") -> Pose:
-        """Return the pose of an element in this world or model, from its <pose>, if it has one.
+        """Return the pose of an element in this world or model.
 
         Args:
-            pose: the <pose>; None counts as the identity.
-            default_frame: frame of a <pose> that names none; empty for this world or model.
+            pose: <pose> of the element; None if it has none, so that it stands at the origin of its frame.
+            default_frame: name of the frame if the <pose> names none; empty for this world or model.
 
         Raises:
             WorldError: broken numbers, or frames that are relative to each other.
@@ -67,8 +74,8 @@ class FrameScope:
     def _find(self, name: str) -> Optional[Pose]:
         """Return the pose of a frame in this world or model; None if there is none of that name.
 
-        A name is a member of this world or model, the model itself, the world, or `MODEL::NAME` of a model
-        inside.
+        A member comes first. Other names are this world or model itself (empty, `__model__` or its own name),
+        `world`, and `MODEL::NAME`, which is NAME in the scope of the member MODEL.
         """
         if name in ("", "__model__"):
             return IDENTITY

@@ -65,7 +65,7 @@ def meet_mesh(
     offset = along_axes(laser, minus(mesh.position, origin))
     heights = mesh.vertices @ turned[2] + offset[2]
     # 3. the plane cuts the triangles that have corners on both sides
-    a, b, c = (heights > 0.0)[mesh.faces]
+    a, b, c = (heights > 0.0)[mesh.faces]  # (F,) each, whether a triangle's corner is above the plane
     cut = np.flatnonzero((a != b) | (b != c))
     if len(cut):
         ends = _segments(mesh, cut, heights, turned[:2], np.array(offset[:2]))
@@ -100,33 +100,47 @@ def _segments(
 
 
 def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: np.ndarray) -> None:
-    """Shorten the distances (N,) of the beams that meet line segments of ends (2, K) [m]."""
+    """Shorten the distances (N,) [m] of the beams that meet line segments, in place.
+
+    Args:
+        start: x and y of one end of each segment in the laser's frame, (2, K) [m].
+        end: x and y of the other end, (2, K) [m].
+        beams: beams in the laser's frame, by ascending bearing.
+        distances: distances of the beams.
+    """
     # bearings between which the beams may meet each segment [rad]
     start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
     low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
-    # a segment behind the laser may contain the angle +-pi, so it is split there, so it has beams at both
-    # ends of the scan
+    # a segment behind the laser may cross the bearing +-pi, so its beams are at both ends of the scan; it
+    # gets two entries, one from `high` to the last beam, and one from the first beam to `low`
     is_over_seam = high - low > pi
     segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_over_seam)])
     low, high = (
         np.concatenate([np.where(is_over_seam, high, low), np.full(is_over_seam.sum(), -inf)]),
         np.concatenate([np.where(is_over_seam, inf, high), low[is_over_seam]]),
     )
+    # bearings ascend, so the beams of an entry are neighbours
     first = beams.bearings.searchsorted(low - _SLACK)
     count = beams.bearings.searchsorted(high + _SLACK, side="right") - first
     met = np.flatnonzero(count)
     if not len(met):
         return
-    # pairs of a beam and a segment; the beam meets the segment's line where both cross
+    # pairs of a beam and a segment, (P,) each
     beam, segment = beams_of(first[met], count[met]), segment[met].repeat(count[met])
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]
+    # t direction = start + s along, multiplied by `along` as a cross product, gives the distance t
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
-    entries[entries < 0.0] = inf
+    entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
+    # a beam along its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because beams repeat
     np.fmin.at(distances, beam, entries)
 
 
 def beams_of(first: Indices, count: Indices) -> Indices:
-    """Every beam of every shape, (P,), of the first and the number of beams that each shape may meet."""
+    """Return the beams of all shapes, shape by shape, (P,).
+
+    Each shape has `count` neighbouring beams from its beam `first` on, (K,) each. For example, first = (5, 9)
+    and count = (2, 3) give (5, 6, 9, 10, 11).
+    """
     ends = count.cumsum()
     return np.arange(ends[-1]) + (first - ends + count).repeat(count)

@@ -25,7 +25,11 @@ Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
 
 def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Rows and numbers of a box for `_enter_box`: the slab method along each of its axes."""
+    """Rows and numbers of a box for `_enter_box`, three of each kind, one for each axis of the box.
+
+    A box is the intersection of three slabs. The rows are the x and y of the axes. The numbers are the centre
+    along each axis, half of each edge, and how deep the laser is inside each slab (negative outside).
+    """
     x, y, z = axes
     a, b, c = size
     i, j, k = dot(center, x), dot(center, y), dot(center, z)
@@ -81,13 +85,21 @@ def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarr
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Rows and numbers of a sphere for `_enter_sphere`."""
+    """Terms of |t d - c| = radius, for a beam d = (d_x, d_y, 0) and the centre c = (x, y, z).
+
+    With ahead = d.c and aside = d_x y - d_y x, ahead^2 + aside^2 = x^2 + y^2, so the equation becomes
+    (t - ahead)^2 = radius^2 - z^2 - aside^2. The rows give aside and ahead, and the number is radius^2 - z^2.
+    """
     x, y, z = center
     return ((y, -x), (x, y)), (size[0] * size[0] - z * z,)
 
 
 def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter a sphere: `ahead` to the point nearest to its centre, minus the root."""
+    """Distances t = ahead - root at which beams enter a sphere; they leave it at ahead + root.
+
+    The point of a beam that is nearest to the centre is at the distance `ahead`, and half of the beam's way
+    through the sphere is `root`, by the equation of `_prepare_sphere`. The root is nan if the beam misses.
+    """
     aside, ahead = along
     root = np.sqrt(numbers[0] - aside * aside)
     return _entries(ahead - root, ahead + root)

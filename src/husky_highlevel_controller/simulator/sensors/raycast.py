@@ -143,13 +143,13 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    farthest = 0.0
+    farthest = 0.0  # upper bound of all distances that follow; beyond `max_range` they are cut at the end
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
         # if the plane is farther, no beam can reach it, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
             along = height / np.dot((x, y), beams.directions)
-            along[along < 0.0] = inf
+            along[along < 0.0] = inf  # the plane is behind the laser
             np.fmin(distances, along, out=distances)
             farthest = inf
     if scene.has_many:
@@ -171,7 +171,9 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
 def _meet_one(
     solid: RaySolid, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
 ) -> float:
-    r"""Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m].
+    r"""Shorten the distances (N,) [m] of the beams that meet a solid, in place.
+
+    The result is an upper bound of the distances at which beams meet the solid [m]; 0 if none can.
 
     The ball around the shape, seen from above: the scan plane cuts it in a circle round (x, y)::
 
@@ -190,20 +192,21 @@ def _meet_one(
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
     # 3. terms that do not depend on the beam
-    needed, prepare, enter = FORMULAS[solid.kind]
-    axes = [along_axes(laser, axis) for axis in solid.axes[needed]]
-    prepared = prepare(center, axes, solid.size)
-    rows, numbers = np.array(prepared[0]), np.array(prepared[1])[:, None]
+    needed_axes, prepare, enter = FORMULAS[solid.kind]
+    axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
+    row_terms, number_terms = prepare(center, axes, solid.size)
+    rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
     if solid.kind == CYLINDER and flat > radius:
-        u, v, _ = axes[0]
-        # the farthest beam point departs from the middle of the axis by at most this much along the axis
-        if abs(dot(center, axes[0])) + hypot(u, v) * farthest <= solid.size[2]:
+        ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
+        # if no point of a beam up to `farthest` lies beyond an end of the cylinder, the ends need no test;
+        # measured along the axis from the middle of the cylinder, such a point is at most this far
+        if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= solid.size[2]:
             enter = enter_flank
     # 4. the beams towards the circle; all beams if the laser is inside the circle
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
         met = distances[first:last]
-        np.fmin(met, entries, out=met)
+        np.fmin(met, entries, out=met)  # `fmin` ignores nan, which means that the beam misses
     return farthest
 
 
@@ -240,18 +243,24 @@ def _meet_many(
         max_range: farther solids are skipped [m].
         distances: distances of the beams (N,) [m], changed in place.
     """
-    centers = (scene.positions - origin) @ laser.T  # centres in the laser's frame
-    near, first, count = _candidates(centers, scene.bounds, beams.bearings, max_range)
-    kinds = scene.kinds[near]
-    for kind, (needed, prepare, enter) in enumerate(FORMULAS):
-        rows_of_kind = np.flatnonzero(kinds == kind)
-        if len(rows_of_kind):
-            solid, beams_each = near[rows_of_kind], count[rows_of_kind]
-            beam = beams_of(first[rows_of_kind], beams_each)
-            axes = (scene.axes[solid, needed] @ laser.T).transpose(1, 2, 0)
+    centers = (scene.positions - origin) @ laser.T  # (M, 3) centres in the laser's frame
+    # each candidate is a solid, with the first beam and the number of beams that may meet it
+    solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
+    kinds = scene.kinds[solids]
+    # the formula of a kind has a slice of the axes that it needs, and two functions, see `ray_shapes`
+    for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
+        chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
+        if len(chosen):
+            solid, beams_each = solids[chosen], beam_counts[chosen]
+            # the K candidates have P pairs of a solid and a beam in all; `beam` has the beam of each pair
+            beam = beams_of(first_beams[chosen], beams_each)
+            # axes in the laser's frame, from (K, axis, xyz) to (axis, xyz, K), as `prepare` takes them
+            axes = (scene.axes[solid, needed_axes] @ laser.T).transpose(1, 2, 0)
             prepared = prepare(centers[solid].T, axes, scene.sizes[solid].T)
+            # the terms of each solid are repeated for each of its beams, from (..., K) to (..., P)
             rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)
             x, y = beams.directions[:, beam]
+            # `fmin` ignores nan, which means that the beam misses; `at` is needed because beams repeat
             np.fmin.at(distances, beam, enter(rows[:, 0] * x + rows[:, 1] * y, numbers))
 
 
@@ -267,15 +276,17 @@ def _candidates(
         max_range: farther balls are skipped [m].
 
     Returns:
-        For each of K ranges of beams: the solid, its first beam, and the number of beams. A solid behind the
-        laser may appear twice.
+        Three arrays with an entry for each candidate: the solid, the first beam that may meet it, and the
+        number of neighbouring beams that may. A solid behind the laser may be two candidates, because it has
+        beams at both ends of the scan.
     """
     # the scan plane cuts a ball in a circle of this squared radius, which is negative if it misses the ball
     x, y, height = centers.T
     distance, square = np.hypot(x, y), bounds * bounds - height * height
-    near = np.flatnonzero((square >= 0.0) & (distance - bounds <= max_range))
+    near = np.flatnonzero((square >= 0.0) & (distance - bounds <= max_range))  # indices of solids
     distance, radius = distance[near], np.sqrt(square[near])
     # bearings of the two edges of each circle, seen from the laser [rad]
+    # 1e-9 rad more, so that rounding loses no beam that touches the edge
     half_angle = np.arcsin(np.minimum(radius / distance, 1.0)) + 1e-9
     half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
     middle = np.arctan2(y[near], x[near])
@@ -285,6 +296,7 @@ def _candidates(
         if len(over):
             near = np.concatenate([near, near[over]])
             low, high = (np.concatenate([edge, edge[over] + turn]) for edge in (low, high))
+    # bearings ascend, so the beams from `low` to `high` are neighbours
     first = bearings.searchsorted(low)
     count = bearings.searchsorted(high, side="right") - first
     met = np.flatnonzero(count)
