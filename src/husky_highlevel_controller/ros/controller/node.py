@@ -81,8 +81,10 @@ class ControllerNode:
         Raises:
             ConfigError: a parameter is not valid.
         """
+        # parameters
         namespace = rospy.get_name() + "/"
         values, robot = parameters_and_robot()
+        # topic: topic and queue of the scans; switch: the start/stop service; control: gains and limits
         topic, switch, control, detector_config = read_config(
             values, namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
         )
@@ -91,30 +93,46 @@ class ControllerNode:
             raise ConfigError(
                 f"{namespace}start_stop_service_name = {service!r} is not a valid ROS name; use '~start_stop'"
             )
-        self._enabled = switch.start_enabled
-        self._controller_state = ControllerState()
+
+        # memory of the controller
+        self._enabled = switch.start_enabled  # true while the robot may drive
+        self._controller_state = ControllerState()  # memory of `decide`, which computes the commands
         # lock that is held during a decision and during a stop, so that no command follows the zero command
         # of a stop
         self._decision_lock = threading.Lock()
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
-        self._pillar_status, self._reason = "unknown", ""  # "seen", "remembered" or "unknown"; last reason
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
-        self._scan_stamps: Deque[float] = deque(maxlen=RATE_SCANS)
+
+        # figures for the status on /diagnostics
+        self._pillar_status, self._reason = "unknown", ""  # "seen", "remembered" or "unknown"; last reason
+        self._scan_stamps: Deque[float] = deque(maxlen=RATE_SCANS)  # [s] stamps of the last answered scans
+        # frame of the last scan; sentence on its fault, empty for a valid scan
         self._scan_frame, self._scan_fault = "", ""
+        # stamp of the last scan, its age when it came, and stamp of the last new transform odom -> base_link
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
         self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
         self._tf_time: Optional[float] = None  # [s] ROS time of the last new transform odom -> base_link
+
+        # commands, and the causes why the robot does not follow them or no scans come
         self._command_publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        # memory of whether the robot follows the commands; last command
         self._obedience, self._last_command = Obedience(), STOP
+        # finds the reason why the robot does not follow commands; the reason is empty while it follows them
         self._disobedience, self._disobedience_reason = Disobedience(robot, self._command_publisher), ""
         self._scan_absence = ScanAbsence(rospy.resolve_name(topic.scan_topic_name))
         self._absence_reason = ""  # sentence on why no scans come
+
+        # other outputs
         self._arrived_publisher = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display(robot)
-        self._tuning = ReconfigureServer(tunable, control, detector_config)
+        self._tuning = ReconfigureServer(tunable, control, detector_config)  # may change gains during the run
         self._diagnostics = Diagnostics(self._examine)
+        # stands still if the ROS master loses this node, because no new program could then stop the robot
         self._registration = RegistrationWatch(self._stand_still)
+
+        # inputs, after everything that their callbacks use
         transforms = tf2_ros.Buffer()
+        # holds a scan until TF has the pose of its stamp, and then calls `_answer`
         self._placement = ScanPlacement(transforms, self._answer, robot.footprint)
         self._listener = Listener(transforms, self._placement)
         rospy.on_shutdown(self._stop)
@@ -226,6 +244,9 @@ class ControllerNode:
         """Answer one scan with a velocity command, then log and show the answer. One thread at a time.
 
         If the decision raises, the robot stops, and the error goes on to the caller.
+
+        Args:
+            observation: the scan, and the poses of lidar and robot at its stamp.
         """
         with self._decision_lock:
             control, detector_config = self._tuning.records
@@ -263,7 +284,7 @@ class ControllerNode:
         The smallest range is the first number of its line, because the exercise sheet asks for it.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
-        if observation.ahead_of_odometry > 0.0:
+        if observation.ahead_of_odometry > 0.0:  # the clock of the lidar is not odometry's clock
             rospy.logwarn_throttle(
                 REPORT_PERIOD, clock_sentence("scans are", observation.ahead_of_odometry, "odometry")
             )
@@ -277,6 +298,7 @@ class ControllerNode:
                 f"scan {scan.stamp:.2f}: {state.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
                 f"{_scan_summary(scan, pillar)}; {output.reason}"
             )
+        # a change of the state, or of the stage of the search
         has_new_stage = _stage(self._controller_state) != _stage(before)
         waits_for_new_reason = state is State.WAITING and output.reason != self._reason
         self._reason = output.reason
@@ -302,6 +324,7 @@ class ControllerNode:
             control: gains and limits of the answer.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
+        # the robot was at the pillar before it was stopped and started, so it has not driven
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
@@ -329,8 +352,9 @@ class ControllerNode:
     def _examine(self, paused: bool) -> Health:
         """Return the figures for /diagnostics; `paused` says whether simulated time stands still."""
         now, stamps = rospy.get_time(), list(self._scan_stamps)
+        # the latest transform shows whether odometry still comes, and how old it is
         latest = self._placement.lookup(ODOM, BASE)
-        tf_stamp = now
+        tf_stamp = now  # gives the age 0 to a transform that is missing or fixed
         if latest is None:
             self._tf_time = None
         elif latest.header.stamp.is_zero():  # a fixed transform counts as a new one
@@ -339,6 +363,7 @@ class ControllerNode:
             tf_stamp = latest.header.stamp.to_sec()
             if tf_stamp != self._tf_stamp:
                 self._tf_time, self._tf_stamp = now, tf_stamp
+        # [s] time between the first and the last of these scans
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         return Health(
             paused=paused,

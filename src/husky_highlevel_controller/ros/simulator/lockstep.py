@@ -186,6 +186,7 @@ class Lockstep:
         """
         may_nudge = self._has_commanded  # true after the first command of the run
         waiting_since = time.monotonic()  # begin of the wait, or of the wait after the last repetition
+        # after the first command of the run, no scan is sent again; before it, the clock is not nudged
         is_resent, is_nudged = self._has_commanded, not self._has_commanded
 
         def is_over() -> bool:

@@ -49,7 +49,7 @@ class Publishers:
         wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(wheel_rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        # [s] longest time between two messages on /clock
+        # [s] shortest time between two messages on /clock, which come with each state and with each scan
         self._clock_period = gcd(self.state_steps, scan_steps) / config.physics_rate
 
         # memory of what was published
@@ -69,11 +69,12 @@ class Publishers:
 
         # transforms
         self._wheels = robot.wheels
-        # names of all frames that this node publishes in TF
+        # names of all frames that this node publishes in TF, for the check of other nodes' markers
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
-        # messages by what they contain: the transform of odom, and those of the wheels
+        # Messages for /tf, by whether they contain the transform of odom and the transforms of the wheels.
+        # Another node may publish either of them. The messages are made once, because that takes time.
         self._moving_trees = {
             (True, False): MovingTree(base),
             (False, True): MovingTree(wheels),
@@ -82,29 +83,7 @@ class Publishers:
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
 
-        # sensors
-        self.scan: Optional[rospy.Publisher] = None  # stays None for a robot without a lidar
-        if robot.laser_frame in robot.fixed_poses:
-            self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
-        self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
-        self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
-
-        def advertise(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
-            """Advertise the messages that `make` makes of the samples in a field of the snapshot."""
-            self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
-
-        advertise(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
-        if config.real:
-            advertise("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
-            advertise("imu/mag", MagneticField, "mag", conversions.mag_to_msg, BASE)
-        if config.gps_rate:
-            advertise("navsat/fix", NavSatFix, "gps", conversions.fix_to_msg, config.gps.drift, BASE)
-            advertise("navsat/vel", Vector3Stamped, "gps", conversions.fix_velocity_to_msg, BASE)
-        self._points: Optional[rospy.Publisher] = None
-        if config.points_rate and self.scan:
-            self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
-            self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
-            self._points_frame = robot.laser_frame
+        self._advertise_sensors(config, robot)
 
         # state of the robot
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
@@ -120,6 +99,38 @@ class Publishers:
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
         self._set_time(rospy.Time())
+
+    def _advertise_sensors(self, config: SimulatorConfig, robot: RobotModel) -> None:
+        """Advertise the topics of the lidars, the joints, the IMU and the GPS, as far as the robot has them.
+
+        Raises:
+            HuskyError: the rate of the point clouds does not divide the rate of the physics.
+        """
+        topics = config.robot.topics
+        self.scan: Optional[rospy.Publisher] = None  # stays None for a robot without a lidar
+        if robot.laser_frame in robot.fixed_poses:
+            self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
+        self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
+        # rows of `advertise`: field of the snapshot, publisher, function that makes the message, arguments
+        self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
+
+        def advertise(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
+            """Advertise a topic; `make` makes its message of the snapshot's field, and of `args`."""
+            self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
+
+        # the last argument of each row is the frame of the message
+        advertise(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
+        if config.real:  # the IMU of a real Husky also publishes raw samples and the magnetic field
+            advertise("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
+            advertise("imu/mag", MagneticField, "mag", conversions.mag_to_msg, BASE)
+        if config.gps_rate:
+            advertise("navsat/fix", NavSatFix, "gps", conversions.fix_to_msg, config.gps.drift, BASE)
+            advertise("navsat/vel", Vector3Stamped, "gps", conversions.fix_velocity_to_msg, BASE)
+        self._points: Optional[rospy.Publisher] = None  # None if the lidar measures no point clouds
+        if config.points_rate and self.scan:
+            self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
+            self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
+            self._points_frame = robot.laser_frame
 
     @property
     def is_graded(self) -> bool:
@@ -143,6 +154,7 @@ class Publishers:
             on_clock()
         if odometry is not None:
             self._last_odometry = snapshot.stamp, odometry
+            # a robot_state_publisher sends the transforms of the wheels itself, from joint_states
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
             if with_wheels or not self.leaves_filter:
                 publish_if_subscribed(

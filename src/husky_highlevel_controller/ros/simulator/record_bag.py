@@ -58,12 +58,16 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
 def messages_of_drive(
     name: str, ground: str, seed: int, duration: float
 ) -> Iterator[Tuple[Snapshot, str, Any]]:
-    """Snapshots, topics and messages of the first seconds of a drive of one of ROBOTS, as they are due.
+    """Yield the messages of a drive while it is simulated: snapshot of the moment, topic, message.
 
-    The Husky drives by its profile `robot`, on one of GROUNDS.
+    Args:
+        name: name of the robot, one of ROBOTS.
+        ground: one of GROUNDS; it matters only for a robot whose real drivers are simulated, as the Husky's.
+        seed: random seed of all noise.
+        duration: simulated time after which the messages end [s].
     """
     config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
-    profile = config.robot.profiles[-1]
+    profile = config.robot.profiles[-1]  # "robot" if the drivers of the real robot can be simulated
     if profile == "robot":
         config = replace(config, real=RobotProfile().on(ground))
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
@@ -80,6 +84,7 @@ def messages_of_drive(
             if step == 1:
                 yield snapshot, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, stamp)
             if step % command_steps == 0:
+                # the driver steers by the true heading of the robot
                 simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
             if odometry is not None and step % truth_steps == 0:
                 yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
