@@ -19,14 +19,15 @@ LETTER_SCALE = 1.0
 LINE_WIDTH = 0.01  # [m] width of a line whose marker gives no width
 DASH, MAX_DASHES = 0.25, 100.0  # [m] length of a dash and of a gap; largest length of all dashes
 MIN_OPACITY = 0.02  # a piece with less opacity is not drawn, as in RViz
-_warned: Set[str] = set()  # sources
+_warned: Set[str] = set()  # sources whose first error has been logged
 
 
 @contextmanager
-def left_out(source: str) -> Iterator[None]:
-    """Run a block that shows something of a source, such as a topic; its first error is logged as a warning.
+def on_error_log_and_skip(source: str) -> Iterator[None]:
+    """Run a block that shows something of a source, such as a topic, and end the block at an error.
 
-    So no error of a single item ends the page and its emergency stop.
+    The first error of each source is logged as a warning, and the program continues after the block, so no
+    error of a single item ends the page and its emergency stop.
     """
     try:
         yield

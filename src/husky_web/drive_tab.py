@@ -38,7 +38,9 @@ READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
 BACK = "Back to the start"
-SERVICES: Dict[str, Any] = {  # service of the simulator for each button: name, deadline, type, request
+# service of the simulator for each button: name, deadline [s], type, and arguments of the request, here the
+# number of physics steps of 5 ms
+SERVICES: Dict[str, Any] = {
     PAUSE: ("pause", CALL_TIMEOUT, Trigger),
     STEP: ("step", LONG_TIMEOUT, StepWorld, 20),
     RESUME: ("resume", CALL_TIMEOUT, Trigger),
@@ -62,10 +64,20 @@ class DriveTab:
         controller: str,
         simulator: str,
     ) -> None:
-        """Build the tab; `moves` is entered while something is moved."""
+        """Build the tab.
+
+        Args:
+            server: server of the page.
+            actions: queue of service calls, except stops.
+            teleop: driving by hand, whose speeds the sliders set, and the emergency stop.
+            moves: function of the name of an object; returns a context that lasts while this object is moved.
+            controller: name of the controller's node.
+            simulator: name of the simulator's node.
+        """
         self._actions, self._teleop, self._moves = actions, teleop, moves
         self._stops = Actions()  # a separate queue for stops, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
+        # level and message of each diagnostic, by its name, such as husky_highlevel_controller
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # state of the controller, from its diagnostics
         # True if a page has requested to start the controller, False if it has requested to stop it; None as
@@ -74,12 +86,15 @@ class DriveTab:
         self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
+        # both buttons while the controller's state is unknown, later the one that changes the state
         self._start: Any = gui.add_button_group("Controller", (START, STOP))
         self._start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
             gui.add_html(PAD)
             for label, limit, high in SPEEDS:
-                slider = gui.add_slider(label, SLOWEST, high, 0.05, getattr(teleop, limit))
+                slider = gui.add_slider(
+                    label, min=SLOWEST, max=high, step=0.05, initial_value=getattr(teleop, limit)
+                )
                 slider.on_update(partial(set_speed, teleop, limit, high))
         with gui.add_folder("Simulation"):
             self._time: Any = gui.add_button_group(
@@ -131,7 +146,10 @@ class DriveTab:
         self._stops.do(lambda: self._start_stop(False), None, "Controller")
 
     def again(self, client: Any) -> None:
-        """Bring back the world and the robot as they were at the start, and start the controller."""
+        """Bring back the world and the robot as they were at the start, and start the controller.
+
+        The result is shown in the page of `client`.
+        """
 
         def work() -> str:
             with self._moves("robot and world"):
@@ -147,6 +165,7 @@ class DriveTab:
         level, sentence = next(
             (light for key, light in self._lights.items() if key.startswith(name)), (0, "")
         )
+        # a request that the diagnostics do not show yet counts, so that the page changes at once
         if self._request is False:
             return STOPPED, 0, ""
         if self._request and self._state == STOPPED:
@@ -162,6 +181,7 @@ class DriveTab:
         if starts and self._teleop.is_locked:
             raise HuskyError("the emergency stop is on; release it first")
         name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
+        # "~" stands for the namespace of the controller, which rospy would replace by this node's
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         sentence = call(service, SetBool, starts)
         self._requested_at, self._request = monotonic(), starts
@@ -173,6 +193,7 @@ class DriveTab:
         service = f"{self._simulator}/{name}"
 
         def work() -> str:
+            # only the reset moves something
             with self._moves("robot and world") if name.startswith("reset") else nullcontext():
                 return call(service, *request, timeout=timeout)
 

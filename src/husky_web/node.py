@@ -26,7 +26,7 @@ from husky_highlevel_controller.ros.registration import Registration
 from husky_highlevel_controller.xml_rpc import ask
 from husky_web.actions import MASTER_DEADLINE, Actions, parameter
 from husky_web.camera import FIELD_OF_VIEW
-from husky_web.drawing import left_out
+from husky_web.drawing import on_error_log_and_skip
 from husky_web.drive_tab import DriveTab
 from husky_web.drivers import Drivers, short_name
 from husky_web.legend import add_layers
@@ -84,18 +84,20 @@ class WebNode:
     def __init__(self) -> None:
         (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
         self._config: WebConfig = config
-        self._description = ""
-        self._log = LogBuffer()
+        self._description = ""  # URDF of the robot that is drawn; empty before the first one
+        self._log = LogBuffer()  # lines of /rosout_agg, also while no page is open
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         self._topics = Topics(_topic_names(config))
+        # queue of service calls that the pages' buttons make; driving by hand and the emergency stop
         self._actions, self._teleop = Actions(), Teleop(config.simulator)
         self._server, address, has_token = serve(
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
+        # true if the ROS master does not answer, or is another one that does not know this node
         self._is_master_gone, self._registration = False, Registration()
         self._is_paused: Optional[bool] = None  # true if simulated time is paused; None without a simulator
-        self._reason = StopReason()
+        self._reason = StopReason()  # warning that came when the controller stopped, for the state bar
         self._world_name = ""  # name of the simulator's world
         self._was_master_silent = False  # true if the ROS master did not answer at the last query
         # the file is read after the subscription to /rosout_agg, so that no line is lost between the two
@@ -107,12 +109,13 @@ class WebNode:
     def _build(self, config: WebConfig) -> None:
         """Make the scene and the fields of the page, and connect their callbacks."""
         server = self._server
-        theme(server.gui, False)
+        theme(server.gui, False)  # light colours; a page that prefers dark ones gets its own theme later
         server.initial_camera.fov = FIELD_OF_VIEW
         self._scene = Scene(server, config.fixed_frame, config.controller)
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
         # the state bar is above the tabs, so that it is visible in each tab
         self._state_bar = StateBar(server.gui)
+        # name of the object that a page moves now; last command of each node that drives the robot
         self._moving, self._drivers = Moving(), Drivers()
         group = server.gui.add_tab_group()
         names = ("Drive", "World", "Tune", "Curves", "Log", "View")
@@ -121,25 +124,29 @@ class WebNode:
             self._drive = DriveTab(
                 server, self._actions, self._teleop, self._moving, config.controller, config.simulator
             )
+        # a page that presses the emergency stop also stops the controller
         self._teleop.on_lock = self._drive.stop
-        self._state_bar.on_again = self._drive.again
+        self._state_bar.on_again = self._drive.again  # button "Drive again"
         with self._tabs["World"]:
             self._world = world = WorldTab(
                 server, self._actions, self._moving, config.simulator, config.fixed_frame
             )
+        # button "Move the pillar"
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._pages = Pages(server, self._tabs, self._log)
         self._mouse = Mouse(self._scene, self._objects, world, self._moving, self._pages.open)
         server.scene.on_click()(self._mouse.on_ground)
+        # only nodes that a page's tool acts on react to the mouse, so they are bound again if a tool changes
         self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
         with self._tabs["Tune"]:
             self._tuning = Tuning(server, self._actions, self._tabs["Tune"])
         with self._tabs["Curves"]:
             self._plots = Plots(server.gui)
         self._numbers = Numbers(self._plots.curves)
-        self._tuning.on_change = self._on_parameter
+        self._tuning.on_change = self._on_parameter  # marks the change of a parameter in the curves
         with self._tabs["View"]:
             with server.gui.add_folder("Layers"):
+                # each box switches a layer in `Scene.layers`; without depth points their box is hidden
                 self._depth_box = add_layers(server.gui, self._scene.layers.__setitem__)
             server.gui.add_html(SOFTWARE)
             self._recorder = Recorder(server, self._actions)
@@ -147,39 +154,44 @@ class WebNode:
     def run(self) -> None:
         """Draw for the open pages until the node is shut down; without a page, only wait for one.
 
-        The view is drawn `rate` times per second. Numbers, curves and the network have longer periods.
+        The view is drawn `rate` times per second. Numbers, curves and the network have longer periods. Each
+        part runs in its own block, which logs an error and skips the rest of the part, so that one bad
+        message does not end the page with its emergency stop.
         """
         period = 1.0 / self._config.rate
+        # [s] wall time of the next update; 0 for an update at the first picture of a page
         readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
-            with left_out("a page"):
+            with on_error_log_and_skip("a page"):
                 self._pages.admit()
             if not self._pages.open:
-                with left_out("the end of the last page"):
+                with on_error_log_and_skip("the end of the last page"):
                     self._forget()
-                self._pages.came.wait(IDLE_PERIOD)
+                self._pages.came.wait(IDLE_PERIOD)  # ends early if a page comes
                 self._pages.came.clear()
                 readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()
             if now >= network_due:
-                with left_out("a change of the network"):
+                with on_error_log_and_skip("a change of the network"):
                     self._follow_network()
                 network_due = now + NETWORK_PERIOD
-            with self._server.atomic():
-                with left_out("a part of the view"):
+            with self._server.atomic():  # the browser shows all changes of the block in one picture
+                with on_error_log_and_skip("a part of the view"):
                     self._update()
-                with left_out("the state"):
+                with on_error_log_and_skip("the state"):
                     self._update_state(now)
                 if now >= readings_due:
-                    with left_out("a reading"):
+                    with on_error_log_and_skip("a reading"):
                         numbers = self._numbers
+                        # the order is that of `drive_tab.READINGS`; the growth of the simulated time per wall
+                        # second is the real-time factor
                         readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
                         self._drive.update(readings, self._is_paused)
                         self._world.show_loaded(self._world_name)
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
-                    with left_out("a curve or the log"):
+                    with on_error_log_and_skip("a curve or the log"):
                         self._plots.update()
                         for page in self._pages.open.values():
                             page.show_log()
@@ -188,7 +200,7 @@ class WebNode:
         self._server.stop()
 
     def _forget(self) -> None:
-        """Drop everything that was kept for pages."""
+        """Drop everything that was kept for pages; called again and again while no page is open."""
         if self._topics.is_open:
             self._topics.close()
             self._tuning.follow([])
@@ -203,28 +215,31 @@ class WebNode:
     def _follow_network(self) -> None:
         """Subscribe to the topics that the network has now, and read the robot and the world from it."""
         published = self._published_topics()
-        if published is None:
+        if published is None:  # the master does not answer, so the subscriptions stay as they are
             return
         if not self._topics.is_open:
             self._topics.open()
         self._topics.follow(published)
-        offered = dict(published)
+        offered = dict(published)  # message type by topic
+        # true poses are shown in place of the odometry, if a simulator publishes them
         has_truth = self._topics.names["truth"] in offered
         self._topics.listen("truth", Odometry, has_truth)
         self._topics.listen("odometry", Odometry, not has_truth)
         for use, kind in (("command", TwistStamped), ("error", Vector3Stamped), ("pillar", PointStamped)):
             self._topics.listen(use, kind, self._topics.names[use] in offered)
+        # a cloud is large, so it is only subscribed to while its layer is shown
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
         self._depth_box.visible = self._topics.names["cloud"] in offered
         self._tuning.follow(published)
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
         self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
+        # the master searches the parameter in the namespaces of this node, from the innermost to the root
         description = str(parameter(self._ask("searchParam", "robot_description") or "robot_description", ""))
         if description and description != self._description:
             self._description = description
             self._scene.draw_robot(description)
             self._recorder.robot_name = self._scene.robot_name
-            self._mouse.bind_robot()
+            self._mouse.bind_robot()  # the drawing has new nodes, which do not react to the mouse yet
 
     def _published_topics(self) -> Optional[List[Tuple[str, str]]]:
         """Ask the master for all published topics, as (name, type); None if it does not answer.
@@ -261,18 +276,23 @@ class WebNode:
     def _update_state(self, now: float) -> None:
         """Read the new messages, then show who drives the robot, and the robot's activity with its reason.
 
-        `now` is the wall time [s].
+        `now` is wall time [s], and `numbers.time` is simulated time [s], or None before the first odometry.
         """
         numbers = self._numbers
         if self._is_paused:
+            # a paused simulator sends no odometry, and the state bar must not report this as a fault
             numbers.expect_silence(now)
         numbers.take(self._topics, self._scene, now)
         self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
         activity, level, fault = self._drive.activity()
-        # no time is given while the emergency stop is on, because then the emergency stop is the reason
-        self._reason.update(activity, None if self._teleop.is_locked else numbers.time, self._log.warning)
+        # without a time the reason is forgotten: while the emergency stop is on, it is the reason itself
+        reason_time = None if self._teleop.is_locked else numbers.time
+        newest_warning = self._log.warning  # a line of the log, or None
+        self._reason.update(activity, reason_time, newest_warning)
+        # whether a person drives, here by a page; name of the driving node, empty for the controller
         is_by_hand, other_driver = self._teleop.is_held, ""
+        # last command of the input that the robot obeys now; None if it obeys no command
         obeyed = self._drivers.command(numbers.time, now)
         if obeyed is not None:
             is_by_hand = is_by_hand or obeyed.is_by_hand
@@ -285,6 +305,7 @@ class WebNode:
                 is_master_gone=self._is_master_gone,
                 is_paused=bool(self._is_paused),
                 is_silent=numbers.is_silent(now),
+                # name of the object that a page moves, until the robot can have noticed the motion
                 moving=self._moving.text(numbers.time, now),
                 is_by_hand=is_by_hand,
                 driver=other_driver,

@@ -20,7 +20,7 @@ from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_web.backdrop import SHADOW_HEIGHT, contact_shadow
-from husky_web.drawing import add_pieces, bounds, clickable, left_out
+from husky_web.drawing import add_pieces, bounds, clickable, on_error_log_and_skip
 from husky_web.frames import Frames
 from husky_web.markers import frame_of_message, pose_of, primitives
 from husky_web.shapes import Piece, Solid
@@ -61,10 +61,10 @@ class Objects:
     def update(self, received: List[Received]) -> None:
         """Take in messages of servers, then move all objects to their present poses."""
         for topic, msg in received:
-            with left_out(topic):
+            with on_error_log_and_skip(topic):
                 self._take(topic, msg)
         for key, shown in self.shown.items():
-            with left_out(f"'{key[1]}' of {key[0]}"):
+            with on_error_log_and_skip(f"'{key[1]}' of {key[0]}"):
                 frame = self._frames.pose(shown.frame, self._fixed_frame)
                 if key in self.dragged:
                     place(shown.node, self.dragged[key])

@@ -11,7 +11,7 @@ import viser
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.backdrop import show_backdrop
 from husky_web.camera import CAMERAS, Camera
-from husky_web.drawing import left_out
+from husky_web.drawing import on_error_log_and_skip
 from husky_web.log import LEVELS, Filter, LogBuffer, log_to_html
 from husky_web.plots import choice_html
 
@@ -142,11 +142,11 @@ class Pages:
             client, is_dark = self._arrivals.popleft()
             if client.client_id not in clients:
                 continue  # the page was closed while its storage was read
-            with left_out("a page that comes"):
+            with on_error_log_and_skip("a page that comes"):
                 self.open[client.client_id] = Page(client, self._tabs, self._log, self.on_tool, is_dark)
         for number in leavers:
             self.open.pop(number)
-            with left_out("a page that goes"):
+            with on_error_log_and_skip("a page that goes"):
                 self.on_leave(number)
                 self.on_tool()
 

@@ -25,7 +25,7 @@ from husky_web.drawing import (
     bounds,
     clickable,
     dashes,
-    left_out,
+    on_error_log_and_skip,
     redraw,
     warn_left_out,
 )
@@ -142,7 +142,7 @@ class Scene:
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
-                with left_out(f"a visual of {frame} in robot_description"):
+                with on_error_log_and_skip(f"a visual of {frame} in robot_description"):
                     self.robot_shapes += clickable(
                         add_pieces(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
                     )
@@ -172,7 +172,7 @@ class Scene:
                     continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
                 self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
-        with left_out(topics.names["scan"]):
+        with on_error_log_and_skip(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
         newest = self.frames.stamp(BASE)
         has_scan = newest is not None and abs(newest - self.scan_stamp) < MAX_SCAN_AGE
@@ -180,7 +180,7 @@ class Scene:
         for frame, node in self._robot.items():
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
             self._show(node, self.frames.pose(frame, parent, self.moment))
-        with left_out(topics.names["cloud"]):
+        with on_error_log_and_skip(topics.names["cloud"]):
             self._update_cloud(topics.take("cloud"))
         self._update_trail()
         now = time.monotonic()
@@ -291,7 +291,7 @@ class Scene:
         `now` [s] is the wall time, by which the lifetime of a marker ends.
         """
         for topic, msg in topics.take_all("markers"):
-            with left_out(topic):
+            with on_error_log_and_skip(topic):
                 for marker in markers_of(msg):
                     is_ours = topic.startswith(self._controller)
                     if is_ours and marker.ns == PATH:
@@ -305,7 +305,7 @@ class Scene:
         for key in self._drawn.keys() - shown.keys():
             self._drawn.pop(key).node.remove()
         for key, marker in shown.items():
-            with left_out(f"a marker of {key[0]}"):
+            with on_error_log_and_skip(f"a marker of {key[0]}"):
                 self._place_marker(key, marker)
                 if are_looks_due:
                     self._draw_marker(self._drawn[key], marker)

@@ -22,9 +22,10 @@ from husky_web.parameters import (
     to_yaml,
 )
 
+# type of the message, and end of the topic's name, by which a server of dynamic_reconfigure is recognized
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
 SUFFIX = "/parameter_descriptions"
-FOLDED = ("Detection",)
+FOLDED = ("Detection",)  # groups whose folder is closed at the start
 SMALL = '<i class="husky-small" hidden></i>'  # element after which viser.css makes the next button small
 
 
@@ -35,7 +36,7 @@ class Tuning:
         self._gui, self._actions, self._tab = server.gui, actions, tab
         # function that is called with the text "parameter old \u2192 new"
         self.on_change: Callable[[str], None] = lambda change: None
-        self._servers: Dict[str, _Server] = {}
+        self._servers: Dict[str, _Server] = {}  # servers by their names
         buttons = self._gui.add_button_group(
             "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
         )
@@ -45,7 +46,11 @@ class Tuning:
         upload.on_upload(self._on_upload)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
-        """Add folders of new servers, and remove folders of servers that have gone."""
+        """Add folders of new servers, and remove folders of servers that have gone.
+
+        `published` has the name and the message type of each topic that the ROS master knows; an empty list
+        removes all folders. A server publishes its description on SERVER/parameter_descriptions.
+        """
         names = {topic[: -len(SUFFIX)] for topic, kind in published if kind == DESCRIPTION}
         for name in set(self._servers) - names:
             self._servers.pop(name).close()
@@ -61,7 +66,7 @@ class Tuning:
                 "parameters.yaml", to_yaml(values).encode(), save_immediately=True
             )
         else:
-            for server in list(self._servers.values()):
+            for server in list(self._servers.values()):  # a copy, because the thread that draws may add one
                 server.request({item.name: item.default for item in server.parameters}, event.client)
 
     def _on_upload(self, event: Any) -> None:

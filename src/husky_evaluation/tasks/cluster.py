@@ -39,7 +39,7 @@ ROS = "ROS"  # resource of workers on which ROS programs can be started
 
 
 class _Run(NamedTuple):
-    """Group of tasks that is sent to the scheduler."""
+    """Group of tasks that was sent to the scheduler and has not ended."""
 
     number: int  # number of the group
     workers: FrozenSet[str]  # addresses of the workers that may compute it
@@ -56,7 +56,7 @@ class Cluster:
         """
         self._address = address
         self._refused: Dict[str, str] = {}  # reason for each rejected worker
-        self._fit: FrozenSet[str] = frozenset()
+        self._fit: FrozenSet[str] = frozenset()  # addresses of workers that have passed the check
         try:
             self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
@@ -71,18 +71,26 @@ class Cluster:
 
         Other workers take over the tasks of a lost worker. Closing the iterator cancels all waiting tasks.
 
+        Args:
+            task: function of one item.
+            groups: items of each group.
+            starts_programs: the task starts ROS, so it needs a worker that has the resource ROS.
+
         Raises:
             HuskyError: no worker can do the tasks, or the scheduler has gone.
         """
         _send_by_value(task)
-        waiting: Deque[int] = deque(range(len(groups)))
+        waiting: Deque[int] = deque(range(len(groups)))  # numbers of the groups
         running: Dict[Future, _Run] = {}
-        looked_at = -POLL_PERIOD
+        looked_at = (
+            -POLL_PERIOD
+        )  # [s] time of the last look at the list of workers; the first look is due now
         try:
             while waiting or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
                     waiting.extendleft(_take_back(running, workers))
+                # two groups for each worker, so that a worker that has ended one has another one at once
                 while waiting and len(running) < 2 * len(workers):
                     number = waiting.popleft()
                     try:
@@ -115,7 +123,7 @@ class Cluster:
                 perform_packed, payload, workers=sorted(workers), resources=resources, pure=False
             )
 
-    def _ended(self, running: Dict[Future, Any]) -> List[Future]:
+    def _ended(self, running: Dict[Future, _Run]) -> List[Future]:
         """Wait at most POLL_PERIOD, and return the tasks that have ended."""
         try:
             with self._client.as_current():
@@ -131,14 +139,16 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
+            # the scheduler's facts on each connected worker, by its address; -1 stands for all workers
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
             self._check({address: info for address, info in infos.items() if address not in self._refused})
-            fit_workers = self._fit & set(infos)
+            fit_workers = self._fit & set(infos)  # a worker that has passed the check may have left
             workers = fit_workers
             if starts_programs:
                 workers = frozenset(each for each in workers if ROS in infos[each].get("resources", {}))
             if workers:
                 return workers
+            # the wait only continues if another worker may still pass the check
             if infos and set(infos) <= set(self._refused):
                 raise HuskyError(f"--cluster {self._address}: every worker is rejected, see above")
             if fit_workers:
@@ -160,11 +170,11 @@ class Cluster:
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
-        pythons = self._client.get_versions()["workers"]
+        pythons = self._client.get_versions()["workers"]  # versions of Python and of libraries, by address
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")
             reason = self._reason_against(address, infos[address]["nthreads"], python)
-            if reason is None:
+            if reason is None:  # the worker does not answer, so it is asked again
                 continue
             if reason:
                 name = infos[address].get("name", address)
@@ -201,9 +211,13 @@ class Cluster:
         return str(version)
 
 
-def _take_back(running: Dict[Future, _Run], workers: FrozenSet[str]) -> List[int]:
-    """Cancel and remove the groups whose workers have all left, and return the numbers of these groups."""
-    lost = [future for future, run in running.items() if not run.workers & workers]
+def _take_back(running: Dict[Future, _Run], usable_now: FrozenSet[str]) -> List[int]:
+    """Cancel and remove the groups whose workers have all left, and return the numbers of these groups.
+
+    `usable_now` has the addresses of the workers that are connected now and may be used. The scheduler gives
+    a group only to the workers that were usable when it was sent, so it would wait for lost workers.
+    """
+    lost = [future for future, run in running.items() if not run.workers & usable_now]
     for future in lost:
         future.cancel()
     return [running.pop(future).number for future in lost]

@@ -13,7 +13,7 @@ def test_an_item_that_cannot_be_shown_is_left_out_with_one_warning(monkeypatch):
     warnings = []
     monkeypatch.setattr(drawing.rospy, "logwarn", warnings.append)
     for _ in range(3):
-        with drawing.left_out("/markers"):
+        with drawing.on_error_log_and_skip("/markers"):
             drawing.rgb((float("nan"), 0.0, 0.0, 1.0))
     assert warnings == ["/markers is not shown: ValueError: cannot convert float NaN to integer"]
 
