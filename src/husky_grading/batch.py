@@ -96,6 +96,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     Raises:
         HuskyError: there is no submission, marking.yaml is wrong, or marking was interrupted.
     """
+    # the folder of results may be in the folder of the class, and is not a submission
     hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
     names = [each.name for each in hand_ins]
     if not names:
@@ -105,10 +106,11 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             raise HuskyError(
                 f"--only {name} is not a submission in {batch.folder}; there are: {', '.join(names)}"
             )
-    overrides = _overrides(batch.folder, names)
+    overrides = _overrides(batch.folder, names)  # settings of marking.yaml, by the student's name
     batch.out.mkdir(parents=True, exist_ok=True)
     # a catkin workspace around this folder must not build the unpacked packages
     (batch.out / "CATKIN_IGNORE").touch()
+    # results that need no run, and jobs of the submissions that wait for one
     results, waiting = _look_up_results(hand_ins, overrides, config, batch)
     jobs = batch.jobs
     # without a private network, a submission could change the ROS graph of another submission
@@ -123,6 +125,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
                 _report_progress(result, number, len(waiting))
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; run the same command again to continue") from None
+    # with `--only`, other submissions may have no result
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
     for result in ordered:

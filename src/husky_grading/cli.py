@@ -34,7 +34,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """Return the options of a command line; argparse ends the program if an option is wrong."""
     parser = _make_parser()
     options = parser.parse_args(arguments)
-    if options.husky:
+    if options.husky:  # earlier name of the option, which ends the program with the new name
         parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
     if options.cluster and not options.all:
         parser.error(f"--cluster {options.cluster} needs --all")
@@ -86,23 +86,7 @@ def _make_parser() -> argparse.ArgumentParser:
         help="random seed for start poses, pillars and noise (with --all defaults to one that is drawn "
         "for the class and kept in --out; otherwise 0)",
     )  # fmt: skip
-    with_several_runs = " and ".join(str(number) for number, each in EXERCISES.items() if each.random_starts)
-    runs = add(
-        "--runs", dest="trials", type=between(int, 1, 1000), default=3, metavar="RUNS",
-        help=f"number of runs in exercise {with_several_runs} (default: 3)",
-    )  # fmt: skip
-    add_old_name(parser, "--trials", runs)
-    seconds = between(float, 0.1, 3600.0)
-    deadlines = ", ".join(f"{each.deadline:g} in exercise {number}" for number, each in EXERCISES.items())
-    add(
-        "--deadline", type=seconds, help=f"time limit of a run in simulated seconds (default: {deadlines})"
-    )  # fmt: skip
-    paces = ", ".join(f"{each.pace:g} in exercise {number}" for number, each in EXERCISES.items())
-    pace = add(
-        "--real-time-factor", dest="pace", type=seconds, metavar="FACTOR",
-        help=f"maximum real-time factor (default: {paces})",
-    )  # fmt: skip
-    add_old_name(parser, "--pace", pace)
+    _add_run_options(parser)
     add("--out", type=Path, default=Path("marking"), help="folder of results (default: ./marking)")
     add(
         "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
@@ -126,6 +110,28 @@ def _make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add the number of runs, their time limit and their real-time factor, with each exercise's defaults."""
+    add = parser.add_argument
+    with_several_runs = " and ".join(str(number) for number, each in EXERCISES.items() if each.random_starts)
+    runs = add(
+        "--runs", dest="trials", type=between(int, 1, 1000), default=3, metavar="RUNS",
+        help=f"number of runs in exercise {with_several_runs} (default: 3)",
+    )  # fmt: skip
+    add_old_name(parser, "--trials", runs)
+    seconds = between(float, 0.1, 3600.0)
+    deadlines = ", ".join(f"{each.deadline:g} in exercise {number}" for number, each in EXERCISES.items())
+    add(
+        "--deadline", type=seconds, help=f"time limit of a run in simulated seconds (default: {deadlines})"
+    )  # fmt: skip
+    paces = ", ".join(f"{each.pace:g} in exercise {number}" for number, each in EXERCISES.items())
+    pace = add(
+        "--real-time-factor", dest="pace", type=seconds, metavar="FACTOR",
+        help=f"maximum real-time factor (default: {paces})",
+    )  # fmt: skip
+    add_old_name(parser, "--pace", pace)
+
+
 def grade(options: argparse.Namespace) -> int:
     """Grade the submissions that the options name, or write a review page, and return the exit code.
 
@@ -141,6 +147,7 @@ def grade(options: argparse.Namespace) -> int:
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
     out = options.out.resolve()
     seed = options.seed
+    # a class gets a seed that no student knows; for a single submission the runs are always the same
     if seed is None:
         seed = class_seed(out) if options.all else 0
     config = MarkingConfig(
@@ -152,6 +159,7 @@ def grade(options: argparse.Namespace) -> int:
         batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
         batch = replace(batch, time_limit=options.time_limit or 0.0)
         results = mark_all(config, batch)
+        # `full` means full marks, and then the exit code is 0
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
     kind = "launch" if options.launch else "node"
     package, name, *arguments = getattr(options, kind)

@@ -52,7 +52,9 @@ def mark(job: Job) -> MarkingResult:
         StoppedError: marking was interrupted.
     """
     out, exercise = Path(job.out), EXERCISES[job.config.exercise]
-    problem, fingerprint = "", ""
+    problem = ""  # sentence on the reason why the submission could not be marked; empty if it was marked
+    # fingerprint of everything that the result depends on; empty if the next marking must not keep the result
+    fingerprint = ""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
@@ -63,10 +65,11 @@ def mark(job: Job) -> MarkingResult:
         observe(submission, trials, config, exercise.bring_up, out)
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
+        # if the submission misses packages, its runs also depend on the packages on this machine
         misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
-        # known before marking.yaml is applied, because the teacher's points do not change the runs
+        # set before `judge` applies marking.yaml, because the teacher's points do not change the runs
         fingerprint = job.fingerprint + (job.installed if misses else "")
-        cause = None
+        cause = None  # first item that lost points, which a picture shows
         try:
             result = judge(submission, recordings, job)
             cause = result.cause
@@ -74,13 +77,13 @@ def mark(job: Job) -> MarkingResult:
             write_pictures(recordings, job.name, out, cause)
     except StoppedError:
         raise
-    except NotMarkableError as error:
+    except NotMarkableError as error:  # a fault of the hand-in or of a name, so a repetition would not help
         problem, fingerprint = _text_of(error), job.fingerprint
-    except HuskyError as error:
+    except HuskyError as error:  # a fault of this machine, or of the teacher's points
         problem = _text_of(error)
     except OSError as error:
         problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
-    except Exception as error:
+    except Exception as error:  # a fault of the grader itself
         problem = failure_text(error)
         traceback.print_exc()
     if problem:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from husky_grading.drive.bring_up import BringUp
 from husky_grading.drive.memcheck import find_unwritten_variable, is_worth_checking
-from husky_grading.drive.robot_choice import choose_robot
+from husky_grading.drive.robot_choice import RobotChoice, choose_robot
 from husky_grading.drive.run import drive_submission, not_begun
 from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import remove_tree, write_whole
@@ -41,16 +41,10 @@ def observe(
     for earlier in [*out.glob("drive_*"), out / DRIVE, out / "memcheck"]:
         remove_tree(earlier)
     robot = choose_robot(submission, config)
-    if submission.problem:
-        notes = [*submission.problem]
-        if robot.why:
-            notes.insert(0, Note(Kind.ROBOT, robot.why))
-        folder = out / f"drive_{trials[0].number}"
-        folder.mkdir(parents=True)
-        nothing = replace(not_begun(trials[0], robot.config), notes=tuple(notes))
-        write_whole(folder / RECORDING, recording_to_json(nothing))
+    if submission.problem:  # no node of the submission can be started
+        _write_no_run(submission, trials[0], robot, out)
         return
-    chance = ""
+    chance = ""  # sentence on a variable that is read before it is written; empty if there is none
     if is_worth_checking(submission):
         chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
@@ -67,14 +61,25 @@ def observe(
             )  # fmt: skip
             try:
                 driven = drive(robot=robot)
-                if driven.recording is None:
+                if driven.recording is None:  # the submission listens to another robot's scans
                     driven = drive(robot=driven.robot)
             finally:
                 if folder.exists():
                     folder.rename(out / f"drive_{trial.number}")
         if not driven.moved and trial is trials[0]:
             break
-        robot = driven.robot.settled()
+        robot = driven.robot.settled()  # the next recordings do not repeat the reason for the robot
+
+
+def _write_no_run(submission: Submission, trial: Trial, robot: RobotChoice, out: Path) -> None:
+    """Write the recording of a run that cannot begin, with the submission's problem as notes."""
+    notes = [*submission.problem]
+    if robot.why:
+        notes.insert(0, Note(Kind.ROBOT, robot.why))
+    folder = out / f"drive_{trial.number}"
+    folder.mkdir(parents=True)
+    nothing = replace(not_begun(trial, robot.config), notes=tuple(notes))
+    write_whole(folder / RECORDING, recording_to_json(nothing))
 
 
 def _advance(bar: Any, now: float) -> None:

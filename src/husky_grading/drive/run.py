@@ -82,6 +82,7 @@ def drive_submission(
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.
     """
+    # the socket for the true poses is in a folder that the submission does not see
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket, packages = f"{private}/truth", tuple(map(str, submission.workspace.packages))
         initial = replace(not_begun(trial, robot.config), uninitialised=chance, watched=submission.facts)
@@ -92,14 +93,16 @@ def drive_submission(
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start(network, submission)
+        # settings of the robot to whose scans the submission listens
         heard_config = _await_joining(network, recorder, submission, submitted, robot)
-        if heard_config != robot.config:
+        if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
             return Driven(robot.after_hearing(heard_config))
+        # reason why the run must be cut off; None if the recorder has ended it
         cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
-        if recorder.subscribed:
+        if recorder.subscribed:  # the subscription confirms the robot, and is a better reason for the choice
             robot = robot.after_hearing(robot.config)
         closing = _closing(submission, submitted, events_file, robot, cut_off)
-        if cut_off:
+        if cut_off:  # otherwise the recorder sends its recording without this message
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
     if recorder.recording is None:
@@ -121,11 +124,13 @@ def _closing(
         robot: robot that was simulated.
         cut_off: reason why the run was cut off; None if the recorder has ended it.
     """
+    # packages whose nodes count as the student's; empty if unknown
     own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
     output = submitted.output
     notes = notes_on(read_events(events_file), output, own_packages)
     if robot.why:
         notes.insert(0, Note(Kind.ROBOT, robot.why))
+    # a limit, such as that of memory, has ended the submission
     if submitted.problem:
         notes.append(Note(Kind.LIMIT, submitted.problem))
     if len(output) > KEPT_OUTPUT:
@@ -154,7 +159,7 @@ def _await_joining(
         submitted: its process.
         robot: robot that is simulated.
     """
-    our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
+    our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)  # nodes that do not belong to the submission
     has_joined = settles(
         submitted,
         len(submission.nodes),
@@ -167,7 +172,7 @@ def _await_joining(
         heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
         if heard_config is not None and heard_config != robot.config:
             return heard_config
-    recorder.send(GoOn())
+    recorder.send(GoOn())  # the recorder takes part in place of the submission
     return robot.config
 
 
@@ -185,6 +190,7 @@ def _follow(
     message.
     """
     latest, advanced_at = 0.0, time.monotonic()  # [s] simulated time; wall time at which it last advanced
+    # true if the recorder has got the message that the submission has ended
     is_end_reported = False
 
     def is_over() -> bool:

@@ -98,22 +98,27 @@ def read_launch_files(
     files = list(islice(found, MAX_READ))
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
+    # packages that name scans, and packages that may drive a robot
     scanning, able = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
     holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
+    # a launch file in no package is started as a file of the first package
     launchables = [
         Launchable("launch", holder or next(iter(folders)), str(path), override.arguments)
         for holder, (path, _) in zip(holders, files)
     ]
     planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     launch_files = []
+    # packages whose nodes count; normally all packages of the submission
     counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     for (path, place), holder, plan in zip(files, holders, planned):
         # if roslaunch cannot read the file, its text names the nodes
         all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
         nodes = tuple(node for node in all_nodes if _package_of(node) in counted_packages)
+        # the package of a launch file that is in no package is that of a node, otherwise the first package
         possible_owners = [holder, *map(_package_of, nodes), *folders]
         owner = next(name for name in possible_owners if name in folders)
+        # one of the nodes is from a package that names scans
         scans = not scanning.isdisjoint(map(_package_of, nodes))
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
         launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, able, is_template))
@@ -169,6 +174,7 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
+    # packages that may drive the robot; if nodes of the robot's own packages count, none need drive
     able = files[0].able if files and not facts.parts.by_submission else frozenset()
     if able:  # a node that reads no scans and sends no velocities, as in a tutorial, cannot be the controller
         fitting = [file for file in fitting if file.able_nodes]
@@ -248,6 +254,7 @@ def _launch_files(
         for path in walk(copy_folder):
             if file_suffix(path) == ".launch":
                 yield path, package.place / path.relative_to(copy_folder).as_posix()
+        # `top` is the submission's folder or an unpacked archive; only folders inside it are searched
         for top, place in contents.places.items():
             for folder in package.path.parents:
                 if folder != top and top not in folder.parents:
@@ -268,16 +275,21 @@ def _launch_files(
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     """Return criteria for a launch file, the most important one first; smaller is better."""
     fits, name = fits_exercise(file.place, exercise), str(file.place)
+    # a solution starts the course's world and reads scans, and its path often has a word for a controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
+    # 2 if the path has the number of the exercise, 1 without a number
     fit_and_content = (content, -fits) if facts.by_content else (-fits, content)
     has_other_use = bool(OTHER_USE.search(file.place.name))
+    # an exercise on a filter of the robot has such names itself, so the nodes decide there
     if facts.parts.by_submission:
         has_other_use = not any(_package_of(node) in facts.parts.by_submission for node in file.nodes)
     return (
-        file.is_template,
-        fits == 0,
-        has_other_use,
+        file.is_template,  # an unchanged template contains no work of the student
+        fits == 0,  # the path has the number of another exercise
+        has_other_use,  # a launch file for a test or an old copy is not the solution
         *fit_and_content,
-        not CONTROLLER.search(file.place.name),
-        not file.plan.rviz,
+        not CONTROLLER.search(
+            file.place.name
+        ),  # a word in the file's own name counts more than in a folder's
+        not file.plan.rviz,  # the exercises ask for a launch file that starts RViz
     )

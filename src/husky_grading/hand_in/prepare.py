@@ -75,16 +75,14 @@ def prepare(job: Job, facts: Facts) -> Submission:
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
     else:
-        is_our_package = job.launchable.package == NAME and not job.setups
-        workspace = replace(workspace, own=Own.ALL if is_our_package else Own.NOTHING)
-        workspace = _with_stand_ins_for(facts, workspace)
-        submission = Submission(job.launchable, workspace)
-        planned = plan(job.launchable, workspace, out / "plan", facts.parts)
-        _check_is_there(job.launchable, planned)
+        submission, planned = _prepare_launchable(job, job.launchable, workspace, facts)
+    # path of the launch file; empty for a node
     launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
+    # if roslaunch cannot load the launch file, the text of the launch file names the rviz nodes
     if launch_file and not planned.is_read and planned.package_path:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
     rviz = find_setup(planned, submission.root, launch_file)
+    # without a configuration, the student learns which .rviz files of the package were not graded
     sentences = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
     if planned.package_path:
         sentences += misspelt_dependencies(planned.package_path, submission.workspace)
@@ -92,6 +90,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
     submission = replace(
         submission,
         nodes=planned.nodes,
+        # a submission that starts no node has a problem, and the notes of its plan are the reasons
         problem=submission.problem or (() if planned.nodes else planned.notes),
         notes=(*submission.notes, *file_notes, *planned.notes),
         rviz=rviz,
@@ -99,11 +98,28 @@ def prepare(job: Job, facts: Facts) -> Submission:
         sandbox=kind_of_sandbox(),
         network=private_network.reach(),
         parts=facts.parts,
-        facts=facts.read(planned),
+        facts=facts.read(planned),  # facts from the files that the judge of the exercise needs
         made_of=job.made_of,
     )
     write_whole(out / WORKSPACE, to_json(submission))
     return submission
+
+
+def _prepare_launchable(
+    job: Job, launchable: Launchable, workspace: Workspace, facts: Facts
+) -> Tuple[Submission, Plan]:
+    """Return the submission and the plan of the job's launchable of a sourced workspace; nothing is built.
+
+    Raises:
+        NotMarkableError: there is no such package or launch file.
+    """
+    # without a setup file of a student, a package of this name is our own, which may use all our files
+    is_our_package = launchable.package == NAME and not job.setups
+    workspace = replace(workspace, own=Own.ALL if is_our_package else Own.NOTHING)
+    workspace = _with_stand_ins_for(facts, workspace)
+    planned = plan(launchable, workspace, Path(job.out, "plan"), facts.parts)
+    _check_is_there(launchable, planned)
+    return Submission(launchable, workspace), planned
 
 
 def _check_starts(workspace: Workspace, folder: Path) -> None:
@@ -164,7 +180,9 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     out, path = Path(job.out), Path(job.hand_in)
     (out / "unpacked").mkdir(parents=True)
     contents = open_hand_in(path, out / "unpacked")
+    # the teacher's number for this student counts before the number of the whole class
     job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
+    # the submission must see neither the other submissions nor their results
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=Own.NOTHING)
     choices: List[Choice] = []
     for attempt in range(MAX_TRIED):
@@ -199,16 +217,18 @@ def _prepare_choice(
         NotMarkableError: there is no package or no fitting launch file.
     """
     packages, choice_notes = choice
+    # `override` has the teacher's settings for this student
     out, override, exercise = Path(job.out), job.override, job.override.exercise or 0
     notes = [*contents.notes, *choice_notes]
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
     folders, repair_notes = copy_packages(packages, out / "ws")
+    # copies of packages of a course or of the robot to which the student has added files, for launch files
     known = copies_of_known(contents.packages)
     known_folders, _ = copy_packages(known, out / "copies")
     copies = _Copies(packages, folders, known, known_folders)
     candidates: List[LaunchFile] = []
-    if not override.node:
+    if not override.node:  # a node that the teacher names is started without a launch file
         try:
             candidates = _find_candidates(contents, copies, underlay, override, facts)
         except NotMarkableError as error:
@@ -219,14 +239,8 @@ def _prepare_choice(
     notes += [*repair_notes, *build_notes]
     equal_places: List[str] = []
     if launch and not override.launch:
-        notes.append(reasons(launch, candidates, exercise))
-        equal_places = equal_launch_files(launch, candidates, exercise, facts)
-    if launch and equal_places:
-        lines = ", ".join(f"`launch: {place}`" for place in equal_places)
-        notes.append(
-            f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
-        )
-        equal_places.insert(0, str(launch.place))
+        equal_places, reason_notes = _explain_choice(launch, candidates, exercise, facts)
+        notes += reason_notes
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration was found outside of the packages")
     packages_seen = (*built.workspace.packages, *known_folders.packages.values())
@@ -237,6 +251,7 @@ def _prepare_choice(
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
+    # a build may fail in parts that the launch file does not need
     if launch:
         can_start = _is_any_built(launch, folders)
     else:
@@ -248,6 +263,22 @@ def _prepare_choice(
         own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
+
+
+def _explain_choice(
+    launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int, facts: Facts
+) -> Tuple[List[str], List[str]]:
+    """Return the paths of launch files that fit equally well, and notes with the reasons of the choice.
+
+    The first path is that of the chosen launch file. Without other such launch files there are no paths.
+    """
+    notes = [reasons(launch, candidates, exercise)]
+    other_places = equal_launch_files(launch, candidates, exercise, facts)
+    if not other_places:
+        return [], notes
+    lines = ", ".join(f"`launch: {place}`" for place in other_places)
+    notes.append(f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}")
+    return [str(launch.place), *other_places], notes
 
 
 class _Copies(NamedTuple):
@@ -302,6 +333,7 @@ def _build_candidates(
     """
     by_name = {package.name: package for package in packages}
     best = candidates[0] if candidates else None
+    # names of the submission's packages that the launch file refers to; all of them if it refers to none
     needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:

@@ -84,13 +84,15 @@ class DriveRecorder:
         self._fastest = self._sharpest = 0.0  # [m/s], [rad/s] largest commanded speeds
         self._nearest: List[Tuple[float, float]] = []  # [s], [m] time and smallest range of each scan
         self._scans: List[Scan] = []  # some of the scans, for a picture
+        # keeps the markers of the submission, with their times and places
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
         self._followed: Set[str] = set()  # topics whose messages the watch of the exercise gets
+        # the submission subscribes to the input topic of the exercise, to any topic, and publishes velocities
         self._subscribed = self._listens = self._advertises = False
-        self._joined_at = inf  # [s] wall time
+        self._joined_at = inf  # [s] wall time at which the recorder took part; inf before
         self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
         self._services: Tuple[str, ...] = ()  # services of the submission
-        self._is_over = self._handed_over = False
+        self._is_over = self._handed_over = False  # the run is over; the recording was sent
         self._types: Dict[str, str] = {}  # types by topic
         self._silent: List[str] = []  # topics that the submission subscribes to, and that no node publishes
         self._unread: List[str] = []  # topics of the submission's commands that no node reads
@@ -101,11 +103,13 @@ class DriveRecorder:
         self._go_on, self._abandoned = threading.Event(), threading.Event()
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
+        # names of nodes that do not belong to the submission
         self._our_nodes = {*self._task.ours, rospy.get_name()}
         self._subscribers = [
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
             for topic in VELOCITY_TOPICS
         ]
+        # access to ROS for the exercise's watch, which follows the run and decides when it is over
         self._access = DriveAccess(self._our_nodes, self._markers)
         self._watch = EXERCISES[self._task.exercise].watch(self._initial, self._access)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
@@ -246,11 +250,14 @@ class DriveRecorder:
             if set(nodes) - self._our_nodes:
                 self._markers.follow(topic, self._types.get(topic, ""))
                 self._follow(topic, self._types.get(topic, ""))
+        # topic that the submission has to read, in most exercises that of the scans
         input_topic = self._watch.input_topic
         listeners: Set[str] = set(subscribers.get(input_topic, ()))
+        # a fact that was seen once stays true, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
+        # a submission could forge poses, time or input on these topics
         simulator_topics = (TRUTH, "/clock", input_topic)
         for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
             self._violate(f"node {node} publishes on {topic}, on which only the simulator may publish")
@@ -330,6 +337,7 @@ class DriveRecorder:
         table = np.array(rows).reshape(-1, 6)  # the table has six columns even without a row
         times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
         frames, notes = self._markers.frames, [*self._markers.notes]
+        # a submission that sends no commands at all has another fault
         if self._unanswered and self._command_count:
             notes.insert(0, Note(Kind.UNANSWERED_SCANS, self._unanswered))
         recording = replace(
