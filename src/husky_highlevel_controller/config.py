@@ -182,12 +182,13 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
     """Return a value from YAML or JSON as the type of a field; ConfigError if it does not fit.
 
     Args:
-        kind: type of the field.
+        kind: type of the field, such as float, Optional[int], a record or a tuple of types.
         value: plain value.
         name: path of the value, for messages.
-        metadata: limits of the field.
-        parameters_only: read parameters of a node, instead of a saved record.
+        metadata: limits of the field, such as `min`, `max` and `choices`.
+        parameters_only: read parameters of a node, which must all be there, instead of a saved record.
     """
+    # for example, Tuple[float, ...] has the origin tuple and the arguments (float, ...)
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Union:  # Optional
         return None if value is None else _value(args[0], value, name, metadata, parameters_only)

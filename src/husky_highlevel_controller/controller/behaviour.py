@@ -149,7 +149,8 @@ def decide(
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        # old positions are forgotten, because the world may have changed
+        # rejected positions are forgotten, because the world may have changed; the estimate stays until
+        # `follow` gives it up
         track = controller_state.track._replace(rejected=(), walked_to=None)
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
@@ -172,7 +173,8 @@ def decide(
     # decision
     action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
 
-    # bookkeeping: a run begins when the controller is started, and again when the robot leaves the pillar
+    # bookkeeping: a run begins when the controller is started, and again when the robot leaves the pillar;
+    # without a target, `remaining` is nan, so that the robot counts as away from the pillar
     remaining = remaining_distance(target, control) if target else nan
     was_at_pillar, started_at = controller_state.at_pillar, controller_state.started_at
     at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_ERROR)
@@ -286,6 +288,15 @@ def _act(
 
     The checks come in this order: reasons to stand still, such as a missing transform or a covered lidar;
     then the way to a known pillar; then the search for a pillar, if the configuration allows it.
+
+    Args:
+        controller_state: state with the track of this scan, and with the action of the last scan.
+        observation: the scan, and the poses at its stamp.
+        target: pillar in base_link, seen or remembered; None if its position is unknown.
+        pillar_seen: whether this scan shows the pillar.
+        visibility: evidence of this scan about the remembered position.
+        enabled: whether the robot may move.
+        control: gains and limits.
     """
     if not enabled:
         return _Action(State.STOPPED, STOP, "stopped by its start/stop service")
@@ -297,15 +308,18 @@ def _act(
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
         return _wait("no transform from odom to base_link any more; check that odometry is running")
     measured = bool(pillar_seen or observation.scan.valid.any())
-    # the scan has no beams, or all its returns are too close to be valid
+    # a beam without an echo (inf) is normal in an empty world; without such a beam, the scan has no beams, or
+    # all its returns are too close to be valid
     if not measured and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
     if controller_state.track.doubtful and target is not None:
         return _wait("the pillar moves away; waiting until it stands")
 
+    # a pillar that the scan shows is not an obstacle; at a remembered position, everything is an obstacle
     obstacles_in_base = near_points(
         observation.scan, observation.laser_in_base, target if pillar_seen else None, observation.outline
     )
+    # the robot drives to a position that it only remembers if it may search
     if target is not None and (pillar_seen or control.search):
         return _drive(
             controller_state,
@@ -353,7 +367,8 @@ def _search(
         observation.outline,
         control,
     )
-    # a scan without returns is normal in an empty world, but not where walls stood before
+    # a scan without returns is normal in an empty world, but not where walls stood before; the robot may turn
+    # without returns, but it does not drive, and the search stays as it was
     if twist.linear > 0.0 and not measured and controller_state.in_room:
         problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"
         return _wait(problem, controller_state.search)
@@ -393,12 +408,16 @@ def _drive(
     else:
         tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
         is_reached = remaining <= tolerance
+    # a robot that has arrived stays, even if it does not see the pillar, until the error exceeds RESUME_ERROR
     if (visible and is_reached) or (had_arrived and remaining <= RESUME_ERROR):
         return _Action(State.ARRIVED, STOP, arrival)
+    # the robot is where it would stop, but does not see the pillar, so it turns the lidar to that position
     if not visible and remaining <= tolerance:
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
 
+    # the direction nearest to the pillar in which the way is free; the pillar's own direction needs no more
+    # free way than remains
     bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         twist = Twist2D(0.0, control.search_rate)

@@ -108,7 +108,8 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # circles: centre (origin + x, y) and radius r, (S,) [m]
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # weighted products of each beam's derivatives (dx, dy, -1) and its error
+    # for each beam, nine weighted products of two of dx, dy, 1 and its error; the derivative by the radius is
+    # -1, so the sums with it get their sign afterwards
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -141,7 +142,9 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     _, _, error, weight = residuals()
     squares = error * error
     u, v = ranges * px, ranges * py
+    # terms of `line_squared_error`, whose unknowns multiply u = r^2 cos and v = r^2 sin
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
+    # (8, S): squared distances, weighted squared errors of the circle, and the six sums of the line
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
     circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
     line_lead = np.maximum(count - 2, 1) * np.log((circle_error + noise_error) / (line_error + noise_error))

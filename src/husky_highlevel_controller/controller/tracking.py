@@ -124,6 +124,7 @@ def follow(
         sighting = _match(estimate, sightings, scan.stamp)
         if sighting is not None:
             sighted = _updated(track, sighting, period, scan, laser_in_odom)
+            # an object that moves is a leg or a wheel, so it is given up although the scan shows it
             if not _walks(sighted, sighting.pillar):
                 return _confirmed_if_watched(sighted, laser_in_odom), sighting, Visibility.SEEN
             track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
@@ -133,9 +134,11 @@ def follow(
             track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
             if track.missed_time <= EMPTY_TIMEOUT:
                 return track, None, visibility
+            # a position that was only out of view or hidden is not rejected, unless it was confirmed before
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
 
-    # no pillar is tracked any more, so track the nearest one, preferably not the object that walked
+    # no pillar is tracked any more, so track the nearest one, preferably not the object that walked (false
+    # sorts before true)
     for sighting in sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting)):
         if not _is_rejected(sighting, track):
             return _updated(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN

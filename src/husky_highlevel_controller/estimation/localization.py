@@ -38,7 +38,8 @@ class Localization:
             for name, item in config.inputs.items()
         }
         self._ekf = PlanarEkf(config.process_noise, config.initial_covariance)
-        self._waiting_readings: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
+        # heap of the readings that wait for other sensors: stamp, name of the sensor, reading, mounting
+        self._waiting_readings: List[Tuple[float, str, Reading, Mounting]] = []
         self._first_stamp = inf  # [s] stamp of the first reading
         self._last_stamps: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
         # [s] stamp of the last pose from `set_pose`, and stamp of the last estimate
@@ -75,6 +76,7 @@ class Localization:
         reading = self._sensors[name].checked(reading)
         self._first_stamp = min(self._first_stamp, reading.stamp)
         self._last_stamps[name] = reading.stamp
+        # a reading from before `set_pose` has no effect on the pose that was set
         if reading.stamp > self._pose_set_at:
             heapq.heappush(self._waiting_readings, (reading.stamp, name, reading, mounting))
         # readings are processed in the order of their stamps, up to the time that all sensors have passed
@@ -83,6 +85,7 @@ class Localization:
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
             stamp, name, reading, mounting = heapq.heappop(self._waiting_readings)
             due_estimates += self._estimates(stamp - SAME_TIME)  # estimates that this reading must not change
+            # the first reading starts the filter, so the first estimate is at the first period from there on
             if not self._ekf.started:
                 self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
             yaw_rate = float(self._ekf.estimate.state[YAW_RATE])

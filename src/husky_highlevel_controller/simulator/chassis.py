@@ -108,7 +108,8 @@ class Chassis:
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         pull_x, pull_y = self._downhill()
-        # forces (forwards, to the left) [N] on each tyre, by its grip on the ground and the wheel speeds
+        # forces (forwards, to the left) [N] on each tyre, by its grip on the ground and the wheel speeds; the
+        # velocity is that of the centre of mass
         forces = ground_forces(
             contacts,
             velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
@@ -139,7 +140,7 @@ class Chassis:
         pushes += [
             (self._hull_friction(point, normal, load), point) for point, normal, load in self._hull_contacts
         ]
-        # turn the forces from base_link into the world
+        # turn the forces and points from base_link into the world; (ax, ay, az) is base_link's x axis there
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._base_axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:

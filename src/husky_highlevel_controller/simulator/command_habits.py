@@ -116,6 +116,7 @@ class CommandHabits:
         """
         stamp = memory.last
         # DRIVES: the rate is counted from the first command that moves the robot, and again after a long gap
+        # a command moves the robot if it is not zero and no stronger topic overrules it
         begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
         if begins_to_move or gap > LONGEST_GAP:
             memory.moves_since, memory.moves_count = (None if is_zero else stamp), 0
@@ -125,7 +126,8 @@ class CommandHabits:
             if duration >= RATE_TIME:
                 yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
 
-        # SLOW: many successive commands come after the one before has expired
+        # SLOW: many successive commands come after the one before has expired; a command in time, or after a
+        # long pause, begins the count again
         is_gap_long = self._timeout < gap <= LONGEST_GAP
         memory.gaps = (*memory.gaps, gap) if is_gap_long else ()
         if len(memory.gaps) >= SLOW_GAPS:
@@ -138,6 +140,7 @@ class CommandHabits:
             yield Finding(Habit.ZEROS, sender, topic)
 
         # OVERRULED: another node commands zero on the stronger topic, so the sender cannot move the robot
+        # `holder` is the node whose last command on the stronger topic is zero; empty if it is not zero
         holder = "" if stronger_topic is None else self._zero_senders.get(stronger_topic, "")
         if is_zero or stronger_topic is None or not holder:
             memory.overruled_since = None

@@ -62,9 +62,11 @@ def equip(
     """
     rate, real, mount = config.physics_rate, config.real, config.robot.imu_mount
     dt = 1.0 / rate
+    # numbers of physics steps from one sample of a sensor to the next
     scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
     ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
+    # [m] distance between the wheels by which odometry computes turns, because the wheels slip sideways
     effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]

@@ -61,12 +61,17 @@ class Power:
     def update(
         self, torques: Tuple[float, float], speeds: Tuple[float, float], duration: float
     ) -> PowerState:
-        """Advance by `duration` [s] with the work of each side since the last call, forward positive.
+        """Advance the battery and the temperatures, and return the power of this moment.
 
-        The (left, right) wheels push the ground with `torques` [N m], and their treads run at `speeds` [m/s].
+        Args:
+            torques: torques with which the (left, right) wheels push the ground, forward positive [N m].
+            speeds: speeds of the treads of the (left, right) wheels, forward positive [m/s].
+            duration: time since the last call [s].
         """
+        # currents of the two motors [A]
         left, right = (self._current(torque, speed) for torque, speed in zip(torques, speeds))
         current = left + right + ELECTRONICS_CURRENT
+        # [V] the voltage falls with the charge, and by the resistance while current flows
         open_circuit = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
         voltage = open_circuit - RESISTANCE * current
         energy = voltage * current * duration / 3600.0  # [Wh]

@@ -80,15 +80,17 @@ class Simulation:
             ground = config.real.ground
             traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
             config = replace(config, traction=traction)
+        # [Hz] rate of the physics, [s] duration of a step, number of steps from odometry to odometry
         self._physics_rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._world, self._robot, self._config = world, robot, config
         self._start_pose, self._seed = pose_from_2d(start, start_height), seed
-        self._equipment = self._equip()
+        self._equipment = self._equip()  # drive, battery and sensors
         self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
         self._objects = WorldObjects(self._bullet)
         self._chassis = Chassis(self._bullet, robot, config.traction, self.dt)
+        # the stamp counts the steps of both, because simulated time goes on after a reset
         self._steps_before_reset = self._steps_since_reset = 0
         try:
             self.reset()
@@ -157,6 +159,7 @@ class Simulation:
             HuskyError: the world cannot be simulated, or something stands at the start. Then nothing changes.
         """
         start, height = pose_to_2d(self._start_pose), self._start_pose.position[2]
+        # another simulation of the new world raises the errors before this one is changed
         Simulation(world, self._robot, self._config, start, self._seed, height).close()
         self._world = world
         self._equipment = self._equip()
@@ -191,6 +194,7 @@ class Simulation:
         A sensor's sample is in the snapshot only at the end of the sensor's period.
         """
         equipment = self._equipment
+        # the command in force, and the speeds of the wheels on either side [rad/s]
         command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
         self._chassis.drive((left, right, left, right))
         self._bullet.step()
@@ -320,6 +324,7 @@ class Simulation:
         Raises:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
+        # the bodies return together with the robot, so it is checked against their first poses
         self._bullet.check_moves(
             {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}, ROBOT
         )

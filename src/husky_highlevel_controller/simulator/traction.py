@@ -87,7 +87,7 @@ def ground_forces(
         dt: duration of the step [s].
         config: the tyres.
     """
-    vx, vy, yaw_rate = last = velocity
+    vx, vy, yaw_rate = last = velocity  # `last` is the velocity of the round before
     grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
     # position of each contact, its largest friction force [N], and the speed of the wheel's tread
     treads = [
@@ -106,10 +106,12 @@ def ground_forces(
     ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
         # the equations [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py, pw)
+        # these are the terms without friction; each wheel adds its own
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
         px, py, pw = push_x, push_y, spin
         ks = []
         for x, y, limit, speed in treads:
+            # largest force divided by the slip (forward, to the left), which is at least `slip_speed`
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
             kdt = k * dt

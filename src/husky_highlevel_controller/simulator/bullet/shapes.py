@@ -43,10 +43,15 @@ def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
 
 
 def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:
-    """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons.
+    """Make the compound collision shape of several geometries, and return its number in Bullet.
 
-    A mesh collides by its triangles. If it can move, it collides by its convex hull, because Bullet
-    cannot move triangles.
+    Cylinders are exact, not hulls of polygons. A mesh collides by its triangles. If it can move, it collides
+    by its convex hull, because Bullet cannot move triangles.
+
+    Args:
+        geometries: shapes with their poses in the body.
+        is_movable: whether the body can move.
+        engine: PyBullet's client, which makes the shape.
     """
     kinds = {
         Box: pybullet.GEOM_BOX,
@@ -55,11 +60,13 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
         TriangleMesh: pybullet.GEOM_MESH,
     }
     shapes = [geometry.shape for geometry in geometries]
-    arguments: Dict[str, Any] = {}
+    # Bullet takes a list for each property, with an entry for each shape, also for shapes without it
+    arguments: Dict[str, Any] = {}  # lists that only meshes need
     # a new folder for each mesh, because Bullet caches files by name
     with tempfile.TemporaryDirectory() as folder:
         if any(isinstance(shape, TriangleMesh) for shape in shapes):
             names = [os.path.join(folder, f"{number}.obj") for number in range(len(shapes))]
+            # without a flag, Bullet uses the convex hull
             flag = 0 if is_movable else pybullet.GEOM_FORCE_CONCAVE_TRIMESH
             arguments["fileNames"] = [
                 _write_obj(shape, name) if isinstance(shape, TriangleMesh) else ""

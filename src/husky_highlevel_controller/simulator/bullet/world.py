@@ -122,6 +122,7 @@ class BulletWorld:
         if solids:
             shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
+            # bodies of one model pass through one another, as in Gazebo
             if body.model:
                 others = self._ids_by_model.setdefault(body.model, [])
                 self._set_collides(body_id, others, collides=False)
@@ -188,6 +189,7 @@ class BulletWorld:
             near: distance of the near limit [m].
             far: distance of the far limit [m].
         """
+        # Bullet takes the position of the camera, a point ahead of it, and a direction upwards
         eye = pose_camera_in_world.position
         view = self._engine.computeViewMatrix(
             eye,
@@ -197,6 +199,7 @@ class BulletWorld:
         projection = self._engine.computeProjectionMatrixFOV(
             degrees(vertical_field_of_view), width / height, near, far
         )
+        # an image has the width, the height, colours, depths and bodies of the pixels; only depths are used
         _, _, _, depth, _ = self._engine.getCameraImage(
             width,
             height,
@@ -261,6 +264,7 @@ class BulletWorld:
         Raises:
             PlacementError: the body reaches into another body.
         """
+        # a body with planes has several numbers in Bullet
         checked_ids = self._ids_by_name[name] if copy is None else [copy]
         body_ids = set(self._ids_by_name[name])
         links_of_model = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]

@@ -41,8 +41,8 @@ class MeshError(HuskyError):
 class MeshFiles:
     """Mesh files of one world, each read once."""
 
-    bytes_left: int = MAX_BYTES_IN_ALL
-    known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)
+    bytes_left: int = MAX_BYTES_IN_ALL  # [bytes] size that further files may have together
+    known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)  # meshes by file and part
     coarser: List[str] = field(default_factory=list)  # names of the files whose meshes were made coarser
 
     def read(self, uri: str, source: str, part: str = "") -> TriangleMesh:
@@ -89,7 +89,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         import trimesh
     except ImportError:
         raise MeshError("needs the Python package trimesh, which is not installed") from None
-    ending, unit = path.suffix.lower(), 1.0
+    ending, unit = path.suffix.lower(), 1.0  # unit of the file [m], which only a .dae file can state
     try:
         data = read_bytes(path)
         if ending == ".dae":
@@ -97,11 +97,12 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
             unit = _unit_of(document)
             # only a .dae file can use one mesh many times, so that a small file becomes large
             _check_size(scene_size(document))
+        # a scene keeps the names of its parts; vertices stay as they are in the file; materials are not used
         options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
         scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
         vertices, faces = _parts_of(scene, part)
     except MeshError:
-        raise
+        raise  # a MeshError already says what is wrong with the mesh
     except WorldError as error:
         raise MeshError(f"cannot be read: {error}") from None
     except Exception as error:  # trimesh raises errors of many types for a broken file

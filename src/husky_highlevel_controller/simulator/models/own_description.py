@@ -54,6 +54,7 @@ def choose_description(
         frames: names of links that the simulator's sensors need.
     """
     try:
+        # links and joints of the user; `robot_model` raises if the physics cannot use the description
         added_parts = _parts([own]) - _parts([given, *fully_equipped])
         fixed_links = robot_model(own, robot).fixed_poses
     except DescriptionError as error:
@@ -63,6 +64,7 @@ def choose_description(
     missing = [frame for frame in frames if frame not in fixed_links]
     if missing:
         return _refused(given, f"no link '{missing[0]}' for a sensor is fixed to base_link", robot)
+    # the user's links whose collision meshes have no effect, for the warning
     _, links, _ = urdf.read_urdf(own)
     links_with_mesh = sorted(
         name

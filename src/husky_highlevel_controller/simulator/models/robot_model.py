@@ -104,6 +104,8 @@ def robot_model(
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; the wheels' joints are {', '.join(wheel_joints)}")
 
+    # the joints as (parent, child, pose of the child in the parent), and the pose in base_link of each link
+    # that they join to it
     fixed = [joint for joint in joints.values() if joint.get("type") == "fixed"]
     fixed_joints = urdf.joined_links(links, fixed)
     poses = urdf.poses_of_links("base_link", fixed_joints)
@@ -116,6 +118,7 @@ def robot_model(
     _write_collisions(base, fixed_links)
     wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
     left, right, *_ = wheels
+    # the first two joints are front left and front right; `not >=` also refuses a distance of NaN
     if not left.position[1] - right.position[1] >= MIN_SEPARATION:
         positions = f"y = {left.position[1]:g} and {right.position[1]:g} m"
         raise DescriptionError(f"joint '{left.joint}' is not left of joint '{right.joint}': {positions}")
@@ -158,6 +161,7 @@ def _write_wheel(
             "a wheel's joint must be continuous and on base_link"
         )
     pose = compose(fixed_poses[parent], urdf.origin_of(joint, where))
+    # URDF's default axis is x
     axis = urdf.numbers_of(joint.find("axis"), "xyz", where, 3, (1.0, 0.0, 0.0))
     axis_in_base = rotate(pose.quat_xyzw, axis)
     if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
@@ -169,15 +173,18 @@ def _write_wheel(
     _require_solid(_inertial(link, Pose()), link_label)
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
+    # the flanks, which are smaller by FLANK_DEPTH, need a radius, too
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
+    # each cylinder becomes a narrow tread and lower flanks, so that the wheel stands on its middle
     for collision in collisions:
         _crown(base, collision)
     inertial = _inertial(link, pose)
     width = urdf.number_of(cylinder, "length", link_label)
-    axial_inertia = float(inertial[2][1, 1])
-    return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
+    mass, _, inertia = inertial
+    axial_inertia = float(inertia[1, 1])  # about base_link's y axis, about which the wheel turns
+    return Wheel(name, child, pose, radius, width, mass, axial_inertia), inertial
 
 
 # mass [kg], centre of mass [m], inertia about the centre of mass (3, 3) [kg m^2]

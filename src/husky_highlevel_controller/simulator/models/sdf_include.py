@@ -57,6 +57,7 @@ def models_in(holder: Node) -> Iterator[Model]:
         if node.tag == "model":
             yield Model(node)
         elif node.tag == "include":
+            # results are kept, because the models of a holder are listed several times
             included, element = node.load.included, node.element
             if element not in included:
                 included[element] = _included(node)
@@ -81,6 +82,7 @@ def _included(include: Node) -> Optional[Node]:
         include.note("an <include> without a <uri> is left out")
         return None
     uri = uri_node.text
+    # the ground plane and the sun of Fuel are those of Gazebo, which are known here without a file
     fuel_address = _FUEL.fullmatch(unquote(uri))
     if fuel_address:
         uri = "model://" + fuel_address.group(1).lower().replace(" ", "_")
@@ -93,6 +95,7 @@ def _included(include: Node) -> Optional[Node]:
         return None
     path, files = _find_model(uri, include.source), include.load.files
     if path is None:
+        # the counts are for a warning, if the lidar sees nothing because models are missing
         include.load.models += 1
         include.load.lost += 1
         include.note(
@@ -143,5 +146,6 @@ def _newest_file(config: Path, plain: Path) -> Path:
     name_by_minor_version = {
         minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers
     }
+    # the newest version up to NEWEST, otherwise the oldest one after it
     best = min(name_by_minor_version, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
     return config.parent / (name_by_minor_version[best] or "").strip()

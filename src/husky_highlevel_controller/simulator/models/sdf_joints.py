@@ -51,6 +51,7 @@ class Assembly:
         name, so that they pass through one another, unless one of their links has <self_collide>. A joint of
         a link that does not exist is left out with a note.
         """
+        # links that never move need no joints, so each of them stays a body
         is_static = all(body.mass == 0.0 for body in self.links.values())
         if is_static:
             yield from self.links.values()
@@ -64,6 +65,7 @@ class Assembly:
                 continue
             if joint.element.get("type") != "fixed":
                 joint.note("joints do not move, so a movable model with joints is one rigid body", self.name)
+            # the group of the child link ends; all its links move to the group of the parent link
             merged, ended = (group_of[end] for end in ends)
             group_of = {name: merged if group == ended else group for name, group in group_of.items()}
         links_by_group: Dict[str, List[str]] = {}
@@ -73,6 +75,7 @@ class Assembly:
         for group, names in links_by_group.items():
             body = self._rigid_body(names, is_whole)
             is_fixed = group == group_of[_WORLD]
+            # a model of one body has no other body to pass through
             hits_other_bodies = is_whole or self.self_colliding.intersection(names)
             yield replace(
                 body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name

@@ -166,6 +166,7 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
         read = _read_included if model.include else _read_model
+        # a model in the world gets an assembly of its own; a model inside a model adds to its assembly
         if place.assembly is None:
             yield from _whole_model(model, place, read)
         else:
@@ -173,11 +174,18 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
 
 
 def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], None]) -> Iterator[Body]:
-    """The bodies of a model that is in no other."""
+    """Yield the bodies of a model that is in no other.
+
+    Args:
+        model: the model.
+        place: place in the world that holds it.
+        read: function that adds the model and the models inside it to the assembly of the place.
+    """
     assembly = Assembly(model.name)
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
+    # grounds do not count, which have only planes
     model.node.load.models += not shapes or not all(isinstance(shape, Plane) for shape in shapes)
     yield from bodies
 
@@ -208,6 +216,7 @@ def _read_model(model: Model, parent: _Place) -> None:
     assembly, node, name = parent.assembly, model.node, model.name
     assert assembly is not None
     node.note_unknown()
+    # an <include> without a <name> takes the name in the file, which another <include> may have taken before
     if model.include and not model.include.child("name"):
         name = _free_name(name, parent, node)
     full_name = parent.scoped(name)
@@ -216,7 +225,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         return
     node.load.names.add(full_name)
     place = _place_of_model(model, name, parent)
-    is_outermost = not parent.full_name
+    is_outermost = not parent.full_name  # no model is around it
     if is_outermost:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
 
@@ -228,6 +237,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         # if a model has only one link, the body has the name of the model, which is the name that users know
         body_name = full_name if has_one_link else _claim_link(link, place)
         body = _read_link(link, place, body_name)
+        # name by which joints and frames refer to the link
         link_name = place.scoped(link.named()) if has_one_link else body_name
         if body:
             assembly.links[link_name] = body
@@ -243,6 +253,7 @@ def _read_model(model: Model, parent: _Place) -> None:
 
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
     """Return the place of a model in its parent; `name` is its free name there."""
+    # the saved state has a pose only for some models; it comes before the <pose>
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")
     return _Place(
@@ -290,10 +301,12 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
         full_name: name of the body.
     """
     link.note_unknown()
+    # a movable link has gravity and obeys forces; other values would have an effect, so they are noted
     for tag, supported in (("gravity", ("true", "1")), ("kinematic", ("false", "0"))):
         node = link.child(tag)
         if node and node.text.lower() not in supported and not model.static:
             node.note(f"<{tag}> of a link is not supported and is left out", node.text)
+    # the pose of the saved state comes before the <pose>
     pose_in_model, state = model.frames.pose_of(link.child("pose")), model.state.of("link", link.named())
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
@@ -330,6 +343,7 @@ def _mass(link: Node, model: _Place) -> float:
         inertial.note_unknown()
         _note_unused_inertia(inertial, link, model)
         node = inertial.child("mass")
+        # a mass of 0 in a static model has no effect, so it is not noted
         is_usual_zero = model.static and node is not None and node.text in ("0", "0.0")
         if node and not is_usual_zero:
             mass = node.unless_broken(

@@ -46,6 +46,7 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     geometries: List[Geometry] = []
     files = MeshFiles()
     mass = 0.0
+    # `pose` is the pose of a link in the root link, whose frame is the frame of the body
     for link_name, pose in urdf.poses_of_links(roots.pop(), joined).items():
         link, where = links[link_name], urdf.label_of(links[link_name])
         for collision in link.findall("collision"):
@@ -57,7 +58,8 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder, sphere or mesh")
     is_static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
     shapes = tuple(geometries)
-    return Body(name, pose_in_world, shapes, shapes, 0.0 if is_static else mass)
+    # the collision shapes are also drawn; a mass of 0 makes the body static
+    return Body(name, pose_in_world, collisions=shapes, visuals=shapes, mass=0.0 if is_static else mass)
 
 
 def _mass(link: ET.Element, where: str) -> float:

@@ -176,10 +176,11 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     # the loop keeps only the beams without a strong echo so far: their indices, and rows of their rays
     (beams,) = np.isfinite(spots).any(axis=1).nonzero()
     depth, weights = spots[beams], _weights(spots[beams], piece.offsets, config)
-    depth[weights <= 0.0] = inf
+    depth[weights <= 0.0] = inf  # a ray outside of the round spot carries no light
     for _ in range(MAX_ECHOES):
         if not len(beams):
             break
+        # the nearest echo of each beam: all its rays that end within `echo_length` behind the nearest ray
         in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
         light = np.where(in_echo, weights, 0.0)
         fraction = light.sum(axis=1)
@@ -191,6 +192,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         ranges[beams[is_strong]] = mean[is_strong]
         fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
         depth[in_echo] = inf  # the echo is too weak, so the next echo behind it counts
+        # a beam without light in its echo has no further echo
         is_weak = ~is_strong & (fraction > 0.0)
         beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions

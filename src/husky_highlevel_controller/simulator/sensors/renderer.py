@@ -74,7 +74,7 @@ def _serve_requests(pipe: Connection) -> None:
     # Ctrl-C is ignored, because the process ends when its pipe is closed
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     config: CameraConfig = pipe.recv()
-    bullet = BulletWorld(1.0)
+    bullet = BulletWorld(1.0)  # any duration of a step will do
     bullet.clear((0.0, 0.0, 0.0))
     bodies_drawn: Mapping[str, Body] = {}
     while True:
@@ -83,6 +83,7 @@ def _serve_requests(pipe: Connection) -> None:
         except (EOFError, OSError):
             return
         if request.bodies is not None:
+            # a changed body is removed before it is added again, because its name must be free
             bodies = _bodies_to_draw(request.bodies)
             for name, body in bodies_drawn.items():
                 if body != bodies.get(name):
