@@ -27,14 +27,16 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
     There are none if the message lacks x, y or z as 32-bit floats, or is shorter than its header says.
     """
     no_points = np.zeros((0, 3), np.float32)
-    # bytes from the beginning of a point to each of its fields
+    # bytes from the beginning of a point to each of its fields; a cloud may have further fields, as a colour
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
         return no_points
     row_size = msg.width * msg.point_step
     row_step = msg.row_step or row_size  # some drivers do not set row_step, and leave it at 0
+    # 4 bytes are the size of a 32-bit float; a field must not reach into the next point
     if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step or row_step < row_size:
         return no_points
+    # the bytes between two rows may be missing after the last row
     if len(msg.data) < (msg.height - 1) * row_step + row_size:
         return no_points
     number_format = ">f4" if msg.is_bigendian else "<f4"
@@ -47,7 +49,8 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
         }
     )
     rows = np.ndarray((msg.height, msg.width), point_format, msg.data, strides=(row_step, msg.point_step))
-    every = -(-rows.size // max_points)  # rounded up
+    # each n-th point is kept; n is rounded up, so that at most `max_points` are left
+    every = -(-rows.size // max_points)
     cloud = rows.ravel()[::every]
     points = np.column_stack([cloud["x"], cloud["y"], cloud["z"]]).astype(np.float32)
     finite: np.ndarray = points[np.isfinite(points).all(axis=1)]

@@ -123,18 +123,19 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
-    replace_transport()
+    replace_transport()  # must come before the first publisher is made
     level = rospy.DEBUG if debug else rospy.INFO
     # the arguments are given, because rospy would otherwise use the arguments at its import, before this
     # program was forked
     rospy.init_node(
         name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
     )
-    remember_parameter()
+    remember_parameter()  # rospy would ask the master for it with each line of the log
     _end_on_signals()
     try:
         make().run()
     except HuskyError as error:
+        # a node without any parameter was probably started without its launch file
         hint = f"; start it by roslaunch husky_highlevel_controller {LAUNCH_FILES.get(name)}.launch"
         unset = name in LAUNCH_FILES and not rospy.get_param("~", {})
         rospy.logfatal(str(error) + hint * unset)

@@ -90,6 +90,7 @@ class RegistrationWatch:
             time.sleep(PERIOD)  # comes first, because the node has just registered and is busy with its start
             with contained("the look for this node's registration"):
                 self._registration.look()
+        # [s] wall times of the last line in the log and of the last message; both are due at once
         said_at = published_at = -REPORT_PERIOD
         while not rospy.is_shutdown():
             now = time.monotonic()

@@ -122,10 +122,11 @@ class Display:
         if stamp < self._array_stamp:  # time went back, because the simulator was started again
             self._path.clear()
             self._array_stamp = -inf
-        if output.moved:
+        if output.moved:  # the robot was put elsewhere, or odom was reset
             self._path.clear()
         place = observation.base_in_odom
         if place is not None:
+            # an empty path is infinitely far away, so that the first point is always added
             last = self._path[-1] if self._path else Point(inf, inf, 0.0)
             if hypot(place.x - last.x, place.y - last.y) >= PATH_STEP:
                 self._path.append(Point(place.x, place.y, 0.0))
@@ -135,10 +136,10 @@ class Display:
                 publish(self._marker_publisher, each)
         is_due = output.state is not self._array_state or stamp >= self._array_stamp + ARRAY_PERIOD
         if is_due and self._array_publisher.get_num_connections():
-            top = self._ground_height + pillar_height
+            top = self._ground_height + pillar_height  # [m] height of the pillar's top in base_link
             markers = _state_markers(observation, output, stop_distance, top)
             if len(self._path) > 1:
-                points, width = list(self._path), (0.04, 0.0, 0.0)
+                points, width = list(self._path), (0.04, 0.0, 0.0)  # [m] RViz takes the width from x alone
                 markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
             publish(
                 self._array_publisher,
@@ -252,6 +253,7 @@ def _state_markers(
         size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
         markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
         if output.target_in_base is not None and observation.laser_in_base is not None:
+            # a ball where the lidar is to stop
             goal = _stop_point(observation, output, stop_distance + estimate.radius)
             markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
 

@@ -55,13 +55,16 @@ class CrashStopNode:
         crash.
         """
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
+        # time of the sample by odometry's clock; the texts are for a warning if the two clocks differ
         stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
         if self._guard.clocks.seconds != 0.0:
+            # without a danger, because the guard must still notice when the robot drives again after a stop
             self._guard.judge(stamp, None)
             return
         with self._detector_lock:
+            # [m/s] change of the speed in a crash; None if no crash is found
             loss = self._detector.add_sample(sample, mount)
-            delay = self._detector.delay
+            delay = self._detector.delay  # [s] time for which the samples wait for odometry
         if delay > LONG_DELAY:
             rospy.logwarn_throttle(
                 REPORT_PERIOD,

@@ -59,13 +59,15 @@ class Guard:
             on_odometry: also called with stamp [s] and twist of every odometry message.
             queue_size: number of odometry messages that wait; with 1, only the newest counts.
         """
-        self._latch = Latch()
+        self._latch = Latch()  # memory of the last stop, so that each danger stops the controller only once
         self._odometry: Optional[Odometry] = None
         self._odometry_callback = on_odometry
         self.clocks = ClockOffset(clock_tolerance)
         self._stop_service = rospy.resolve_name(config.start_stop_service_name)
+        # the last topic of `velocity` is the controller's and the weakest, so the one before has priority
         self._zero_publisher = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
         self._stop_request = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
+        # commands zero if the ROS master loses this node, because no new program could then stop the robot
         self._registration = RegistrationWatch(self._command_zero)
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)

@@ -52,6 +52,7 @@ class ProximityStopNode:
         except conversions.ScanError as error:
             rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {error}")
             return
+        # time of the scan by odometry's clock; the texts are for a warning if the two clocks differ
         stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is used for them")
         twist = self._guard.twist(stamp)
         laser_in_base = lookup_pose(self._transforms, BASE, scan.frame)
@@ -65,8 +66,10 @@ class ProximityStopNode:
                 rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {reason}")
             return
         self._blind_since = inf
+        # [m] distance to an obstacle for which the robot must brake now; None if there is no such obstacle
         clearance = too_close(scan, laser_in_base, twist, self._config, self._robot)
         danger = None
+        # a velocity that is not finite is unknown, so it counts as a danger
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
             danger = f"odometry reports {twist.linear} m/s, {twist.angular} rad/s"
         elif clearance is not None:
@@ -74,6 +77,7 @@ class ProximityStopNode:
                 f"something is {clearance:.2f} m away, and the robot moves towards it at "
                 f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
             )
+        # also without a danger, because the guard must notice when the robot drives again after a stop
         self._guard.judge(stamp, danger)
 
 

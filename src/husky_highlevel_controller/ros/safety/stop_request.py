@@ -76,7 +76,7 @@ class StopRequest:
         """
         begin = time.monotonic()
         while not is_shutdown():
-            answers = self._start_call()
+            answers = self._start_call()  # queue that gets the reason of a failure, or None for success
             end = time.monotonic() + CALL_TIMEOUT
             failure: Optional[str] = f"it did not answer within {CALL_TIMEOUT:g} s"
             while time.monotonic() < end and not is_shutdown():

@@ -45,12 +45,13 @@ class BagPlayer:
             if topic not in {TRUTH_TOPIC, *self._publishers}:
                 latch = topic == "/tf_static"
                 self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
-        now = first_messages[0][0].stamp
+        first_snapshot, _, _ = first_messages[0]
+        now = first_snapshot.stamp  # [s] simulated time
         # /clock is advertised last, as the sign that the player is ready
         clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         publish(clock, Clock(time_to_msg(now)))
-        self._truth.wait_to_begin(lambda: None)
-        begun = time.monotonic()
+        self._truth.wait_to_begin(lambda: None)  # the reader of the true poses lets time begin
+        begun = time.monotonic()  # [s] wall time at the simulated time 0, moved on by each delay
         for snapshot, topic, msg in chain(first_messages, self._messages):
             if snapshot.stamp > now:
                 now = snapshot.stamp
@@ -62,6 +63,7 @@ class BagPlayer:
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return
+            # the true poses go only to their reader, because a submission must not read them
             if topic == TRUTH_TOPIC:
                 self._truth.write(snapshot)
             else:

@@ -44,6 +44,7 @@ class Commands:
             findings: gets sentences about mistakes of the senders.
         """
         topics = robot.topics
+        # finds habits of senders that make the robot drive badly, such as commands that come too slowly
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
         # topic of the twist_mux's output; a node that publishes on this topic bypasses the twist_mux
         self._direct_topic = topics.wheel_command
@@ -52,8 +53,9 @@ class Commands:
         self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
         self._double_senders: Set[str] = set()  # nodes that have sent a second command for one scan
         self.driver = ""  # node that sent the last command that moves the robot
-        self._mux = CommandMux(topics.velocity)
-        self._is_refusing = False
+        self._mux = CommandMux(topics.velocity)  # decides which topic is obeyed
+        self._is_refusing = False  # true after `refuse`: no command is obeyed any more
+        # publisher of the commands that the mux has passed, as the twist_mux of a real Husky publishes them
         self._passed_publisher = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
             topic: rospy.Subscriber(
@@ -61,7 +63,9 @@ class Commands:
             )
             for topic in (*topics.velocity, topics.wheel_command)
         }
+        # subscribers whose connections show whether a controller is there; see `has_sender`
         self._main_subscriber, self._direct_subscriber = subscribers[MAIN], subscribers[topics.wheel_command]
+        # names of the topics for a controller, as a text for the log
         self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
         # latched, so that a page that starts later gets the state of the emergency stop
         self._locked_publisher = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
@@ -80,7 +84,9 @@ class Commands:
             return obeyed
         while self._arrived:
             topic, msg = self._arrived.popleft()
+            # stronger: topic of higher priority that is obeyed in place of this one; None if there is none
             twist, stronger = conversions.twist_from_msg(msg), None
+            # a command on the mux's own output does not pass the mux, so only the emergency stop rejects it
             if topic == self._direct_topic:
                 if not self._mux.locked:
                     obeyed.append((topic, twist))
@@ -143,9 +149,9 @@ class Commands:
         The node's own messages are ignored. In lockstep each scan gets one command, and further ones are
         dropped.
         """
-        sender = msg._connection_header["callerid"]
+        sender = msg._connection_header["callerid"]  # name of the node that sent the command
         if topic == self._direct_topic and sender == rospy.get_name():
-            return  # published by take()
+            return  # `take` has published this command, which the mux had passed
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
             # the first additional command of a node causes no warning, because a controller that ends also
@@ -160,6 +166,7 @@ class Commands:
             )
             return
         self._arrived.append((topic, msg))
+        # both may wait for this command as the answer to the last scan
         self._lockstep.command_arrived(topic)
         self._lead_limit.command_arrived()
 

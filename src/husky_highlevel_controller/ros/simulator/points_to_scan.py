@@ -52,8 +52,8 @@ class PointsToScanNode(rospy.SubscribeListener):
     def _on_cloud(self, msg: PointCloud2) -> None:
         """Publish a cloud as a scan in the target frame, or warn if TF has no transform to it."""
         config, frame = self._config, msg.header.frame_id
-        points = points_from_msg(msg, MAX_POINTS).astype(float)
-        target = config.target_frame or frame
+        points = points_from_msg(msg, MAX_POINTS).astype(float)  # points (N, 3) [m] in the frame of the cloud
+        target = config.target_frame or frame  # an empty parameter means the frame of the cloud
         if target != frame:
             pose = lookup_pose(self._transforms, target, frame)
             if pose is None:
@@ -62,7 +62,7 @@ class PointsToScanNode(rospy.SubscribeListener):
                 )
                 rospy.logwarn_throttle(REPORT_PERIOD, sentence)
                 return
-            points = transform_points(pose, points)
+            points = transform_points(pose, points)  # points (N, 3) [m] in the target frame
         scan = LaserScan(
             angle_min=config.angle_min,
             angle_max=config.angle_max,

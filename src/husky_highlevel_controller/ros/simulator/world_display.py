@@ -131,6 +131,7 @@ class WorldDisplay:
         marker, because a marker can be dragged only in the plane that was horizontal when it was made.
         """
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
+        # bodies are drawn in odom, so a drift of odom moves all markers
         has_drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if has_drifted:
             self._world_in_odom = world_in_odom
@@ -143,6 +144,7 @@ class WorldDisplay:
                 shown = None
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
+                # a turn of the body counts by the motion of a point 1 m away from its origin
                 if last_pose == pose or not _noticeable(last_pose, pose, 1.0):
                     continue
             pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
