@@ -97,7 +97,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
             distances, or the ranges are in millimetres.
     """
     ranges = np.array(msg.ranges, dtype=float)
-    ranges.setflags(write=False)
+    ranges.setflags(write=False)  # records must not change
     _check_geometry(msg, len(ranges))
     steps = max(len(ranges) - 1, 0)
     scan = Scan(
@@ -119,11 +119,13 @@ def scan_from_msg(msg: LaserScan) -> Scan:
 
 def _check_geometry(msg: LaserScan, beams: int) -> None:
     """Raise ScanError for angles or limits of ranges that no lidar of so many beams has."""
+    # the increment may be negative, because some lidars turn clockwise
     full_turn, increment, problem = 2.0 * pi + TURN_TOLERANCE, abs(msg.angle_increment), ""
     if not isfinite(msg.angle_min):
         problem = f"angle_min = {msg.angle_min} rad"
     elif abs(msg.angle_min) > full_turn:
         problem = f"angle_min = {msg.angle_min:g} rad, more than a turn; check that its angles are in radians"
+    # a scan of one beam has no increment
     elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         problem = f"angle_increment = {msg.angle_increment} rad; {limits}"

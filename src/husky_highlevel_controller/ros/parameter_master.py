@@ -36,7 +36,7 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
 
     Args:
         names: names of all parameters that are set.
-        requests: whether the parameter was there, at the last request.
+        requests: requests of all nodes, and whether each parameter was set when it was last requested.
     """
     absent_by_node: Dict[str, List[str]] = {}  # parameters that each node asked for in vain
     for request, is_found in requests.items():
@@ -49,6 +49,7 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         # the node with the longest name, because the names of nodes may be namespaces of other nodes
         owners = [node for node in absent_by_node if name.startswith(f"{node}/")]
         owner = max(owners, key=len, default=None)
+        # a node that reads a whole namespace reads all parameters in it
         is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
         if owner is None or is_read:
             continue

@@ -50,15 +50,18 @@ class ArrivalExit:
         """
         values, self._robot = parameters_and_robot()
         (self._config,) = read_config(values, rospy.get_name() + "/", ExitConfig)
+        # the pose of the lidar comes from the data of the robot, not from TF
         mount = self._robot.lidar_mount
         turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
-        self._arrived = False
+        self._arrived = False  # true after an arrival, which ends `run`
         # whether the robot has driven; stamp [s] of odometry since which it stands
         self._has_driven, self._standing_since = False, inf
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
-        self._scans: Optional[rospy.Subscriber] = None
+        self._scans: Optional[rospy.Subscriber] = None  # None until the robot stands after a drive
+        # false if the controller waits for its start service, because it is then stopped before it drives
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
+        # texts of the controller's last status on /diagnostics; empty before the first
         self._controller_state, self._controller_message = "", ""
         self._arrived_subscriber = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
         rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
@@ -107,6 +110,7 @@ class ArrivalExit:
         """
         stamp = message.header.stamp.to_sec()
         if is_moving(conversions.twist_from_msg(message.twist.twist)):
+            # the clearance is forgotten, because the robot leaves the place of its measurement
             self._has_driven, self._standing_since, self._clearance = True, inf, inf
             return
         self._standing_since = min(self._standing_since, stamp)

@@ -53,6 +53,8 @@ def level_and_message(health: Health) -> Tuple[int, str]:
     """Level of the status, and a message with the remedy."""
     if health.paused:
         return DiagnosticStatus.OK, "simulated time stands still"
+    # The first problem counts, because it may cause the later ones: without scans, there is no pillar. Errors
+    # come first, then clocks, delays, the motion of the robot, and the reasons of the controller.
     error = _error(health)
     if error is not None:
         return DiagnosticStatus.ERROR, error
@@ -118,6 +120,7 @@ class Diagnostics:
 
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
+        # the world counts as paused if ROS time has not changed in the last STILL_POLLS calls
         now, was_paused = rospy.get_time(), self._still_polls >= STILL_POLLS
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()

@@ -55,6 +55,7 @@ class _Server(Server):
         """
         accepted = dict(changes)
         for name, value in changes.items():
+            # only numbers have limits; `self.type` is the module that catkin makes from the .cfg
             if self.type.type.get(name) not in ("double", "int"):
                 continue
             smallest, largest = self.type.min[name], self.type.max[name]
@@ -63,7 +64,7 @@ class _Server(Server):
             elif not smallest <= value <= largest:
                 accepted[name] = min(max(value, smallest), largest)
             else:
-                continue
+                continue  # the value is allowed, so it causes no warning
             rospy.logwarn(
                 f"{rospy.get_name()}/{name} = {value} is out of range {smallest}..{largest}: "
                 f"clamped to {accepted[name]}"

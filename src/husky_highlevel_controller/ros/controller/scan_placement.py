@@ -75,8 +75,11 @@ class ScanPlacement:
     ) -> None:
         """Set up without a pending scan.
 
-        `on_observation` is called for one observation at a time, in the thread that completes it; `clock`
-        is wall time [s].
+        Args:
+            transforms: buffer of TF, which the node's `Listener` fills.
+            on_observation: called for one observation at a time, in the thread that completes it.
+            outline: footprint of the robot, which becomes a part of each observation.
+            clock: returns the wall time [s].
         """
         self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
         self._outline = outline
@@ -87,7 +90,7 @@ class ScanPlacement:
         # stamp of the latest transform at the moment when a wait became overdue; None if no wait was overdue
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)
-        self._unplaced_scans = 0
+        self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
         # frame of the lidar and its pose, if /tf_static alone gives the pose
         self._static_mount: Optional[Tuple[str, Pose]] = None
 
@@ -180,7 +183,7 @@ class ScanPlacement:
         if latest is None or latest.header.stamp == stamp:
             return False, latest
         newest_stamp = latest.header.stamp
-        has_passed = newest_stamp > stamp
+        has_passed = newest_stamp > stamp  # TF has moved on, so the transform at the stamp no longer comes
         # a transform with stamp 0 is fixed, or comes from the beginning of simulated time
         if has_passed or newest_stamp.is_zero():
             exact = self.lookup(ODOM, BASE, stamp)

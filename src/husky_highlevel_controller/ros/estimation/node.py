@@ -55,9 +55,10 @@ class LocalizationNode:
             ConfigError: a parameter asks for a feature that the filter does not have.
         """
         self._config, remarks = read_filter_config(rospy.get_param("~", {}), rospy.get_name() + "/")
-        for remark in remarks:
+        for remark in remarks:  # sentences on parameters and inputs that are ignored
             rospy.logerr(remark)
         options = self._config.options
+        # name of the robot's frame in published messages, where it may have another name
         self._base_frame = options.base_link_frame_output or options.base_link_frame
         self._lock = threading.Lock()
         # [s] time of the last warning, by input and kind of warning
@@ -113,11 +114,12 @@ class LocalizationNode:
                 return
             held = self._held_messages[name]
             held.append(msg)
+            # poses of the sensor and of the frame of its numbers; None if TF does not have them yet
             mounting = self._mounting(msg, name)
             if mounting is None:
                 # the input counts as silent, so that the other inputs need not wait for it
                 self._heard_at[name] = 0.0
-                del held[:-QUEUE]
+                del held[:-QUEUE]  # keeps the last QUEUE messages
                 return
             self._held_messages[name] = []
             for message in held:
@@ -217,6 +219,7 @@ def reading_from_msg(msg: Any) -> Reading:
     has_rates = msg.angular_velocity_covariance[0] != -1.0
     has_forces = msg.linear_acceleration_covariance[0] != -1.0
     attitude = _unit(msg.orientation) if has_attitude else None
+    # linear and angular velocity, of which an IMU measures only the angular one
     rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         stamp,

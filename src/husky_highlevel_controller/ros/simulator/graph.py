@@ -127,13 +127,22 @@ class GraphWatch:
         markers: Optional[MarkerFrames] = None,
         findings: Optional[Findings] = None,
     ) -> None:
-        """Set up; `simulated_time` [s], `warn` and the other watches are called in the thread."""
+        """Set up; all arguments are called in the thread of the watch.
+
+        Args:
+            simulated_time: returns the simulated time [s].
+            warn: gets a sentence about each mistake.
+            filter_watch: finds another node that estimates the pose; None to look for none.
+            markers: finds markers in unknown frames; None if other nodes get no hints.
+            findings: sends its sentences to the master at each look; None for none.
+        """
         self._simulated_time, self._warn = simulated_time, warn
         self._filter_watch, self._markers, self._findings = filter_watch, markers, findings
         self._master_uri = rosgraph.get_master_uri()
-        self._clock_nodes = {rospy.get_name()}
-        self._clock_subscriber: Optional[rospy.Subscriber] = None
-        self._kinds_of_nodes: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
+        self._clock_nodes = {rospy.get_name()}  # nodes whose messages on /clock cause no further warning
+        self._clock_subscriber: Optional[rospy.Subscriber] = None  # made when a second node has /clock
+        # types of each node's topics, by the node, whether it publishes, and the names of its topics
+        self._kinds_of_nodes: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}
         # [s] simulated time at which each mistake was first seen
         self._first_seen_at: Dict[Mistake, float] = {}
         self._warned_mistakes: Set[Mistake] = set()
@@ -212,6 +221,7 @@ class GraphWatch:
         yield from unread_parameters(self._master_uri)
         yield from absent_topics(graph)
         yield from absent_services(self._master_uri)
+        # this node has left the filtered odometry to `filter_node`, so the filter is not a second publisher
         filter_node = self._filter_watch.filter_node if self._filter_watch else ""
         yield from (each for each in second_publishers(graph, simulator) if each.node != filter_node)
         yield from wrong_types(graph, simulator, kinds_of)

@@ -69,7 +69,7 @@ class Listeners:
             return False
         end, last_turns = time.monotonic() + ASLEEP_FOR, None
         while True:
-            # a thread of this process works, and may be about to send a message
+            # None means that a thread of this process works, and may be about to send a message
             if self._own_threads.turns() is None:
                 return False
             turns = {process: threads.turns() for process, threads in self._processes.items()}
@@ -81,6 +81,7 @@ class Listeners:
             if is_certain or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
+            # after the first check, the second one comes at once, because it may already give certainty
             if last_turns is not None or not self._all_in_python:
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
@@ -191,7 +192,7 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
         if pair in ports:
             ports_by_socket[f"socket:[{inode}]"] = pair
     # a process has a link to each of its sockets
-    owners: Dict[Ports, int] = {}
+    owners: Dict[Ports, int] = {}  # number of the process, by connection
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
             links = list(folder.iterdir())

@@ -79,15 +79,19 @@ class Lockstep:
     def __init__(
         self, is_on: bool, listeners: Listeners, tell: Callable[[str, str], None] = lambda *_: None
     ) -> None:
-        """Wait for answers of `listeners`, if `is_on`.
+        """Begin before the first scan.
 
-        `tell` is called with a kind and a sentence when an answer does not come. The kind is "asleep" for
-        each scan that a sleeping controller does not answer, and "unanswered" once, when lockstep ends.
+        Args:
+            is_on: whether the clock waits at all.
+            listeners: nodes that receive the scans or the clock; they show whether a controller sleeps.
+            tell: function that gets a kind and a sentence when an answer does not come. The kind is "asleep"
+                for each scan that a sleeping controller does not answer, and "unanswered" once, when lockstep
+                ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
         self._mode_before_sleep = self._mode  # mode before SLEEPING
         self._listeners, self._tell = listeners, tell
-        self._answered = threading.Event()
+        self._answered = threading.Event()  # set by a command since the last scan
         # topics on which a command has come since the last scan; None before the first scan
         self._answered_topics: Optional[Set[str]] = None
         self._has_commanded = False  # true if any command has come so far
@@ -136,14 +140,18 @@ class Lockstep:
     ) -> None:
         """Wait until a command has arrived since `begin_scan`, calling `meanwhile` for service calls.
 
-        A controller's very first command may be lost while its publisher connects: until one has come, the
-        scan is sent again. One that sleeps until after the last tick of the clock, but not to the next, is
-        woken by `nudge`, which moves the clock and nothing else.
+        Args:
+            meanwhile: serves calls, and is called again and again.
+            resend: sends the scan again. The very first command of a controller may be lost while its
+                publisher connects, so the scan is sent again if no command has come so far.
+            nudge: moves the clock to a time just before the next tick, and nothing else. So it wakes a
+                controller that sleeps until a time between two ticks.
         """
         if self._mode is Mode.FREE:
             return
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
+        # this call returns at once in the modes ANSWERING and FREE
         self._wait_until_idle(meanwhile)
         # only if a command has come before, because a controller may wait for a call of its start service
         if self._mode is Mode.SLEEPING and self._has_commanded and not self._answered.is_set():
