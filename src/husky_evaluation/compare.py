@@ -73,7 +73,7 @@ class Comparison:
 
     @property
     def every_scene(self) -> Table:
-        """Return a table with a row for each start."""
+        """Return a table with a row for each start: its name, three values of A, and the same values of B."""
         quantities = ("success", "arrived_at", "nearest")
         rows = [
             (a.scene, *(getattr(outcome, quantity) for outcome in (a, b) for quantity in quantities))
@@ -166,6 +166,7 @@ def main(
     """
     options = compare_options(arguments)
     with exit_codes(name_as_typed("compare")):
+        # setup of a contestant, of which parameters in a YAML file change a part
         base = setup_of(options.profile, options.ground, options.robot)
         a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
         launches = a.starts_programs or b.starts_programs

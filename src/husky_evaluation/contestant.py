@@ -140,6 +140,11 @@ class Outcome:
 def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None) -> Contestant:
     """Return the contestant FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
 
+    Args:
+        text: text of the command line, in one of these forms.
+        base: setup of the run; a YAML file changes some parameters of its controller.
+        launch_kind: function that makes a contestant of a launch file; None if there is no ROS.
+
     Raises:
         HuskyError: the text has none of these forms, its file cannot be read, or it names a launch file
             and there is no ROS.
@@ -154,10 +159,11 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
             )
         package, file = first.split("/")
         return launch_kind(text, package, file, arguments)
-    place, colon, function = first.rpartition(":")
+    place, colon, function = first.rpartition(":")  # `place` is a file or a module
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
+    # every worker has our packages, but it may not have the user's file, so the text of the file is sent
     if place.split(".")[0] in OURS:
         made = FunctionContestant(text, base, function, module=place)
     else:
@@ -208,9 +214,12 @@ def outcome(
 
     `times` (N,) [s]; true `poses` of base_link (N, 3) [m, m, rad]; `pillar`, its centre at the start [m].
     """
+    # for each pose: gap between footprint and pillar [m], way since the last pose [m], and speed [m/s]; the
+    # first pose has no way
     gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
+    # the robot has arrived for good after the last pose at which it moves or is not at the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))
     arrival_row = int(rows_not_there[-1]) + 1 if len(rows_not_there) else 0
     arrived_at = float(times[arrival_row]) if arrival_row < len(times) else inf

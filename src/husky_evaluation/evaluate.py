@@ -47,7 +47,7 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table
 
-TOUCHING = ControlConfig(stop_distance=0.0)
+TOUCHING = ControlConfig(stop_distance=0.0)  # control with which the robot drives until it touches the pillar
 
 
 HEADER = ("figure", "value", "wanted", "verdict")
@@ -57,9 +57,9 @@ Row = Tuple[Any, ...]  # row of a table
 def figure(
     name: str, value: float, unit: str = "", minimum: float = -inf, maximum: float = inf, replay: str = ""
 ) -> Row:
-    """Return the row of a metric, which misses its limits if it is nan.
+    """Return the row of a metric, which misses its limits if it is nan; without limits it has no verdict.
 
-    The value links to the replay of its run, or of a run that misses the limits.
+    The value links to the page `replay` of its run, or of a run that misses the limits; empty for no link.
     """
     wanted = ""
     if minimum > -inf and maximum < inf:
@@ -76,7 +76,10 @@ def figure(
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
-    """Return the figures of the centre errors [m] in scenes with a pillar; inf if it was not found."""
+    """Return the figures of the centre errors [m] in scenes with a pillar; inf if it was not found.
+
+    `minimum` is the wanted share of found pillars [%], and `maximum` the wanted limit of the error [cm].
+    """
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
     return [
@@ -89,6 +92,7 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     """Return the figures of the runs from random starts."""
     bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
+    # the values of all runs, and below the runs with the worst values, whose replays are linked
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
     worst_ratio, worst_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
@@ -114,12 +118,15 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     ]  # fmt: skip
 
 
-def course_figures(run: DriveResult, ratio: float = inf) -> List[Row]:
-    """Return the figures of the run from the course's start."""
+def course_figures(run: DriveResult, max_ratio: float = inf) -> List[Row]:
+    """Return the figures of the run from the course's start.
+
+    `max_ratio` is the wanted limit of the time to arrival divided by its bound.
+    """
     return [
         figure(GOOD, 100.0 * run.good, "%", 100.0, replay=run.replay),
         figure("time to arrival", run.arrived_at, "s"),
-        figure("time to arrival divided by its bound", run.ratio, maximum=ratio),
+        figure("time to arrival divided by its bound", run.ratio, maximum=max_ratio),
         figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
         figure("zero crossings of the bearing", run.crossings, maximum=2.0),
     ]
@@ -156,7 +163,7 @@ def evaluate_robot(
     the stop distance, and with the gain of robot.launch it does not. Single scans are not measured here.
     """
     setup = setup_of("robot", ground)
-    setups = [replace(setup, control=ControlConfig()), setup]
+    setups = [replace(setup, control=ControlConfig()), setup]  # default gains, and those of robot.launch
     default_run, robot_gains_run = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     return {
@@ -181,14 +188,16 @@ def evaluate(
     """
     setup = setup_of(robot=robot)
     control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
-    # groups of 50 scans, because one scan takes only a millisecond
+    # groups of 50 scans, because one scan takes only a millisecond; smaller groups for few scans, so that
+    # there are groups for several processes
     numbers, chunk = range(scans), min(50, scans // 4 + 1)
-    errors = partial(center_error, seed=seed, lidar=lidar)
+    errors = partial(center_error, seed=seed, lidar=lidar)  # function of the number of a scan
     errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
     errors_in_company = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
     count_false = partial(false_pillars, seed=seed, lidar=lidar)
     false_counts = workers.map(count_false, numbers, "scenes without", chunk)
     false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
+    # the gains of the course, with the limits of this robot
     course_control = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
     setups = [replace(setup, control=each) for each in (control, course_control, TOUCHING)]
     default_run, course_gains_run, touching_run = drives(
@@ -197,11 +206,13 @@ def evaluate(
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     figures = {
         f"Pillar extraction, {scans} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": [
-            *extraction_figures("pillar alone, 3 beams or more", errors_alone, 99.5, 2.0),
-            *extraction_figures("pillar in company, 3 beams or more", errors_in_company, 99.5, 2.0),
+            *extraction_figures("pillar alone, 3 beams or more", errors_alone, minimum=99.5, maximum=2.0),
+            *extraction_figures(
+                "pillar in company, 3 beams or more", errors_in_company, minimum=99.5, maximum=2.0
+            ),
             figure("scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1),
         ],
-        "Course start, default gains": course_figures(default_run, 1.15),
+        "Course start, default gains": course_figures(default_run, max_ratio=1.15),
         "Course start, the course's gains 0.1 and 0.4": course_figures(course_gains_run),
         "Course start, stop_distance 0": touch_figures(touching_run),
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),

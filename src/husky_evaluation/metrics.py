@@ -129,8 +129,9 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     base_x, base_y, yaw = trace.poses.T
+    # (N, 2) [m] positions of the lidar, which is in front of base_link by `lidar_x`
     lidar_in_world = np.column_stack([base_x + np.cos(yaw) * lidar_x, base_y + np.sin(yaw) * lidar_x])
-    # [m] gap between lidar and pillar
+    # (N,) [m] distance from the lidar to the pillar's surface
     distances = np.hypot(*(trace.pillars - lidar_in_world).T) - PILLAR_RADIUS
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
@@ -139,6 +140,7 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, robot, lidar_x),
         final_error=float(distances[-1]) - control.stop_distance,
+        # hull[0] is half the length of the hull, and base_link is in its middle
         gap=float(distances[-1]) - (robot.footprint.hull[0] - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,

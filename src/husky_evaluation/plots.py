@@ -24,7 +24,7 @@ HATCH = "////"
 
 
 class Panel(NamedTuple):
-    """Quantity over the grid."""
+    """Quantity over a grid of one axis with N values, or of two axes with N and M values."""
 
     title: str
     values: np.ndarray  # values of the points, (N,) or (N, M); nan if there is none
@@ -39,7 +39,7 @@ Marks = Mapping[str, Sequence[float]]  # highlighted points by name, each with a
 
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
-    """Draw curves over one axis, or heat maps over two, with marks; return a PNG."""
+    """Draw curves over one axis, or heat maps over two, with marks, two panels in a row; return a PNG."""
     columns, rows = min(len(panels), 2), ceil(len(panels) / 2)
     figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
     for plot, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels):
@@ -49,6 +49,7 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
             _heat_map(plot, axes, panel, marks)
         plot.set_title(panel.title, fontsize=11)
         plot.set_xlabel(axes[0].label)
+    # the legend of all panels is that of the first one, because each panel has the same marks
     handles, _ = figure.axes[0].get_legend_handles_labels()
     if len(axes) == 2:
         handles.append(Patch(facecolor=GOOD_COLOR, label="bright: better"))
@@ -126,6 +127,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
     plot.set_facecolor("0.85")  # colour of cells without a value
     if panel.hatched is not None:
+        # the cell with the indices (column, row) has its centre at these coordinates, and the size 1
         for column, row in np.argwhere(panel.hatched & np.isfinite(panel.values)):
             plot.add_patch(
                 Rectangle(
@@ -133,6 +135,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
                 )
             )
     rows, columns = values.shape
+    # white lines between the cells
     for edge in range(1, columns):
         plot.axvline(edge - 0.5, color="w", linewidth=0.8)
     for edge in range(1, rows):
@@ -142,7 +145,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     else:
         plot.figure.colorbar(image, ax=plot)
     for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
-        step = len(axis.values) // (MAX_LABELLED + 1) + 1
+        step = len(axis.values) // (MAX_LABELLED + 1) + 1  # an axis of more values has no tick at some cells
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
     _mark_points(plot, axes, marks)
     plot.set_ylabel(axes[1].label)
@@ -163,7 +166,7 @@ def _label_cells(
     for (row, column), value in np.ndenumerate(values):
         has_value = np.isfinite(value)
         color = color_of(value) if has_value else (0.85, 0.85, 0.85)
-        is_dark = sum(color[:3]) < 1.5
+        is_dark = sum(color[:3]) < 1.5  # red, green and blue are 0 to 1, so this is half of white
         plot.text(
             column, row, f"{value:.{digits}f}" if has_value else "-", fontsize=font_size,
             ha="center", va="center", color="w" if is_dark else "k", zorder=5,

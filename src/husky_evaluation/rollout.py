@@ -100,13 +100,13 @@ def rollout(
 
     Args:
         scenario: world, start pose, and seed of the noise.
-        control: gains and limits.
-        detector_config: parameters of the pillar detection.
-        simulator: parameters of the simulation and its robot.
+        control: gains and limits; None for the defaults.
+        detector_config: parameters of the pillar detection; None for the defaults.
+        simulator: parameters of the simulation and its robot; None for the Husky of Gazebo.
         seconds: simulated time limit [s].
         settle: simulated time for which the run continues after the arrival [s].
-        robot: another model of the robot, such as one with an upright lidar.
-        controller: decision function that answers a scan.
+        robot: another model of the robot, such as one with an upright lidar; None for the robot's own.
+        controller: decision function that answers each scan with a command.
 
     Raises:
         HuskyError: the world cannot be simulated.
@@ -123,22 +123,25 @@ def rollout(
         while simulation.stamp < min(seconds, arrived_at + settle):
             snapshot = simulation.step()
             for name in snapshot.contacts:
-                touches.setdefault(name, snapshot.stamp)
+                touches.setdefault(name, snapshot.stamp)  # keeps the time of the first touch
             scan, odometry = snapshot.scan, snapshot.odometry
             if scan is None or odometry is None:
-                continue
+                continue  # no scan has ended at this physics step; a scan comes with odometry
             base_in_odom = odometry.filtered.pose_base_in_odom
             scan_age = snapshot.stamp - scan.stamp
-            # the lidar needs time for a scan, and the pose must be the pose at the first beam
+            # a scan has the stamp of its first beam, but comes after its last one, so the pose is moved back
+            # to the stamp
             if scan_age > 0.0:
                 base_in_odom = advance(base_in_odom, odometry.filtered.twist_in_base, -scan_age)
             observation = Observation(scan, laser_in_base, base_in_odom, simulator.robot.footprint)
+            is_enabled = True  # the controller may move the robot
             controller_state, output = controller(
-                controller_state, observation, True, control, detector_config
+                controller_state, observation, is_enabled, control, detector_config
             )
             simulation.command(output.twist)
             pillar = simulation.pose_of(scenario.pillar).position[:2]
             rows.append(_row(snapshot, scan, output, pillar))
+            # the first time of the present arrival; a robot that leaves the pillar has not arrived
             arrived_at = min(arrived_at, snapshot.stamp) if output.state is State.ARRIVED else inf
     finally:
         simulation.close()
@@ -164,6 +167,7 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
         rows: results of `_row`.
         touches: time of the first touch [s] by body.
     """
+    # a run without a scan has no rows, and empty columns; the two last ones have the states and the sentences
     no_columns: List[Tuple[Any, ...]] = [()] * (len(COLUMNS) + 2)
     *columns, states, sentences = list(zip(*rows)) or no_columns
     arrays = {
@@ -172,7 +176,8 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
     }
     for array in arrays.values():
         array.setflags(write=False)
+    times = columns[0]
     # only the first of several equal sentences in a row counts as an event
-    events = tuple(next(group) for _, group in groupby(zip(columns[0], sentences), itemgetter(1)))
+    events = tuple(next(group) for _, group in groupby(zip(times, sentences), itemgetter(1)))
     first_touches = tuple((stamp, name) for name, stamp in touches.items())
     return Trace(states=states, touches=first_touches, events=events, **arrays)

@@ -139,9 +139,9 @@ def _clutter(rng: np.random.Generator) -> List[Solid]:
         distance, bearing = rng.uniform(0.8, 18.0), rng.uniform(-_SIDE, _SIDE)
         x, y, yaw = distance * cos(bearing), distance * sin(bearing), rng.uniform(-pi, pi)
         kind = rng.integers(5)
-        if kind == 0:
+        if kind == 0:  # a box
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 1.5), rng.uniform(0.1, 1.5)))
-        elif kind == 1:
+        elif kind == 1:  # a wall
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 8.0)))
         elif kind == 2:  # a corner of walls of 2 m
             turns = (yaw, yaw + rng.uniform(0.8, 2.4))

@@ -175,7 +175,7 @@ def parse_axis(text: str) -> Axis:
     Raises:
         ConfigError: the text has none of these forms, or a value is not allowed.
     """
-    name, equals, grid = text.partition("=")
+    name, equals, grid = text.partition("=")  # `equals` is empty if there is no =
     defaults = parameter_values(Setup())
     if name not in defaults:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
@@ -186,11 +186,11 @@ def parse_axis(text: str) -> Axis:
         raise ConfigError(f"{name} needs values, such as {name}=FIRST:LAST:COUNT; {help_line(name)}")
     is_geometric = grid.endswith(":log")
     try:
-        values = _numbers(grid[:-4] if is_geometric else grid, is_geometric)
+        values = _numbers(grid[: -len(":log")] if is_geometric else grid, is_geometric)
     except ValueError as error:
         raise ConfigError(f"{name} = '{grid}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
     if kind is int:
-        values = [int(round(value)) for value in values]
+        values = [int(round(value)) for value in values]  # several values may become equal
     different_values = tuple(dict.fromkeys(values))
     for value in different_values:
         Setup().with_values({name: value})  # raises an error if the value is not allowed
@@ -203,7 +203,7 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
     Raises:
         ValueError: the text has another form, or the numbers do not fit it.
     """
-    has_count = ":" in grid
+    has_count = ":" in grid  # FIRST:LAST:COUNT
     *texts, count = grid.split(":") if has_count else (*grid.split(","), "")
     numbers = [float(text) for text in texts]
     if not all(map(math.isfinite, numbers)):

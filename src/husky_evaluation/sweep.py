@@ -59,8 +59,12 @@ class Sweep:
         return every_row("Every run", rows)
 
     def grid(self, quantity: str, share: Any) -> np.ndarray:
-        """Return a metric, combined over the scenarios by `share`, with a dimension for each axis."""
+        """Return a metric, combined over the scenarios by `share`, with a dimension for each axis.
+
+        `share` is a function of numpy that reduces one axis of an array, such as np.mean.
+        """
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
+        # the runs are in the order of the points, the last axis changing fastest, and then of the scenarios
         shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
         return np.asarray(share(values.reshape(shape), axis=-1))
 
@@ -90,6 +94,7 @@ class Sweep:
     def best_points(self, count: int = 3) -> Table:
         """Return at most `count` points with the highest success, and among these with the shortest time."""
         success, times = self.success.ravel(), self.times.ravel()
+        # the last key counts first: high success, then short times, and points without a time last
         order = np.lexsort((np.where(np.isnan(times), inf, times), -success))[:count]
         header = [*(axis.name for axis in self.axes), "success [%]", "time to arrival, median [s]"]
         rows = [(*self.points[n], float(success[n]), float(times[n])) for n in order]
@@ -159,6 +164,7 @@ def write_sweep(
         pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))
         files.append(out / "sweep.png")
+    # a row of the table has the values of a point's parameters, and its value of each panel
     header = [*(axis.name for axis in swept.axes), *(panel.title for panel in panels)]
     columns = [panel.values.ravel().tolist() for panel in panels]
     rows = [(*point, *values) for point, values in zip(swept.points, zip(*columns))]

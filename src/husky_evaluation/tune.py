@@ -101,6 +101,7 @@ def parse_range(text: str, base: Setup) -> Range:
     name, equals, limits = text.partition("=")
     values = parameter_values(base)
     of_controller = [item.name for record in (base.control, base.detector) for item in fields(record)]
+    # a bool is not a number here, so the exact type decides
     numeric = sorted(key for key in of_controller if type(values[key]) in (int, float))
     if name not in numeric:
         raise ConfigError(f"{name} is not a numeric controller parameter; there are: {', '.join(numeric)}")
@@ -161,17 +162,19 @@ def tune(
     optuna = _require_optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     defaults = parameter_values(base)
+    # Optuna tries this first: the values of `base`, moved into the ranges
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
-    rows: List[Dict[str, Any]] = []
+    rows: List[Dict[str, Any]] = []  # one for each setup that was tried: its values and its cost
     while len(rows) < trials:
         optuna_trials = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
         proposals = [_propose(trial, ranges, defaults) for trial in optuna_trials]
         setups = [base.with_values(values) for values in proposals]
+        # every setup drives every scenario; the results of one setup follow each other
         results = workers.map(drive, product(setups, scenes), f"setups from {len(rows) + 1}")
         costs = [objective.cost(result) for result in results]
         mean_costs = np.reshape(costs, (len(setups), len(scenes))).mean(axis=1).tolist()
         for trial, values, mean in zip(optuna_trials, proposals, mean_costs):
-            study.tell(trial, mean)
+            study.tell(trial, mean)  # the next proposals depend on the costs so far
             rows.append({**values, "objective": mean})
     best = min(rows, key=lambda row: row["objective"])
     return Tuned({key: value for key, value in best.items() if key != "objective"}, rows)
@@ -219,10 +222,12 @@ def check(
     drive: Drive = run_scene,
 ) -> Table:
     """Return a table of the metrics of both setups from the same fresh starts, with paired differences."""
+    # the results of `base` come first, then those of `tuned`, in the order of the scenarios
     results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]
     shares = [100.0 * float(np.mean([result.good for result in side])) for side in sides]
     times = np.array([[result.arrived_at for result in side] for side in sides])
+    # scenarios in which both arrive, because a mean with an infinite time is infinite
     both_arrive = np.isfinite(times).all(axis=0)
     costs = [[objective.cost(result) for result in side] for side in sides]
     rows = [
@@ -302,8 +307,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
-        _require_optuna()
+        _require_optuna()  # raises its error before the first run
         seed = options.seed
+        # the check needs starts that the tuning has not seen, so they have another seed
         starts, fresh = random_starts(options.starts, seed), random_starts(options.fresh, seed + 1)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             tuned = tune(ranges, base, starts, objective, options.setups, seed, workers)

@@ -251,7 +251,8 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
 def _asker(package: str) -> Callable[[], str]:
     """Return a function that returns the version of the package on a worker, or why it has none.
 
-    A nested function is sent by its code, not by its name, so a worker without the package can answer.
+    A nested function is sent by its code, not by its name, so a worker without the package can answer. So it
+    also imports what it needs itself.
     """
 
     def ask() -> str:

@@ -56,9 +56,9 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield f"{value.dtype.str} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
     elif isinstance(value, np.generic):
-        yield from _pieces(value.item())
+        yield from _pieces(value.item())  # a number of numpy has the fingerprint of Python's number
     elif isinstance(value, (tuple, list)):
-        yield f"{len(value)} values".encode()
+        yield f"{len(value)} values".encode()  # shows where a nested list ends
         for part in value:
             yield from _pieces(part)
     elif isinstance(value, (set, frozenset)):
@@ -67,7 +67,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces(sorted((fingerprint(key), fingerprint(part)) for key, part in value.items()))
     elif isinstance(value, PurePath):
         yield f"path {value}".encode()
-    elif is_dataclass(value) and not isinstance(value, type):
+    elif is_dataclass(value) and not isinstance(value, type):  # a record, not its class
         yield type(value).__qualname__.encode()
         for item in fields(value):
             yield from _pieces(getattr(value, item.name))

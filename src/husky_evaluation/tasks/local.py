@@ -45,11 +45,17 @@ def run_here(
 
     A killed process is replaced, and its group is done again. The answer of a group that ends its process
     MAX_DEATHS times is a HuskyError. Closing the iterator cancels the other groups.
+
+    Args:
+        task: function of one item.
+        groups: items of each group.
+        jobs: number of processes, or of threads.
+        starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups
     deaths: CounterType[int] = Counter()  # number of processes that have ended while they computed each group
     while waiting:
-        running: Dict[Future, int] = {}
+        running: Dict[Future, int] = {}  # number of the group that a future answers
         executor: Executor
         if starts_programs:
             executor = ThreadPoolExecutor(jobs)
@@ -57,8 +63,8 @@ def run_here(
             executor = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
         try:
             while waiting or running:
-                # a group that may have ended a worker process is run alone, so that no other group can be the
-                # cause
+                # two groups for each process, so that a process that has ended one has another one at once; a
+                # group that may have ended a process is run alone, so that no other group can be the cause
                 while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
                     number = waiting[0]
                     running[executor.submit(perform, task, groups[number])] = number
@@ -66,17 +72,18 @@ def run_here(
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
-                        raise error
+                        raise error  # a process has ended, see below
                     yield running.pop(future), error or future.result()
         except BrokenProcessPool:
-            losses = sorted(running.values())  # a broken pool loses the groups of all its tasks
+            # a broken pool loses the groups of all its processes; the outer loop makes another pool
+            losses = sorted(running.values())
             deaths.update(losses)
             worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
                 losses.remove(worst)
-            waiting.extendleft(reversed(losses))
+            waiting.extendleft(reversed(losses))  # put back at the front, in their order
         finally:
             # `shutdown` waits for the running tasks and cancels the waiting tasks; Python 3.8 also runs the
             # waiting tasks. `Future.cancel` is not used, because a pool with cancelled futures may hang at

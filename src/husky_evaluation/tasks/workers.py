@@ -27,7 +27,8 @@ class Workers:
     def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
         """Connect to processes of this machine, or to the Dask scheduler at tcp://host:8786 or the like.
 
-        Results that are in the file `resume` are not computed again.
+        Results that are in the file `resume` are not computed again, and new ones are kept in it; None keeps
+        no results. `jobs` is the number of processes of this machine, without effect on a cluster.
 
         Raises:
             HuskyError: Dask is not installed, no scheduler answers, or the file is another kind of file.
@@ -36,8 +37,8 @@ class Workers:
             raise HuskyError(f"jobs = {jobs} is less than 1")
         self.jobs, self._cluster = jobs, None
         self._store = Store(resume) if resume else None
-        self._digest = hashlib.sha256()
-        self._machines: Set[str] = set()
+        self._digest = hashlib.sha256()  # hash of all results of `map`
+        self._machines: Set[str] = set()  # descriptions of the machines that have computed results
         if cluster:
             # imported only now, because it needs Dask, which is optional
             from husky_evaluation.tasks.cluster import Cluster
@@ -73,7 +74,7 @@ class Workers:
         items = list(items)
         results = dict(self.as_completed(task, items, title, chunk, starts_programs))
         ordered = [results[number] for number in range(len(items))]
-        self._digest.update(fingerprint(ordered).encode())
+        self._digest.update(fingerprint(ordered).encode())  # independent of the order in which they came
         return ordered
 
     def as_completed(
@@ -88,16 +89,17 @@ class Workers:
         """Yield the results of `map`, with the number of each item, in the order in which they come.
 
         `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
-        worker. It returns the result of that item.
+        worker. It returns the result of that item. Without `on_error` the exception is raised.
         """
+        # a kept result is found by the code and the item, so that changed code computes it again
         code = fingerprint((code_version(), task)) if self._store else ""
         keys = [fingerprint((code, item)) for item in items] if self._store else []
-        waiting: List[int] = []  # numbers of the items without a kept result
+        waiting: List[int] = []  # numbers of the items without a kept result; `number` is a place in `items`
         with Progress(len(items), title) as progress:
             for number in range(len(items)):
                 kept = self._store.load(keys[number]) if self._store else None
                 if kept:
-                    computer, result = kept
+                    computer, result = kept  # description of the machine that has computed the result
                     self._machines.add(computer)
                     progress.update()
                     yield number, result
@@ -115,6 +117,7 @@ class Workers:
                     if isinstance(answer, BaseException):
                         if on_error is None or not isinstance(answer, Exception):
                             raise answer
+                        # an answer like a worker's: this machine, and a result for each item of the group
                         answer = machine(), [on_error(items[number], answer) for number in group]
                     computer, results = answer
                     self._machines.add(computer)
