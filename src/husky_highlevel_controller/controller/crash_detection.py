@@ -242,6 +242,7 @@ class CrashDetector:
         less. `duration` is the time since the last sample [s].
         """
         assert self._vertical is not None
+        # minus(a, b, factor) is a - factor * b; the vertical stays as it is if the result has no direction
         self._vertical = (
             unit(minus(self._vertical, cross(sample.angular_velocity, self._vertical), duration))
             or self._vertical
@@ -376,6 +377,7 @@ class CrashDetector:
                 if next_speed != speed:
                     change += (next_speed - speed) * self._weight(shifted_end - 0.5 * (stamp + next_stamp))
             wheel_changes.append(change)
+        # the loss of a robot is its change against the direction of travel, beyond the change of its wheels
         losses = []
         if speed_before is None or speed_before > -STANDING_SPEED:  # the robot may have driven forwards
             losses.append(min(wheel_changes) - ahead)

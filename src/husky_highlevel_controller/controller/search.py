@@ -94,11 +94,13 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
     ranges = scan.returns[beams]
     # true for each gap between two neighbouring beams that hit one body; also has the gaps before the first
     # and behind the last beam
+    # one beam between them may be without a return
     is_one_body = np.zeros(len(beams) + 1, dtype=bool)
     is_one_body[1:-1] = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
     beams = beams[is_one_body[1:] | is_one_body[:-1]]
     angles = scan.angle_min + beams * scan.angle_increment
     points_in_laser = scan.returns[beams] * np.stack([np.cos(angles), np.sin(angles)])
+    # the upper left part of the rotation is enough for x and y, because the beams have z = 0 in the laser
     rotation = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]
     points = (rotation @ points_in_laser).T + laser_in_base.position[:2]
     is_obstacle = outline.clearance(points) > _OWN_BODY

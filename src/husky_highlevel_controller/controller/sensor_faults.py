@@ -54,6 +54,7 @@ class ClockOffset:
             max(self._largest_difference, difference),
         )
         age = now - self._window_begin[0]
+        # the window ends when it has enough messages and a new stamp of the reference, or after MAX_WINDOW
         if (
             age >= WINDOW and self._message_count >= MIN_MESSAGES and self._new_references
         ) or age >= MAX_WINDOW:

@@ -284,6 +284,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
     return track._replace(
         estimate=estimate,
+        # a scan that shows the pillar makes up for two scans without it
         missed_time=max(track.missed_time - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),
         updated_at=scan.stamp,

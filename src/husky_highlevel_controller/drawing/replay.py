@@ -43,9 +43,11 @@ def to_html(replay: Replay) -> str:
     """Return the page of at least one pose; it keeps only as many poses as a smooth animation needs."""
     rows = _rows_to_show(replay.times)
     pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
+    # a pillar that stands still needs only one position; this is also true if there is no pillar
     stands_still = (pillars == pillars[:1]).all()
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
-    every = max(-(-len(marks) // MAX_MARKS), 1)  # rounded up
+    # only every so many marks are shown, so that at most MAX_MARKS are; the division is rounded up
+    every = max(-(-len(marks) // MAX_MARKS), 1)
     data = {
         "title": replay.title,
         "summary": replay.summary,

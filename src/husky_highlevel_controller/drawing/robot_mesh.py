@@ -31,8 +31,12 @@ class Part(NamedTuple):
 
 
 def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
-    """Body and wheel of a robot; only boxes if PyBullet is not installed."""
+    """Return the parts of the body in base_link, and the parts of one wheel around its hub.
+
+    They are only boxes if PyBullet, which has the meshes, is not installed.
+    """
     radius, width, mount, hull = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount, robot.hull
+    # boxes at the lidar: an upright plate behind it, its lower and its upper part
     body = [
         Part(BLACK, _box((0.01, 0.1, 0.12), (mount.x - 0.06, 0.0, mount.z))),
         Part(BLACK, _box((0.08, 0.08, 0.05), (mount.x, 0.0, mount.z))),
@@ -43,6 +47,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     if folder is not None:
         tyre = _mesh(folder / "wheel.stl")
         _, half_width, mesh_radius = np.abs(tyre).max(axis=(0, 1))
+        # the mesh of the Husky's tyre gets the radius and the width of this robot's wheel
         scale = (radius / mesh_radius, width / 2.0 / half_width, radius / mesh_radius)
         wheel.append(Part(TYRE, tyre * scale))
     if folder is None or robot.name != "husky":

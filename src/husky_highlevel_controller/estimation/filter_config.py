@@ -104,9 +104,11 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
         of_input = INPUT.fullmatch(key)
         refusal = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
         if refusal is not None:
+            # the value False asks for nothing, so it is accepted
             if value is not False:
                 raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):
+            # such a parameter changes nothing in this filter, so it gets no remark
             continue
         elif key in matrices:
             try:

@@ -77,6 +77,8 @@ class MotionSensor:
     def checked(self, reading: Reading) -> Reading:
         """Return the reading with zeros in place of NaN and infinity in unused values.
 
+        Otherwise the rotation by the sensor's mounting would spread NaN from unused to used values.
+
         Raises:
             ReadingError: a used value is NaN or infinity.
         """
@@ -84,6 +86,7 @@ class MotionSensor:
         pose_used = self._pose_used.copy()
         # gravity is subtracted by the attitude
         pose_used[3:] |= self._config.remove_gravitational_acceleration and self._force_used.any()
+        # the parts of a reading: name for messages, values, covariance, mask of the values that are used
         for part, values, covariance, used in (
             ("pose", pose and _numbers(pose), reading.pose_covariance, pose_used),
             ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
@@ -130,6 +133,7 @@ class MotionSensor:
             last_stamp, last_pose, last_covariance = last
             duration = reading.stamp - last_stamp
             velocity = _numbers(compose(inverse(last_pose), pose)) / duration
+            # the factor `duration` is robot_localization's
             velocity_covariance = (covariance + last_covariance) * duration
             return _planar(reading.stamp, (VX, VY, YAW_RATE), used, velocity, velocity_covariance)
 

@@ -213,6 +213,7 @@ class Chassis:
             if load <= 0.0:
                 self._loads[wheel] = 0.0  # a wheel in the air loses its grip at once
                 continue
+            # low-pass filter of the load; the footprint is the mean contact point, weighted by the loads
             self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
             self._footprints[wheel] = (x / load, y / load, z / load)
         return tuple(sorted(bumped_bodies))

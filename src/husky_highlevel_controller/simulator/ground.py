@@ -76,8 +76,11 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
                 top, drops = height_above, drops_above
                 break
     height = top - drops[0]
-    if height < 0.0:  # the hull may stand on an object between the wheels
+    if height < 0.0:
+        # the floor is below the pose, so the hull may stand on an object between the wheels, which makes the
+        # drops unequal
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
+    # a drop of 0 means that the point is inside a solid, so there is no floor to stand on
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)
     return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
 

@@ -121,7 +121,8 @@ class Simulation:
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
             devices.append((self._equipment.points, POINTS_STREAM))
-        # each device has random numbers of its own; a negative seed raises here, before anything changes
+        # each device has random numbers of its own, by its stream, which is None for the seed itself; a
+        # negative seed raises here, before anything changes
         spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
         seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed

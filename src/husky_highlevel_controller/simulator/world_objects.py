@@ -118,11 +118,13 @@ class WorldObjects:
         Raises:
             PlacementError: no model has this name, or another object is in the way; then nothing changes.
         """
+        # motion in the world that leads from the model's present pose to the new one, for all its bodies
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
         solid = [name for name in self.members(model) if self._bodies[name].collisions]
         if not solid:
             raise PlacementError(f"'{model}' has no collision shape, so it cannot be moved")
         poses = {name: compose(shift, self.pose_of(name)) for name in solid}
+        # all bodies are checked before the first one moves, so that an error changes nothing
         for name in solid:
             self._bullet.check_movable(name)
             self._bullet.check_moves(poses, name)

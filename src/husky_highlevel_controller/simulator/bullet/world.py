@@ -95,11 +95,13 @@ class BulletWorld:
             contactBreakingThreshold=_BREAKING_THRESHOLD,
             deterministicOverlappingPairs=1,
         )
+        # Bullet gives ids to bodies and shapes; a body here may be several bodies of Bullet's, one for each
+        # of its planes, and the last one for all its other shapes
         self._name_by_id: Dict[int, str] = {}
         self._ids_by_name: Dict[str, List[int]] = {}
-        self._shapes: Dict[Tuple[Any, ...], int] = {}
-        self._shape_ids: Dict[int, int] = {}
-        self._planes: List[int] = []
+        self._shapes: Dict[Tuple[Any, ...], int] = {}  # ids of shapes by their content, to use them again
+        self._shape_ids: Dict[int, int] = {}  # id of the shape of each body
+        self._planes: List[int] = []  # ids of the bodies that are planes
         # frame of the centre of mass in the body's frame, by id; Bullet's poses are poses of this frame
         self._inertial_in_body: Dict[int, Pose] = {}
         # ids of the bodies of each model that pass through one another

@@ -145,6 +145,7 @@ def rgba_of(node: Node) -> Rgba:
             rgba = _SCRIPT_COLOURS[name.text]
         elif name:
             name.note("a material's colour is not known, so grey is drawn", name.text)
+        # <diffuse> is read last, so that it comes before <ambient>
         for colour in (*material.children("ambient"), *material.children("diffuse")):
             rgba = colour.unless_broken(
                 partial(_colour, colour), rgba, "a colour that cannot be read is left out"

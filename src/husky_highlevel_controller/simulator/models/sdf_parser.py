@@ -171,6 +171,7 @@ class Node:
             return IDENTITY
         if self.element.get("rotation_format") == "quat_xyzw":  # SDF 1.9
             return self._quaternion_pose()
+        # if there are no finite numbers, `numbers` raises the error
         values = self._finite_numbers() or self.numbers(6)
         if len(values) != 6:
             self.note(

@@ -62,7 +62,9 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
     builder = _LineBuilder(element_factory=_Element)
     try:
         content = data.encode() if isinstance(data, str) else data
+        # a str is UTF-8 now, whatever encoding its declaration names; None lets the parser find the encoding
         encoding = "utf-8" if isinstance(data, str) else None
+        # `_strict` reads single bytes and ends at a NUL, which UTF-16 has in most characters
         if not _UTF_16.match(content):
             content = _strict(content)
             encoding = encoding or _encoding_of(content)
