@@ -151,6 +151,7 @@ def _look_up_results(
     waiting: List[Job] = []
     installed = installed_packages(batch.setups)
     for hand_in in hand_ins:
+        # a student without an entry in marking.yaml gets the default settings
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
         if hand_in.problem:
@@ -228,6 +229,7 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
         override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)),
         time_limit=batch.time_limit,
     )  # fmt: skip
+    # settings of the student that change the build; the others are reset here
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
     # the fingerprint includes our code, so that one version of the simulator marks the whole class
@@ -339,9 +341,11 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     """
     out = Path(job.out)
     out.mkdir(parents=True, exist_ok=True)
+    # an earlier result must not be taken for the result of this run
     (out / RESULT).unlink(missing_ok=True)
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / JOB, to_json(job))
+    # command that starts the marking program in a network of its own, and variables for its environment
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
     # the working directory is /, because `python -m` would import the yaml.py of a student's folder
     process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
@@ -364,6 +368,7 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
             # without this file, the recorded runs of the unfinished submission are not judged
             (out / WORKSPACE).unlink(missing_ok=True)
+            # with this file, the next call keeps the result instead of marking the submission again
             write_whole(out / FINGERPRINT, job.fingerprint)
         result = unmarked(job, problem)
         write_result(result, out)

@@ -48,15 +48,16 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         PointsError: the points by hand do not fit the rubric.
     """
     first, exercise = recordings[0], EXERCISES[job.config.exercise]
+    # frames of the first run; without a run, those of a robot that stands
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
-    if submission.equals:
+    if submission.equals:  # launch files that fit equally well
         items = left_to_choice(items, submission.equals)
-    if first.uninitialised:
+    if first.uninitialised:  # sentence on a variable that is read before it is written
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
-    asked = exercise.drives(job.config.trials)
+    asked = exercise.drives(job.config.trials)  # number of runs that the teacher has asked for
     if len(recordings) < asked:
         text = f"{len(recordings)} of {asked} runs were made, because the robot did not move in the first one"
         notes.append(Note(Kind.FEWER_DRIVES, text))

@@ -154,6 +154,7 @@ def open_items(out: Path) -> Review:
         HuskyError: there are no results of one class, or its folder is itself a submission.
     """
     marked = _marked_submissions(out)
+    # folders of the delivered files; all submissions of a class are in the same folder
     folders = {Path(each.job.hand_in).parent for each in marked}
     if len(folders) != 1:
         raise HuskyError(
@@ -171,6 +172,7 @@ def open_items(out: Path) -> Review:
     hand_ins = find_hand_ins(folder)
     # folders of the present submissions; a student's folder changes if two names have become equal
     current = {each.folder for each in hand_ins}
+    # an item without points waits for the teacher
     items = [
         OpenItem(each.result.name, item, each.place)
         for each in marked

@@ -104,6 +104,7 @@ def find_unwritten_variable(
         MarkingError: the network or the simulator does not start.
     """
     with Network(folder) as network:
+        # without a socket for true poses, the simulator does not wait for the slow submission
         simulator = simulate(network, trial, replace(robot.config, pace=1.0))
         process, _ = start(network, submission, "memcheck")
 
@@ -115,15 +116,16 @@ def find_unwritten_variable(
             return seconds
 
         nodes = len(submission.nodes)
+        # the submission has subscribed to the scans before it came to rest or ended
         gets_scans = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
-        heard = robot
+        heard = robot  # choice of the robot after the submission has subscribed
         if robot.is_guess:
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
         if heard.config != robot.config:
             simulator.kill()
             simulate(network, trial, replace(heard.config, pace=1.0))
             gets_scans = process.running
-        if gets_scans:
+        if gets_scans:  # now the callbacks run, for CPU seconds of CPU time
             start_of_callbacks = cpu_seconds()
             wait(lambda: not process.running or cpu_seconds() - start_of_callbacks > CPU, WALL)
         # the logs are read while the node runs, because an interrupted `getParam` leaves its variable

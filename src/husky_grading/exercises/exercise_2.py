@@ -92,19 +92,22 @@ class StraightDrive(Watch):
 def judge_output(recording: Recording) -> Item:
     """Grade whether the smallest range is printed: 40 points, or 20 if it does not follow the run."""
     item = Item(ITEMS[0], 0.0, 40.0, "")
+    # (N,) [m] smallest range of each scan with a return
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
         return with_cause(item, "nothing to print", (causes(recording) or [NO_SCANS])[0])
     low, high = float(truth.min()), float(truth.max())
     lines = [_PREFIX.sub("", line) for line in recording.output.splitlines()]
+    # numbers of each line, and those among them that can be the smallest range of a scan
     numbers = [[float(word) for word in _NUMBER.findall(line)] for line in lines]
     ranges = [[number for number in line if low - SAME <= number <= high + SAME] for line in numbers]
-    printed = [line[0] for line in ranges if line]
+    printed = [line[0] for line in ranges if line]  # [m] first such number of each line
     if len(printed) < LEAST_LINES:
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
         return replace(item, evidence=evidence, hint=MINIMUM if any(numbers) else PRINT)
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
+    # the robot drives towards the pillar, so the smallest range decreases, and the numbers must, too
     follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
     return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
 

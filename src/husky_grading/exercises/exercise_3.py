@@ -116,12 +116,13 @@ def judge_approach(recording: Recording) -> Item:
     if it drives past the pillar. The hint names the most probable mistake.
     """
     item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
+    # gaps between footprint and pillar (N,) [m] at the times (N,) [s]
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
         return with_cause(item, "the robot never moves", first_cause(recording))
-    first_gap = max(gaps[0], 1e-6)
-    nearest = int(np.argmin(gaps))
-    covered = first_gap - gaps[nearest]
+    first_gap = max(gaps[0], 1e-6)  # [m] length of the way to the pillar; above 0 in any case
+    nearest = int(np.argmin(gaps))  # row at which the robot is nearest to the pillar
+    covered = first_gap - gaps[nearest]  # [m] part of the way that the robot has covered
     if covered >= HALF_WAY * first_gap:
         half_time = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * first_gap)])
         evidence = f"covers half of the {first_gap:.2f} m to the pillar in {half_time:.2f} s"
@@ -131,6 +132,7 @@ def judge_approach(recording: Recording) -> Item:
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
         return replace(item, points=20.0, evidence=evidence, at=half_time)
+    # the robot has covered less than half of the way, and the evidence says what it did instead
     at, end, points = float(times[nearest]), float(times[-1]), 0.0
     yaws = np.unwrap(recording.poses[:, 2])
     full_turns = float(np.abs(np.diff(yaws)).sum()) / (2.0 * np.pi)
@@ -146,6 +148,7 @@ def judge_approach(recording: Recording) -> Item:
         evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
         evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
+    # note on an end, an exception or a silence of the node; None if the node worked to the end
     cause = cause_of_stop(recording)
     if cause:
         ending, hint = behind(cause), hint_on(cause)
@@ -163,21 +166,24 @@ def _explain_steering(recording: Recording) -> Explanation:
     """
     if is_nothing(recording.fastest):
         return Explanation("; linear.x is 0 in all commands", NO_SPEED)
+    # speeds (M,) [m/s] and rates of turn (M,) [rad/s], positive to the left, while the robot moves
     speeds, turns = recording.speeds[recording.moving].T
     if float(np.median(speeds)) < -STANDS:
         return Explanation("; it drives backwards", BACKWARDS)
     if is_nothing(recording.sharpest):
         return Explanation("; it never turns: angular.z is 0 in all commands", NO_TURN)
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
+    # (M,) [rad] direction of the pillar seen from the robot, positive to the left
     bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
     is_aside = np.abs(np.sin(bearings)) > ASIDE
     turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
+    # fraction of the moments with the pillar aside in which the robot turns towards it
     right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
     if right_fraction > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
         hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
         return Explanation("", hint + "while the angle is large")
-    if right_fraction <= 1.0 - MOSTLY:
+    if right_fraction <= 1.0 - MOSTLY:  # most turns lead away from the pillar, so the sign is wrong
         return Explanation("", TURNS)
     large_turns = turns[np.abs(turns) > TURNS_ON]
     if len(large_turns) and max(np.mean(large_turns > 0.0), np.mean(large_turns < 0.0)) >= ONE_WAY:
@@ -216,19 +222,20 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     The arguments are those of `judge_arrival`, and its item without evidence.
     """
     gaps = recording.hull_gaps
-    nearest = int(np.argmin(gaps))
+    nearest = int(np.argmin(gaps))  # row at which the robot is nearest to the pillar
     at = float(recording.times[nearest])
     if _runs_out_of_time(recording):
         why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
     evidence += f", at most {rules.reached:g} m is needed"
+    # the robot drove, but not after the nearest point
     if recording.driving.any() and not recording.driving[nearest + 1 :].any():
         evidence = f"stops short: {evidence}"
     cause = cause_of_stop(recording)
     if not recording.moving.any():
         ending, hint = "", hint_on(first_cause(recording))
-    elif approach is not None and not approach.full:
+    elif approach is not None and not approach.full:  # the approach names the same mistake already
         ending, hint = "", approach.hint
     elif cause:
         ending, hint = behind(cause), hint_on(cause)
@@ -323,6 +330,7 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         return without_config(item, view, rules)
     if view.problem:
         return replace(item, evidence=f"{view.source}: {view.problem}", hint=hint_on_view(view))
+    # points of each display, and whether RViz shows it
     parts = {
         TF: (6.0, view.tf),
         ROBOT: (7.0, view.robot),
@@ -353,6 +361,7 @@ def judge_shown(
     `places` are the items of judge_place, one for each run.
     """
     item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
+    # a marker counts only in a run in which `judge_place` gave points for it
     good_runs = [recording for recording, place in zip(recordings, places) if place.points]
     markers = [marker for run in good_runs for marker in run.markers if not marker.problem]
     topics = {marker.topic for marker in markers}
@@ -361,6 +370,7 @@ def judge_shown(
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
+    # a topic is visible if RViz shows one of its namespaces
     visible_topics = {
         marker.topic for marker in markers if (marker.topic, marker.namespace) not in view.hidden
     }

@@ -245,13 +245,15 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     With fewer than MIN_ESTIMATES estimates there are no points.
     """
     estimate = recording.estimate or EstimatedPath()
+    # (N, 3) [s, m, m] stamp, x and y of each estimate, without estimates that are not numbers
     path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
         return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS)
     stamps, end = path[:, 0], float(recording.times[-1])
-    true_positions = recording.poses[:, :2]
+    true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y
+    # true x and y at the stamps of the estimates, (N,) [m] each
     true_at_stamps = [np.interp(stamps, recording.times, column) for column in true_positions.T]
     largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
     length = float(np.hypot(*np.diff(true_positions, axis=0).T).sum())

@@ -109,12 +109,13 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
         ArchiveError: the archive cannot be unpacked.
     """
     links = 0
-    names: Set[str] = set()
+    names: Set[str] = set()  # names of members so far; of two members with one name, the first one counts
     large: List[str] = []
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, is_executable, is_special, content in members(archive):
             links += is_special
+            # folders, links and special files have no content
             if content is not None and name not in names:
                 names.add(name)
                 with content:

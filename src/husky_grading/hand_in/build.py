@@ -130,8 +130,8 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     remove_tree(root)
     (root / "src").mkdir(parents=True)
     notes: List[str] = []
-    large: List[str] = []
-    room = MAX_BYTES
+    large: List[str] = []  # names of files that are too large
+    room = MAX_BYTES  # [bytes] largest size of the packages that are not copied yet
     copies: Dict[str, Path] = {}
     for package in packages:
         copies[package.name] = root / "src" / package.name

@@ -83,11 +83,12 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
     allowance = Allowance()
     notes: List[str] = []
     try:
-        root = path
+        root = path  # folder of the delivered files
         if path.is_file():
             root = scratch / "hand_in"
             root.mkdir()
             notes += unpack(path, root, allowance)
+        # path in the submission of each folder, as the student knows it
         places = {root: PurePosixPath(".")}
         folders = [root]
         for folder in folders:  # the list grows, because archives may contain archives
@@ -200,18 +201,21 @@ def choose_packages(
         namesakes = by_name[name]
         if len(namesakes) > 1:
             namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))
+            # number of namesakes that attempts can choose; all of them if each is of another exercise
             fitting = sum(fits_exercise(each.place, exercise) > 0 for each in namesakes) or len(namesakes)
+            # the chosen package moves to the front
             namesakes.insert(0, namesakes.pop(min(attempt, fitting - 1)))
             places = ", ".join(str(each.place) for each in namesakes[1:])
             notes.append(
                 f"package {name} is taken from {namesakes[0].place}; these copies are left out: {places}"
             )
         package_by_name[name] = namesakes[0]
+    # names of packages of the exercise, or of no exercise
     names = {name for name, package in package_by_name.items() if fits_exercise(package.place, exercise)}
     names = with_dependencies(names or set(package_by_name), package_by_name)
-    aside = sorted(set(package_by_name) - names)
-    if aside:
-        notes.append(f"packages of other exercises are left out: {', '.join(aside)}")
+    other_names = sorted(set(package_by_name) - names)
+    if other_names:
+        notes.append(f"packages of other exercises are left out: {', '.join(other_names)}")
     return [package_by_name[name] for name in sorted(names)], notes
 
 

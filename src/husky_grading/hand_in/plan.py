@@ -87,6 +87,7 @@ def plans(
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()
+    # end of the output of the program that reads the launch files
     problem = _describe(launchables, workspace, events_file, parts)
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
@@ -96,10 +97,11 @@ def plans(
         if number in events:  # a submission may write any events
             events[number].append(event)
     planned = []
+    # the events of each launchable
     for own_events in events.values():
         read_plan = next((event.plan for event in own_events if event.plan), None)
         notes = notes_on(own_events, "")
-        if read_plan is None:
+        if read_plan is None:  # the launch file cannot be loaded, and the events normally give the reason
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
         elif not read_plan.nodes:
             notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))

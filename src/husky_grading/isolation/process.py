@@ -60,14 +60,14 @@ class Process:
         with contextlib.suppress(OSError):  # the run continues without a log if the disk is full
             # the log is created before the program starts, because the program could put a link at its path
             self._file = create(log)
-        self._watch: Optional[SizeWatch] = None
+        self._watch: Optional[SizeWatch] = None  # ends an untrusted program that becomes too large
         if workspace is not None:
             command = sandboxed(workspace, command, folder, env)
         self._stderr = None if shows_errors else subprocess.STDOUT
         self.popen = self._popen(command, env, folder)
         if workspace is not None:
             self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate, is_entered())
-        self._head, self._tail = bytearray(), bytearray()
+        self._head, self._tail = bytearray(), bytearray()  # first and last bytes of the output
         self._pump = threading.Thread(target=self._read, daemon=True)
         self._pump.start()
 

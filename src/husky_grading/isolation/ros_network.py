@@ -90,6 +90,7 @@ class Network:
             handed: arguments for the main() of one of the MODULES, such as a connection.
             **more: further variables of its environment.
         """
+        # an untrusted program gets no passwords or tokens of marking
         env = dict(os.environ) if workspace is None else clean_environment()
         for unwanted in ("DISPLAY", "ROS_HOSTNAME", "ROS_NAMESPACE", "WAYLAND_DISPLAY"):
             env.pop(unwanted, None)
@@ -99,6 +100,7 @@ class Network:
             env.update(
                 HOME=str(folder / "home"), ROS_HOME=str(folder / "ros_home"), ROS_LOG_DIR=str(folder / "log")
             )
+            # the program sees its own folder in this folder, but no logs and files of other programs
             workspace = replace(workspace, hidden=(*workspace.hidden, self.folder))
         log = self.folder / f"{name}.log"
         process: Process

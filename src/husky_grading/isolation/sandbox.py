@@ -173,9 +173,9 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     home_folders = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
     writable = folder.resolve()
-    own = own_files(workspace.own)
+    own = own_files(workspace.own)  # files of this package that the program may see, and the others
     to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *own.hidden}
-    # a folder around the writable one cannot be hidden
+    # the writable folder and the folders in it are not hidden
     hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed(workspace, env)
     shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
@@ -186,8 +186,10 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     for link in _missing_links(needed, {*shown, *(Path("/", name) for name in SYSTEM)}, hidden):
         mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
     mounts.append(_Mount(writable, 2, ["--bind", str(writable), str(writable)]))
+    # outer folders first; at the same depth, a hidden folder before a shown or writable path
     mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
     options = chain.from_iterable(mount.options for mount in mounts)
+    # the folders that were made for the mounts must not be writable
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
     return [*_system(), *options, *read_only]
 

@@ -86,7 +86,12 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
     """Reads a launch file, and leaves out tags that need a package that does not exist."""
 
     def __init__(self, reporter: Reporter, simulator_files: List[str]) -> None:
-        """Set up without a file; the launch files of the simulator in `simulator_files` are not included."""
+        """Set up without a file.
+
+        Args:
+            reporter: writes an event on each tag that is left out.
+            simulator_files: paths of the simulator's launch files in their packages; these are not included.
+        """
         super().__init__()
         # set here, because some versions of roslaunch set this attribute only in roslaunch-check
         self.ignore_unset_args = False
@@ -132,16 +137,19 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._included_count += 1
         if self._included_count > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
-        # the arguments are resolved even if the include is left out
+        # The arguments are resolved even if the include is left out. They may name the course's world and
+        # packages, which `resolve_args` notes.
         for argument in tag.getElementsByTagName("arg"):
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))
+        # package of the included file, and its path in the package; without $(find ...), no package is known
         package, place = match.groups() if match else ("", tag.getAttribute("file"))
-        is_simulators = package in SIMULATION
+        is_simulators = package in SIMULATION  # the file belongs to a package of the simulator or robot
         if is_simulators and place in self._simulator_files:
             self._reporter.write("left_out", package=package, tag="include")
             return None
+        # name of the file for the student, without folders of this machine
         shown = f"{package}/{place}" if package else os.path.basename(place)
         try:
             return self._try("include", tag, context, *arguments)
@@ -227,9 +235,11 @@ def load_launchable(
     nodes = sort_nodes(config.nodes, reporter, ours)
     config.nodes = nodes.to_start
     reporter.packages = {node.name: node.package for node in nodes.to_start}
-    config.tests = []
+    config.tests = []  # nodes in <test> tags, which only rostest starts
+    # marking sets these parameters itself
     for name in OUR_PARAMETERS & set(config.params):
         del config.params[name]
+    # clearing "/" would delete the parameters of the simulator
     config.clear_params = [name for name in config.clear_params if name != "/"]
     plan = {
         "nodes": [f"{node.package}/{node.type}" for node in nodes.to_start],
@@ -281,6 +291,7 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     see `load_launchable`.
     """
     leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
+    # the submission starts an RViz that is not one of this package's launch files
     has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
     result = SortedNodes([], [], [], [])
     for node in nodes:

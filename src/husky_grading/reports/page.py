@@ -68,6 +68,7 @@ def class_page(
         )
         for result in ordered
     ]
+    # fraction of the decided points of each student, for the median and the histogram
     shares = [result.points / result.max_points for result in ordered if result.max_points]
     counts = [(state.value, sum(result.state == state for result in ordered)) for state in COLOURS]
     return render(
@@ -76,9 +77,11 @@ def class_page(
         columns=columns,
         settings=ordered[0].settings if ordered else {},
         counts=[(state, count) for state, count in counts if count],
+        # largest sum of points of the items that `grade` has decided on, and of all items
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
         course_robot=_course_robot(ordered),
+        # number of students that are graded by hand only because of a missing RViz configuration
         lack_rviz_files=sum(result.lacks_rviz_file_only for result in ordered),
         median=round(100.0 * statistics.median(shares), 1) if shares else None,
         bars=histogram(shares),

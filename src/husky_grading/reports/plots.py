@@ -59,11 +59,12 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     colors: Any = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
     dots = axis.scatter(x, y, c=recording.times, s=5, zorder=2, **colors)
     if len(recording.poses):
-        for row in (0, -1):
+        for row in (0, -1):  # the robot at the start and at the end
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
         _label(axis, "start", (x[0], y[0]), recording.pillar, 18)
     start = recording.start.x, recording.start.y
     _name_pillar(axis, recording, start)
+    # about MAX_MARKERS markers, evenly distributed
     markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])

@@ -27,6 +27,7 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
         items: items of the runs; the first run is in the course's world.
         other_worlds: weight of all further runs together, 0 to 1.
     """
+    # an item that is graded by hand has no points, and is the worst one
     scores = [-1.0 if item.points is None else item.points for item in items]
     number = scores.index(min(scores))
     worst = items[number]

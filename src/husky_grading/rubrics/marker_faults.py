@@ -102,6 +102,7 @@ def find_fault(
         return fault
     if _mostly([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
+    # a marker at the pillar's position is wrong only by its height
     height, tolerance = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
     has_wrong_height = [
         distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
@@ -123,6 +124,7 @@ def _find_direction_fault(
     frame = wrong[0].frame
     # only in a frame that turns with the robot are the marker's numbers coordinates as seen from the robot
     turns_with_robot = frame != "odom"
+    # x of the frame's origin in base_link; whole metres are counted from there
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: turns_with_robot and abs(seen.y) <= EXACT and seen.x > 0.0,
