@@ -170,6 +170,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         if is_tool and not is_own:
             return
         request = Request(caller_id, name)
+        # only a changed answer is kept; after MAX_REQUESTS, requests for further parameters are not kept
         with self._requests_lock:
             is_new = self._requests.get(request) is not is_found
             if is_new and (request in self._requests or len(self._requests) < MAX_REQUESTS):

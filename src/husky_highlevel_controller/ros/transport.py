@@ -88,6 +88,7 @@ class PromptConnection(QueuedConnection):
                 with self._lock:
                     unsent, queue = self._unsent, self._queue
                     self._unsent, self._queue = b"", []
+                # the rest comes first, because it is the end of an older message
                 for data in [unsent, *queue] if unsent else queue:
                     try:
                         self._connection.write_data(data)

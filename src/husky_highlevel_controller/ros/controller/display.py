@@ -180,7 +180,17 @@ def marker(
     position: Optional[Point] = None,
     **fields: Any,
 ) -> Marker:
-    """A marker in its namespace's colour; a line's size is (width, 0, 0), a text's (0, 0, height) [m]."""
+    """Return a marker in the colour of its namespace.
+
+    Args:
+        kind: shape, one of the constants of Marker.
+        namespace: one of the keys of COLORS; RViz keeps one marker of each namespace.
+        stamp: stamp of the scan that the marker shows [s].
+        frame: frame of the position.
+        size: lengths along x, y and z [m]; of a line (width, 0, 0), of a text (0, 0, height).
+        position: centre; the origin of the frame if None.
+        **fields: further fields of the message.
+    """
     return Marker(
         header=conversions.header(stamp, frame),
         ns=namespace,
@@ -196,13 +206,20 @@ def marker(
 def _pillar_markers(
     observation: Observation, output: ControlOutput, ground: float, height: float
 ) -> List[Marker]:
-    """The pillar of this scan, as the lidar sees it and, by the transform of the same moment, in odom.
+    """Return the cylinders of this scan's pillar: in the frame of the lidar and, if TF has it, in odom.
 
-    Its width is measured. A planar scan can see neither its height nor the `ground` [m, in base_link].
+    The width of the cylinders is measured, but a planar scan does not show their height.
+
+    Args:
+        observation: the scan, and the poses at its stamp.
+        output: the answer to the scan, with the pillar; no cylinder if this scan does not show the pillar.
+        ground: height of the ground in base_link [m].
+        height: height of the pillar's top above the ground [m].
     """
     pillar, stamp = output.pillar, observation.scan.stamp
     if pillar is None:
         return []
+    # [m] diameter of the pillar, and height of its middle in base_link
     width, middle = 2.0 * pillar.radius, ground + height / 2.0
     size = (INNER_SCALE * width, INNER_SCALE * width, INNER_SCALE * height)
     center = Point(pillar.x, pillar.y, _height_in_laser(observation, middle))

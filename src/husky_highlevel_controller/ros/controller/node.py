@@ -31,6 +31,7 @@ from husky_highlevel_controller.controller.obedience import Obedience
 from husky_highlevel_controller.controller.pillar_detection import Pillar, PillarConfig
 from husky_highlevel_controller.controller.sensor_faults import clock_sentence
 from husky_highlevel_controller.datatypes import STOP, Scan, Twist2D
+from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
@@ -130,10 +131,14 @@ class ControllerNode:
         # stands still if the ROS master loses this node, because no new program could then stop the robot
         self._registration = RegistrationWatch(self._stand_still)
 
-        # inputs, after everything that their callbacks use
+        # last, because the callbacks use everything above
+        self._connect_inputs(topic, service, robot.footprint)
+
+    def _connect_inputs(self, topic: ScanTopicConfig, service: str, footprint: Footprint) -> None:
+        """Subscribe to transforms and scans, offer the start/stop service, and log the topic of the scans."""
         transforms = tf2_ros.Buffer()
         # holds a scan until TF has the pose of its stamp, and then calls `_answer`
-        self._placement = ScanPlacement(transforms, self._answer, robot.footprint)
+        self._placement = ScanPlacement(transforms, self._answer, footprint)
         self._listener = Listener(transforms, self._placement)
         rospy.on_shutdown(self._stop)
         rospy.Service(service, SetBool, self._on_start_stop)

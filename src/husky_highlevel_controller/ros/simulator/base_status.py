@@ -50,7 +50,7 @@ class BaseStatus:
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
     """The base's state at `stamp` [s], without faults except battery and emergency stop."""
-    left, right = range(2)
+    left, right = range(2)  # indices of the pairs in `power`
     return HuskyStatus(
         header=conversions.header(stamp, ""),
         uptime=round(1000.0 * power.uptime),
@@ -80,7 +80,7 @@ def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
         _diagnostic(
             "power_status",
             (low_charge, "low charge" if low_charge > OK else "power OK"),
-            _fields(status, "estimate"),
+            _fields(status, "estimate"),  # capacity and charge
         ),
         _diagnostic(
             "safety_status",

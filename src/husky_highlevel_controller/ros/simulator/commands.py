@@ -110,7 +110,7 @@ class Commands:
             topic: topic of the command.
             msg: the command, with the name of its sender.
             twist: its velocity.
-            stronger: topic that is obeyed in place of this one; None if this command is obeyed.
+            stronger: topic of higher priority that is obeyed in place of this one; None if there is none.
         """
         sender = msg._connection_header["callerid"]
         if stronger is None and twist != STOP:

@@ -56,6 +56,7 @@ class GazeboServices:
             steps: physics steps between two messages; None for no topic.
         """
         self._simulation, self._calls = simulation, calls
+        # a launch file may spawn the robot under another name, which this variable has
         self._robot_name = os.environ.get(MODEL_VARIABLE) or robot
         calls.offer("gazebo/set_model_state", SetModelState, self._set_state)
         calls.offer("gazebo/spawn_sdf_model", SpawnModel, self._spawn)

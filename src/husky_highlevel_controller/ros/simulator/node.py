@@ -81,7 +81,7 @@ class SimulatorNode:
         """
         # start: world, start pose and pace; config: rates, robot and sensors; camera: the depth camera
         start, config, camera = read_parameters()
-        self._start, self._paused = start, start.paused
+        self._start, self._paused = start, start.paused  # paused: true while simulated time stands still
         # latched, so that a page that starts later knows whether the world is paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
         self._paused_topic.publish(start.paused)
@@ -95,11 +95,15 @@ class SimulatorNode:
         # config.real is None for the robot of Gazebo; only the base of a real Husky publishes its status
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
-        self._has_fallen = False
+
+        # memory of the run, for the log
+        self._has_fallen = False  # true while the robot is below the world
         self._touched: Set[str] = set()  # names of the objects that the robot has touched since the start
-        self._arrival = ArrivalWatch(config.robot.footprint)
+        self._arrival = ArrivalWatch(config.robot.footprint)  # detects an arrival at a pillar
         # true if the launch has a node arrival_exit, which logs the arrival itself
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
+
+        # the simulation, and everything that holds it or changes it
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
@@ -111,7 +115,7 @@ class SimulatorNode:
         )
         # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
-        self._findings = Findings()
+        self._findings = Findings()  # mistakes of other nodes, for the log and for ./dev doctor
         self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
         # if the ROS master loses this node, no new program can stop the robot, so all commands are refused
         self._registration = RegistrationWatch(self._commands.refuse)
@@ -384,7 +388,8 @@ class SimulatorNode:
         self._display: Optional[WorldDisplay] = None
         if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
-        # services that change the world wait for the end of a step in lockstep
+        # Each service has two names, this node's and Gazebo's. Services that change the world wait for the
+        # end of a step in lockstep, and the recorder of a graded run gets a line about them.
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),

@@ -64,6 +64,7 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
         # motion in the plane across the control's x axis
         control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
         control.orientation = QuaternionMsg(*quat_between(X, upwards(pose_in_frame)))
+        # RViz sends a chosen entry back to the node (FEEDBACK), which then deletes the body
         marker.menu_entries = [MenuEntry(id=DELETE, title="Delete", command_type=MenuEntry.FEEDBACK)]
     marker.controls = [control]
     return marker
@@ -82,14 +83,16 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
     """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
-        turned = Pose(quat_xyzw=quat_between(Z, shape.normal))
+        turned = Pose(quat_xyzw=quat_between(Z, shape.normal))  # a sheet lies across its z axis
         return _sheet(compose(pose, turned), shape.size, PLANE_COLOR)
     if isinstance(shape, Box) and shape.size[2] < PAINT_HEIGHT:
         top = Pose((0.0, 0.0, shape.size[2] / 2.0))
         return _sheet(compose(pose, top), shape.size[:2], geometry.rgba)
     if isinstance(shape, TriangleMesh):
-        corners = simplified(shape, MAX_DRAWN_FACES)
-        return _triangles(pose, corners.vertices[corners.faces].reshape(-1, 3).tolist(), geometry.rgba)
+        mesh = simplified(shape, MAX_DRAWN_FACES)
+        # vertices (V, 3) [m] at faces (F, 3) give (F, 3, 3), and then one corner (x, y, z) in each row
+        corners = mesh.vertices[mesh.faces].reshape(-1, 3).tolist()
+        return _triangles(pose, corners, geometry.rgba)
     kind = {Box: Marker.CUBE, Cylinder: Marker.CYLINDER, Sphere: Marker.SPHERE}[type(shape)]
     color, scale = ColorRGBA(*geometry.rgba), Vector3Msg(*shape.size)
     if kind == Marker.CYLINDER:

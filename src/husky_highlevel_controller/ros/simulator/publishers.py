@@ -87,8 +87,10 @@ class Publishers:
 
         # state of the robot
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
+        # full name of the topic of the filtered odometry, which another node may publish in place of this one
         self.filter_topic = self._odometry.resolved_name
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
+        # the command that the wheels follow, within the limits of the robot
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
@@ -98,7 +100,7 @@ class Publishers:
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
-        self._set_time(rospy.Time())
+        self._set_time(rospy.Time())  # simulated time begins at 0
 
     def _advertise_sensors(self, config: SimulatorConfig, robot: RobotModel) -> None:
         """Advertise the topics of the lidars, the joints, the IMU and the GPS, as far as the robot has them.

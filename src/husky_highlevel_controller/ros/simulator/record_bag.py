@@ -113,7 +113,7 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
             raise HuskyError(f"{path} already exists; move it, or choose another folder")
     try:
         _write(paths, messages_of_drive(name, ground, seed, DURATION))
-    except BaseException as error:  # Ctrl-C, too
+    except BaseException as error:  # Ctrl-C raises KeyboardInterrupt, which is not an Exception
         for path in paths:
             path.unlink(missing_ok=True)
         if isinstance(error, OSError):

@@ -135,6 +135,7 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
     return [
         SecondPublisher(node, topic, simulator)
         for topic, nodes in sorted(graph.publishers.items())
+        # a topic that the simulator also reads is one of its command topics
         if simulator in nodes and topic not in SHARED and simulator not in graph.subscribers.get(topic, ())
         for node in sorted(nodes)
         if node != simulator
@@ -260,6 +261,7 @@ def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, s
             if distance is not None:
                 candidates.append((distance, other))
     if candidates:
+        # the smallest distance; of equal distances, the first name
         _, nearest = min(candidates)
         yield nearest
 
@@ -271,7 +273,7 @@ def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
     """
     if re.sub(r"\d", "", topic) == re.sub(r"\d", "", other) or topic.endswith(other):
         return None  # the topic belongs to another robot, with another number or namespace
-    if other.endswith(topic):
+    if other.endswith(topic):  # only namespaces are missing, as in /scan for /front/scan
         return other.count("/") - topic.count("/"), 0.0
     unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), "/")
     return None if unlikeness > 1.0 - MIN_LIKENESS else (0, unlikeness)
@@ -289,12 +291,13 @@ def main() -> None:
         *absent_services(master_uri),
         *unread_parameters(master_uri),
     ]
+    # each node publishes at least its log, so the publishers are all nodes
     nodes = {node for names in graph.publishers.values() for node in names}
     for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == SIMULATOR):
         findings += second_publishers(graph, simulator)
         findings += wrong_types(graph, simulator, partial(read_kinds, master_uri))
         for node, sentence in read_findings(master_uri, simulator):
-            if node in nodes:
+            if node in nodes:  # a finding on a node that has ended is out of date
                 print(f"{simulator} has found: {sentence}")
     for finding in findings:
         print(mistake_sentence(finding))
