@@ -46,7 +46,7 @@ class Actions:
             except Exception as error:  # an error of one call must not stop the calls of other buttons
                 sentence, is_good = f"{type(error).__name__}: {error}", False
                 rospy.logwarn(f"{title}: {traceback.format_exc()}")
-            if sentence and client is not None:
+            if sentence and client is not None:  # the client is None if no page waits for the result
                 with contextlib.suppress(Exception):  # the page may have been closed
                     notify(client, title, sentence, is_good)
 
@@ -70,6 +70,7 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     Raises:
         HuskyError: the service does not exist, fails, or does not answer in time.
     """
+    # rospy has no deadline for a call, so a thread calls, and this one waits for its answer
     answer: futures.Future[Any] = futures.Future()
 
     def ask() -> None:
@@ -83,6 +84,7 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     try:
         return answer.result(seconds)
     except futures.TimeoutError:
+        # the thread goes on, because a call cannot be cancelled
         raise HuskyError(f"{service} has not answered for {seconds:g} s; it may still act") from None
     except Exception as error:
         raise HuskyError(f"{service}: {error}") from None

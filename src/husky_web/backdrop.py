@@ -106,6 +106,7 @@ def scenery(look: Look) -> bytes:
     # the colours are divided by the largest one, because the colours of glTF end at 1
     brightness = float(colors.max())
     rgb = np.round(255.0 * colors / brightness).astype(np.uint8).reshape(-1, 3)
+    # (N, 2, 3) each quad is two triangles, which are given by the rows of its corners
     faces = 4 * np.arange(len(quads))[:, None, None] + np.array([(0, 1, 2), (0, 2, 3)])
     mesh = trimesh.Trimesh(quads.reshape(-1, 3), faces.reshape(-1, 3), vertex_colors=rgb, process=False)
 
@@ -127,16 +128,19 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     edges: List[float] = []  # [m] x or y of the quads' sides; a line is a narrow quad
     for metre in range(-CHECKER, CHECKER + 1):
         edges += [metre] if metre % SECTION else [metre - LINE, metre + LINE]
-    low, high = np.array(edges[:-1]), np.array(edges[1:])
+    low, high = np.array(edges[:-1]), np.array(edges[1:])  # limits of the columns, and of the rows
+    # corner with the smallest x and y, and opposite corner, of each of the N quads
     x0, y0 = np.reshape(np.meshgrid(low, low), (2, -1))
     x1, y1 = np.reshape(np.meshgrid(high, high), (2, -1))
     x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
     is_odd = (np.floor(x) + np.floor(y)) % 2.0
     is_line = np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE
     shade = np.where(is_line, look.line, CONTRAST * (1.0 - 2.0 * is_odd))
+    # 1 at the robot, 0 from the end of the pattern on
     fade = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
     colors = (1.0 + shade * fade)[:, None] * np.array(look.ground)
     corners = np.array([(x0, y0, 0.0 * x), (x1, y0, 0.0 * x), (x1, y1, 0.0 * x), (x0, y1, 0.0 * x)])
+    # from (corner, coordinate, quad) to (quad, corner, coordinate); the corners have the colour of their quad
     return corners.transpose(2, 0, 1), np.repeat(colors[:, None], 4, axis=1)
 
 
@@ -157,6 +161,7 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
         angle = radians(elevation)
         ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))
         rings.append((ring, _mix(look.horizon, look.zenith, share)))
+    # (rings, SIDES + 1, 3), where the last point of a ring is the first one again
     points = np.array([ring for ring, _ in rings])
     colors = np.array([np.broadcast_to(color, ring.shape) for ring, color in rings])
     return _quads_between(points), _quads_between(colors)
@@ -164,7 +169,7 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 def _quads_between(rings: np.ndarray) -> np.ndarray:
     """Return the values at the corners of the quads between rings (R, P, 3) of points, (N, 4, 3)."""
-    inner, outer = rings[:-1], rings[1:]
+    inner, outer = rings[:-1], rings[1:]  # the rings on both sides of each band of quads
     corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
 

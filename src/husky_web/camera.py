@@ -44,12 +44,14 @@ class Camera:
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Move with the robot or the pillar, both in the fixed frame [m]."""
         robot = None if base is None else base.position
-        subject = pillar if self._name == PILLAR else robot
+        subject = pillar if self._name == PILLAR else robot  # position that the camera follows
         camera = self._client.camera
+        # a camera cannot be moved before its page has reported it for the first time
         has_reported = camera.update_timestamp != 0.0
         if subject is None or self._name == FREE or not has_reported:
             return
         target = (subject[0], subject[1], subject[2] + AIM)
+        # only the camera that follows the robot also turns with it
         yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
         if self._is_placed and dist(target, self._target) < JUMP:
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
@@ -57,7 +59,7 @@ class Camera:
                 return
             self._yaw += turn
             self._take_over(camera)
-        else:
+        else:  # a new camera, or a robot that a service has moved; the camera jumps
             self._yaw, self._is_settled = yaw, False
             self._sent.clear()
         if not self._is_placed:

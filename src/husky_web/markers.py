@@ -35,6 +35,7 @@ Key = Tuple[str, str, int]  # topic, namespace, id
 
 def primitives(marker: Marker) -> List[Piece]:
     """Return the shapes of a marker in its own frame; empty if RViz would reject it."""
+    # [m] for shapes; a factor for a mesh file; x is the width of lines; x and y are the size of points
     size = (marker.scale.x, marker.scale.y, marker.scale.z)
     if not all(isfinite(value) for value in size):
         return []
@@ -51,17 +52,19 @@ def primitives(marker: Marker) -> List[Piece]:
     points = points_of(marker)
     if not np.isfinite(points).all():
         return []
-    colors = _colors(marker, len(points))
+    colors = _colors(marker, len(points))  # (N, 4) red, green, blue and opacity of each point, 0 to 1
     if kind in (Marker.LINE_STRIP, Marker.LINE_LIST):
         return _lines(kind, points, colors, size[0])
     if kind == Marker.POINTS and len(points):
         return [Points(points, _bytes(colors[:, :3]), max(size[0], size[1]))]
     if kind == Marker.TRIANGLE_LIST:
         whole = 3 * (len(points) // 3)  # points of complete triangles
+        # (triangles, corners, coordinates); RViz scales the points of this kind
         corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
         # a triangle has the colour of its first corner
         return _by_color(corners, colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group)))
     if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
+        # a copy of the shape at each point, stretched to the marker's size
         unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
         return _by_color(
             points[:MAX_COPIES], colors, lambda group: shapes.copies(unit, size, np.array(group))
@@ -138,13 +141,13 @@ class Markers:
         self.shown: Dict[Key, Marker] = {}
         self.is_full = False  # true if a marker was left out, because the cost would exceed MAX_COST
         self._cost = 0
-        self._ends: Dict[Key, float] = {}  # [s]
+        self._ends: Dict[Key, float] = {}  # [s] end of the lifetime, for markers that have one
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:
         """Apply a message; `now` [s] is the time of the same clock as in `expire`."""
         key = (topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
-            self._remove(key)
+            self._remove(key)  # the new marker replaces the one with the same key, also in the cost
             del marker.points[MAX_POINTS:], marker.colors[MAX_POINTS:]
             marker.text = marker.text[:MAX_LETTERS]
             if self._cost + cost(marker) > MAX_COST:
@@ -182,12 +185,14 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
     """Return an arrow by pose and scale (length, width, height), or from the first point to the second."""
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
+        # along x from the origin; the head is ARROW_HEAD of the length and twice as thick as the shaft
         mesh = shapes.arrow((1.0 - ARROW_HEAD) * length, 0.5 * thick, ARROW_HEAD * length, thick)
         return [Solid(mesh, _rgba(marker.color))]
     start, end = (np.array([p.x, p.y, p.z]) for p in marker.points[:2])
     length = float(np.linalg.norm(end - start))
     if not 0.0 < length < np.inf:
         return []
+    # an arrow of two points has the scale (diameter of the shaft, diameter and length of the head)
     head = size[2] if size[2] > 0.0 else ARROW_HEAD * length
     mesh = shapes.arrow(max(length - head, 0.0), size[0], min(head, length), size[1])
     turned = mesh.vertices @ matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length)).T + start

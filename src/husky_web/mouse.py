@@ -132,17 +132,21 @@ class Drag:
         """Begin a page's drag at a pose in the fixed frame; `show` draws a pose, `drop` gets the last one."""
         self.page = page
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
-        self._grasp: Any = None
-        self._is_level = True
+        self._grasp: Any = None  # [m] grasped point in the fixed frame; None before the first event
+        self._is_level = (
+            True  # true if the object follows the mouse on a level plane, false on an upright one
+        )
 
     def on_event(self, event: Any) -> None:
         """Follow the mouse to the intersection of its ray with a plane through the grasped point.
 
         The plane is level. If the camera looks at it from a flat angle, the plane is upright instead.
         """
+        # [m] position of the camera, the origin of the mouse's ray
         eye = [float(value) for value in event.client.camera.position]
         if event.phase == "start" or self._grasp is None:
             self._grasp = tuple(float(value) for value in event.start_position)
+            # slope of the ray at the start of the drag; the plane stays the same until its end
             self._is_level = eye[2] - self._grasp[2] > STEEP * dist(eye[:2], self._grasp[:2])
         ray = [float(a) - b for a, b in zip(event.end_position, eye)]
         if self._is_level:
@@ -150,6 +154,7 @@ class Drag:
         else:
             point = point_before(eye, ray, self._grasp)
         if point is not None:
+            # the object moves as far as the grasped point, and keeps its height
             x, y, z = self._start.position
             moved = (x + point[0] - self._grasp[0], y + point[1] - self._grasp[1], z)
             self._pose = self._start._replace(position=moved)

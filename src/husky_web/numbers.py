@@ -35,7 +35,11 @@ class Numbers:
         self.pillar: Optional[Vector3] = None  # [m] position of the pillar in the fixed frame
 
     def take(self, topics: Topics, scene: Scene, now: float) -> None:
-        """Take in new messages of the topics; `now` [s] is the time of any clock."""
+        """Take in new messages of the topics; `now` [s] is the time of any clock.
+
+        The scene has the TF frames, and the stamp of its newest scan.
+        """
+        # the page subscribes to one of the two topics only; true poses come first
         odometry = topics.take("truth") or topics.take("odometry")
         if odometry is not None:
             self._heard_at = now
@@ -46,6 +50,7 @@ class Numbers:
             self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
         error = topics.take("error")
         if error is not None:
+            # the controller's message has the remaining distance [m] in x and the bearing [rad] in y
             self.distance, self.bearing = error.vector.x, error.vector.y
             self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
             self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
@@ -58,6 +63,7 @@ class Numbers:
             commanded, measured = (self._speeds.get(name, UNKNOWN) for name in ("commanded", "measured"))
             self._curves["speed"].add(self.time, commanded[0], measured[0])
             self._curves["turning"].add(self.time, commanded[1], measured[1])
+        # the growth of these two is the real-time factor, and the rate of the scans
         if self.time is not None:
             self.clock.add(now, self.time)
         if topics.scan_count:

@@ -56,7 +56,7 @@ class Objects:
         self.shown: Dict[Key, Object] = {}
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
         self.dragged: Dict[Key, Pose] = {}  # pose in the fixed frame of each object that a page drags
-        self._feedback: Dict[str, rospy.Publisher] = {}
+        self._feedback: Dict[str, rospy.Publisher] = {}  # publisher to each server, by the server's name
 
     def update(self, received: List[Received]) -> None:
         """Take in messages of servers, then move all objects to their present poses."""
@@ -74,6 +74,7 @@ class Objects:
     def _take(self, topic: str, msg: Any) -> None:
         """Take in a change, or all markers of a server, which come on a topic of their own at the start."""
         if isinstance(msg, InteractiveMarkerInit):
+            # it comes on SERVER/update_full, and changes come on SERVER/update, which is in the keys
             server, names = topic[: -len("_full")], {marker.name for marker in msg.markers}
             for key in [key for key in self.shown if key[0] == server and key[1] not in names]:
                 self._erase(key)
@@ -104,7 +105,7 @@ class Objects:
         frame = None if shown is None else self._frames.pose(shown.frame, self._fixed_frame)
         if shown is None or frame is None:
             return
-        pose = compose(inverse(frame), pose_in_fixed)
+        pose = compose(inverse(frame), pose_in_fixed)  # pose in the marker's own frame
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
             self._send(key, shown, pose, event, 0)
 
@@ -154,6 +155,7 @@ class Objects:
         self._erase(key)
         # the publisher is made now, so that it is connected before the first drag ends
         self._publisher(topic)
+        # a slash in a name would be a level of viser's tree of nodes
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
         nodes: List[Any] = []
@@ -163,6 +165,7 @@ class Objects:
             nodes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
         if nodes:
             low, high = bounds(nodes)
+            # the shadow is just above the height of the object's lowest point
             x, y, _ = (low + high) / 2.0
             center = (x, y, low[2] + SHADOW_HEIGHT)
             contact_shadow(self._scene, f"{path}/shadow", high - low, center)

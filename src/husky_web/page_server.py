@@ -77,12 +77,14 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     token = None if is_loopback else secrets.token_urlsafe(16)
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a page may leave at any moment
     gate = Gate(is_loopback, token, on_message, on_leave)
-    is_behind_gate = started_behind(gate.answer, gate.with_drive_channel)
+    # context in which a server is started whose requests pass the gate, and which has the drive channel
+    behind_gate = started_behind(gate.answer, gate.with_drive_channel)
     # the output of viser is hidden, because viser prints a table with an address without the token
-    with is_behind_gate, contextlib.redirect_stdout(io.StringIO()):
+    with behind_gate, contextlib.redirect_stdout(io.StringIO()):
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     server.gate = gate
     port_and_token = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
+    # with such a host the server listens on all interfaces, but a browser cannot open the host itself
     has_all_interfaces = host in ("0.0.0.0", "::")
     if has_all_interfaces:
         # other machines do not know a container's host name, but its published port is a port of this machine
@@ -121,9 +123,10 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
         token: required token in the address or as a cookie; None if no token is required.
     """
     host = headers.get("Host", "")
+    # a page of another site may let its own host name point to the loopback address (DNS rebinding)
     if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
         return f"this page can be opened at {', '.join(sorted(LOOPBACK))} only, not at '{host}'"
-    origin = headers.get("Origin")
+    origin = headers.get("Origin")  # address of the page that sends the request; None for a plain request
     if origin is not None and urlsplit(origin).netloc != host:
         return f"the page of another site ('{origin}') may not act on the robot"
     if token is not None and not _shows(token, headers, path):

@@ -124,7 +124,7 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
         marks: changes of parameters.
     """
     times, series = arrays[0], [np.where(np.abs(each) < LARGEST, each, np.nan) for each in arrays[1:]]
-    all_values = np.concatenate([chart.least, *series])
+    all_values = np.concatenate([chart.least, *series])  # the range of the y axis contains these values
     finite = all_values[np.isfinite(all_values)]
     ticks = nice_ticks(float(finite.min()), float(finite.max()))
     axes = _Axes(float(times[-1]) if len(times) else 0.0, ticks[0], ticks[-1])
@@ -132,14 +132,15 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
     for name, values in zip(chart.series, series):
         parts.append(f'<path class="curve {name}" d="{_path(times, values, axes)}"/>')
     newest = [fixed(values[-1] if len(values) else None, 2) for values in series]
-    key = "".join(
+    legend = "".join(
         f'<span><i class="{name}"></i>{name if len(series) > 1 else ""} {value}</span>'
         for name, value in zip(chart.series, newest)
     )
+    # text for a screen reader, because it cannot read the curves
     spoken = ", ".join(f"{name} {value}" for name, value in zip(chart.series, newest))
     plot_area = f"{LEFT},{PLOT_RIGHT},{TOP},{PLOT_BOTTOM},{axes.low},{axes.high},{WINDOW}"  # page.js reads it
     return (
-        f'<div class="husky-block husky-chart"><div><b>{chart.title}</b> [{chart.unit}]{key}</div>'
+        f'<div class="husky-block husky-chart"><div><b>{chart.title}</b> [{chart.unit}]{legend}</div>'
         f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img" aria-label="{chart.title}: {spoken}"'
         f' data-plot="{plot_area}">'
         f"{''.join(parts)}</svg></div>"
@@ -203,7 +204,8 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
     """
     if len(times) < 3:
         return ""
-    bins = np.floor(times / RESOLUTION)
+    bins = np.floor(times / RESOLUTION)  # number of the interval of RESOLUTION in which each time lies
+    # last sample of each interval; the newest sample ends the last interval
     rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
     steps: List[str] = []
     command = "M"  # "M" is SVG's command to move to a point without a line; "L" draws a line to a point

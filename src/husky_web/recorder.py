@@ -25,6 +25,7 @@ class Recorder:
     """Buttons to record and to save, and the recording."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
+        # queue of the buttons' work; true while a run is recorded; name in the URDF, set by the node
         self._actions, self._is_on, self.robot_name = actions, False, ""
         self._rows: List[Row] = []
         gui = server.gui
@@ -74,6 +75,10 @@ class Recorder:
 def recording_page(rows: List[Row], robot_name: str) -> str:
     """Return an HTML page that replays a run of a robot, with the Husky's shape if it is not in ROBOTS.
 
+    Args:
+        rows: recorded rows, see `Row`.
+        robot_name: name of the robot in its URDF.
+
     Raises:
         HuskyError: the recording has no rows.
     """
@@ -92,7 +97,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
             f"{times[-1] - times[0]:.0f} s, recorded in the page",
             times,
             poses,
-            pillars if is_known.any() else pillars[:0],
+            pillars if is_known.any() else pillars[:0],  # an empty array if no pillar was ever known
             pillar_radius=PILLARS[name].radius,
             robot=load_robot(name),
         )

@@ -40,6 +40,7 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
     """
     robot, links, joints = read_urdf(description)
     colors = {item.get("name", ""): _rgba(item) for item in robot.findall("material")}
+    # joint between each link and its parent link, by the name of the link
     joint_above = {ends_of(joint, links)[1]: joint for joint in joints.values()}
     groups: Dict[str, List[Visual]] = {}
     for name, link in links.items():
@@ -84,16 +85,17 @@ def _shape(
     shape_and_sizes, rgba = shape_of(visual, where), _material(visual, colors)
     if shape_and_sizes is None:
         return None
-    shape, sizes = shape_and_sizes
+    shape, sizes = shape_and_sizes  # sizes [m]; for a mesh the factors along x, y and z
     if shape.tag == "mesh":
         x, y, z = sizes
         return MeshFile(shape.get("filename", ""), (x, y, z), rgba)
     if shape.tag == "box":
         x, y, z = sizes
         return Solid(shapes.cube(), rgba or PLAIN, (x, y, z))
-    diameter = 2.0 * sizes[0]
+    diameter = 2.0 * sizes[0]  # a URDF gives the radius of a cylinder and of a sphere
     if shape.tag == "cylinder":
-        return Solid(shapes.cylinder(), rgba or PLAIN, (diameter, diameter, sizes[1]))
+        length = sizes[1]
+        return Solid(shapes.cylinder(), rgba or PLAIN, (diameter, diameter, length))
     return Solid(shapes.sphere(), rgba or PLAIN, (diameter, diameter, diameter))
 
 

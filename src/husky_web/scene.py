@@ -94,19 +94,22 @@ class Scene:
 
     def __init__(self, server: viser.ViserServer, fixed_frame: str, controller: str) -> None:
         self._scene, self.fixed_frame = server.scene, fixed_frame
-        self._controller = f"{controller}/"
+        self._controller = f"{controller}/"  # begin of the names of the controller's topics
+        # poses of the TF frames; markers of all topics, whose drawings are in `_drawn`
         self.frames, self.markers = Frames(), Markers()
+        # true if a layer is shown, by its name; the boxes of the page change it
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
-        self.scan_stamp = 0.0  # [s]
+        self.scan_stamp = 0.0  # [s] stamp of the newest scan
         self.moment: Optional[float] = None  # [s] stamp of the drawn scan; None for the newest poses
         self._robot: Dict[str, Any] = {}  # node of each frame of the robot
-        self.robot_name = ""
-        self._shadow: Any = None
+        self.robot_name = ""  # name in the URDF; empty before the first one
+        self._shadow: Any = None  # node of the shadow below the robot; None without a robot
         self.robot_shapes: List[Any] = []  # nodes of the robot that the mouse can grasp
-        self._drawn: Dict[Key, DrawnMarker] = {}
+        self._drawn: Dict[Key, DrawnMarker] = {}  # the markers that have nodes in the scene
         self._axes: Dict[str, Any] = {}  # node of each TF frame
         self._trail: List[Tuple[float, float, float]] = []  # [m] points in the fixed frame, the oldest first
         self._backdrop = Backdrop(self._scene)
+        # nodes of points and lines are made once, empty, and get their points later
         empty = np.zeros((0, 3), np.float32)
         exact: Any = {"point_shape": "circle", "precision": "float32"}
         add_points = self._scene.add_point_cloud
@@ -117,12 +120,14 @@ class Scene:
         # only one colour
         self._trail_line = self._add_lines("/trail", np.zeros((0, 2, 3), np.uint8), thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
-        self._looks_due = 0.0  # [s]
+        self._looks_due = 0.0  # [s] wall time of the next update of the looks, see LOOKS_PERIOD
         box = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
+        # transparent box at the pose to which the mouse drags the robot
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
         add_pieces(self._scene, "/ghost", [box], Pose())
 
     def _add_lines(self, name: str, color: Union[Tuple[int, int, int], np.ndarray], **looks: Any) -> Any:
+        """Add a node of line segments, still without any, and return it."""
         return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
 
     def draw_robot(self, description: str) -> None:
@@ -136,9 +141,11 @@ class Scene:
         except HuskyError as error:
             rospy.logwarn(str(error))
             return
+        # the base comes first, because it is the parent of the others
         for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
             # links are children of the base in the scene, so that the pose of the base moves all of them
             parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
+            # a slash in the name of a frame would be a level of viser's tree of nodes
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
@@ -174,9 +181,12 @@ class Scene:
                 self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
         with on_error_log_and_skip(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
-        newest = self.frames.stamp(BASE)
-        has_scan = newest is not None and abs(newest - self.scan_stamp) < MAX_SCAN_AGE
-        self.moment = self.scan_stamp if has_scan else None
+        newest_pose_stamp = self.frames.stamp(BASE)
+        is_scan_recent = (
+            newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
+        )
+        # without recent scans, as with a lidar that is off, the newest poses are drawn
+        self.moment = self.scan_stamp if is_scan_recent else None
         for frame, node in self._robot.items():
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
             self._show(node, self.frames.pose(frame, parent, self.moment))
@@ -191,6 +201,7 @@ class Scene:
             self._looks_due = now + LOOKS_PERIOD
             self._update_plan()
         self._backdrop.update(self.ground, None if self.base is None else self.base.position)
+        # the shadow is a child of the base, so the height of the ground is needed in the base
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()
@@ -293,15 +304,17 @@ class Scene:
         for topic, msg in topics.take_all("markers"):
             with on_error_log_and_skip(topic):
                 for marker in markers_of(msg):
-                    is_ours = topic.startswith(self._controller)
-                    if is_ours and marker.ns == PATH:
+                    # the page draws its own trail, and its state bar shows the controller's state, so two
+                    # markers of the controller are not drawn
+                    is_of_controller = topic.startswith(self._controller)
+                    if is_of_controller and marker.ns == PATH:
                         self._begin_trail(marker)
-                    elif not (is_ours and marker.ns == STATE):
+                    elif not (is_of_controller and marker.ns == STATE):
                         self.markers.apply(topic, marker, now)
         if self.markers.is_full:
             warn_left_out("a part of the markers", "there are more than a browser can draw in time")
         self.markers.expire(now)
-        shown = self.markers.shown if self.layers["markers"] else {}
+        shown = self.markers.shown if self.layers["markers"] else {}  # key: topic, namespace, id
         for key in self._drawn.keys() - shown.keys():
             self._drawn.pop(key).node.remove()
         for key, marker in shown.items():
@@ -367,7 +380,9 @@ def trail_colors(trail: np.ndarray) -> np.ndarray:
     The colours are linear, because the browser shows colours of single points brighter than a line's colour.
     """
     steps = np.linalg.norm(np.diff(trail, axis=0), axis=1)
+    # (N,) [m] length of the trail from each point to the robot, summed from the newest point backwards
     behind = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+    # (N, 1) 0 for the full colour, 1 for the faded one
     faded = np.clip((behind - TRAIL_NEW) / (TRAIL_OLD - TRAIL_NEW), 0.0, 1.0)[:, None]
     colors = (1.0 - faded) * TRAIL_COLOR + faded * FADED_COLOR
     linear: np.ndarray = np.round(255.0 * (colors / 255.0) ** GAMMA).astype(np.uint8)

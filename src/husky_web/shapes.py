@@ -83,6 +83,8 @@ Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
     """Return a mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
+    # corners (N, V, 3) and faces (N, F, 3) of N copies of a unit with V vertices and F faces; the vertices of
+    # each copy come after the vertices of the copy before
     corners = points[:, None] + unit.vertices * np.asarray(size)
     faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
     return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))

@@ -120,8 +120,10 @@ class StopReason:
 
     def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
         """Take in the controller's state at a time [s], None if unknown, and the newest warning."""
+        # the reason is forgotten as soon as the controller is not stopped
         if time is None or activity != STOPPED:
             self.text, self._drove_at = "", -inf if time is None else time
+        # only a warning near the stop is its reason; the stamp of a later one is too far from it
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
             self.text = warning.text
 
@@ -171,7 +173,8 @@ def _summary(status: RobotStatus) -> Tuple[str, str]:
 
     If several facts hold, a reason that keeps the robot from driving comes first.
     """
-    doing = PHRASES.get(status.activity, status.activity)
+    doing = PHRASES.get(status.activity, status.activity)  # empty if the controller's state is unknown
+    # whether each fact holds, the colour of the light, and the sentence; the first one that holds is shown
     facts = (
         (status.is_master_gone, "error", MASTER_GONE),
         (status.is_locked and not status.has_listener, "error", UNHEARD),
@@ -205,6 +208,7 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
             (figures.time, 1, "s", "time"),
         )
     )
+    # page.css shows that the page waits for the robot until this attribute exists
     time = "" if figures.time is None else f' data-time="{figures.time:.3f}"'
     reason = f'<div class="husky-reason">{escape(status.reason[:MAX_REASON])}</div>' if status.reason else ""
     return (

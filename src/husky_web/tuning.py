@@ -96,10 +96,10 @@ class _Server:
         self, name: str, gui: viser.GuiApi, actions: Actions, on_change: Callable[[str], None]
     ) -> None:
         self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
-        self.parameters: List[Parameter] = []
-        self.values: Dict[str, Any] = {}
+        self.parameters: List[Parameter] = []  # empty until the server has sent its description
+        self.values: Dict[str, Any] = {}  # last values of the server, by parameter
         self._description: Dict[str, Any] = {}
-        self._fields: Dict[str, Any] = {}
+        self._fields: Dict[str, Any] = {}  # field of the page, by parameter
         self._waiting: Dict[str, Any] = {}  # requested values that are not sent yet, by parameter
         self._is_closed = False
         self._turn = threading.RLock()  # callbacks of ROS and of viser come in several threads
@@ -133,12 +133,13 @@ class _Server:
         """
         with self._turn:
             request, self._waiting = self._waiting, {}
+        # the call is made without the lock, so that updates of the server can be shown meanwhile
         try:
             answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(request))
         except HuskyError:
             self._show(self.values)
             raise
-        values = decode_config(answer.config, self._description)
+        values = decode_config(answer.config, self._description)  # values that the server has now
         self._show(values)
         refused = [
             f"{name} stays {values.get(name)}" for name, value in request.items() if values.get(name) != value
@@ -152,6 +153,7 @@ class _Server:
                 return
             self._description = decode_description(msg)
             self.parameters = parameters(self._description)
+            # a parameter without a group is directly in the folder of the server
             for group, members in by_group(self.parameters).items():
                 with self._folder, self._gui.add_folder(group or None, expand_by_default=group not in FOLDED):
                     self._fields.update((parameter.name, self._field(parameter)) for parameter in members)
@@ -183,6 +185,7 @@ class _Server:
         hint_with_range = f"{hint} ({low} to {high}, default {default})"
         if parameter.choices:
             names = [name for name, _ in parameter.choices]
+            # a value outside of the choices cannot be shown, and viser would reject it
             initial = value if value in names else names[0]
             field: Any = gui.add_dropdown(label, names, initial_value=initial, hint=hint)
         elif parameter.kind == "bool":
@@ -190,7 +193,7 @@ class _Server:
         elif parameter.kind == "str":
             field = gui.add_text(label, value, hint=hint)
         elif parameter.has_slider:
-            clamped = min(max(value, low), high)
+            clamped = min(max(value, low), high)  # viser rejects a slider whose value is outside
             field = gui.add_slider(
                 label, low, high, parameter.step, clamped, marks=(default,), hint=hint_with_range
             )

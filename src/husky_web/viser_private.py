@@ -56,7 +56,7 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
         process_request: argument of `websockets.asyncio.server.serve`.
         wrap: function that gets the handler of connections and returns another one.
     """
-    original: Any = websockets.asyncio.server.serve
+    original: Any = websockets.asyncio.server.serve  # put back at the end of the block
     logger = logging.getLogger("husky_web.websockets")
     # errors are hidden, because websockets would report each plain request of the page as a failed handshake
     logger.setLevel(logging.CRITICAL)
@@ -65,6 +65,7 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
         kwargs.update(process_request=process_request, logger=logger)
         return original(wrap(handler), *args, **kwargs)
 
+    # the buffer stays replaced, because viser makes one for each page that connects later
     _infra.AsyncMessageBuffer = MessageBuffer  # type: ignore
     websockets.asyncio.server.serve = serve  # type: ignore
     try:
@@ -83,6 +84,7 @@ def place(node: Any, pose: Pose) -> None:
 
     The message is queued without viser's setter, which compares by numpy.allclose: 6 us instead of 39 us.
     """
+    # `state` is viser's own record of the node, with the pose that the pages have
     state, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
     if _differ(state.position.tolist(), position):
         state.position[:] = position

@@ -22,7 +22,7 @@ from husky_web.actions import LONG_TIMEOUT, Actions, answer_of, call
 from husky_web.state_bar import Moving
 
 ROBOT = "husky"  # name of the robot in the services of the simulator
-GROUND = "ground_plane"
+GROUND = "ground_plane"  # name of the ground in the worlds, which is not an object to move
 MOVE_ATTEMPTS = 10  # largest number of attempts to find a free position
 SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
 
@@ -33,7 +33,15 @@ class WorldTab:
     def __init__(
         self, server: viser.ViserServer, actions: Actions, moving: Moving, simulator: str, frame: str
     ) -> None:
-        """Build the tab; positions are given in `frame`, of which the simulator knows world and odom."""
+        """Build the tab.
+
+        Args:
+            server: server of the page.
+            actions: queue of service calls.
+            moving: name of the object that a page moves, for the state bar.
+            simulator: name of the simulator's node.
+            frame: frame of all positions, the page's fixed frame; the simulator knows world and odom.
+        """
         self._actions, self._moving, self._simulator, self._frame = actions, moving, simulator, frame
         gui = server.gui
         with gui.add_folder("Put"):
