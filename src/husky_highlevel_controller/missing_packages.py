@@ -68,6 +68,7 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
     for package in GROUPS[group]:
         is_found = _is_importable(package.module)
         version = _version(package.module) if is_found and package.oldest else ""
+        # an unknown version (empty) does not count as old
         is_old = bool(version) and _numbers(version) < _numbers(package.oldest)
         if is_found and not is_old:
             continue

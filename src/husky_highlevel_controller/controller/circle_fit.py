@@ -137,7 +137,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         np.subtract(distance, r, out=error)
         cosine = np.add.reduce(to_centre * directions)
         weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
-        products = (weighted @ weighted.T).tolist()
+        products = (weighted @ weighted.T).tolist()  # (4, 4) sums over the beams, see `Products`
         last_radius = r
         (x, y, r), step_length = _improved((x, y, r), products, radius)
         if step_length < _SETTLED:
@@ -145,6 +145,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     # `products` and `error` belong to the circle before the last step
     free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
+    *_, (*_, sum_squared_error) = products  # the last of them is sum_i w_i e_i^2
     return Circle(
         x=origin + x,
         y=y,
@@ -152,7 +153,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         free_radius=last_radius + free_change,
         free_slack=free_slack,
         residual=residual,
-        sum_squared_error=products[3][3],
+        sum_squared_error=sum_squared_error,
     )
 
 

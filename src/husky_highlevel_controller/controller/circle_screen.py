@@ -102,6 +102,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     starts = segments.starts
     segment_of_beam = np.repeat(np.arange(len(count)), count)
     first, last = beams[starts], beams[starts + count - 1]
+    # directions and ends of the beams, (B,), in a frame for each segment, whose x axis is its middle beam
     angles = step * (beams - (0.5 * (first + last))[segment_of_beam])
     cosines, sines = np.cos(angles), np.sin(angles)
     px, py = ranges * cosines, ranges * sines
@@ -146,6 +147,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
     # (8, S): squared distances, weighted squared errors of the circle, and the six sums of the line
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
+    # the lead of the line, as LINE_ODDS defines it; a line has two parameters
     circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
     line_lead = np.maximum(count - 2, 1) * np.log((circle_error + noise_error) / (line_error + noise_error))
     return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), line_lead, near, count, first, last)

@@ -54,7 +54,7 @@ def search_on(
     Args:
         search: result of the last call; Search() at first.
         base_in_odom: pose of the robot.
-        points_in_base: points near the robot, (N, 2) [m].
+        points_in_base: obstacles near the robot, which are ends of beams, (N, 2) [m].
         outline: footprint of the robot.
         config: rate of turns, and growth of the spiral.
 

@@ -187,14 +187,17 @@ class Chassis:
         A contact on a tyre whose normal points upwards carries the wheel: it updates the wheel's load and
         footprint. All other contacts are bumps, which `drive` turns into friction.
         """
+        # pose of base_link before the last step, for which the engine found the contacts
         axes, (px, py, pz) = self._contact_axes, self._contact_position
-        # sums over the contacts of each wheel: the load [N], and the load times the contact point [N m]
+        # sums over the contacts of each wheel: the load [N], and the load times x, y and z of the contact
+        # point in base_link [N m]
         wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
         ground_x = ground_y = ground_z = 0.0  # sum of the normal forces under the wheels [N]
         bumped_bodies = set()
         self._hull_contacts = []
         for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
             point, normal = along_axes(axes, (x - px, y - py, z - pz)), along_axes(axes, normal_in_world)
+            # wheel on whose tyre the contact is, or None, and cosine of the slope of the contact
             wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
                 bumped_bodies.add(body)
@@ -208,6 +211,7 @@ class Chassis:
             sums[1] += load * point[0]
             sums[2] += load * point[1]
             sums[3] += load * point[2]
+        # the direction of this sum is the direction in which the ground faces, see `_downhill`
         self._ground_force = (ground_x, ground_y, ground_z)
         for wheel, (load, x, y, z) in enumerate(wheel_loads):
             if load <= 0.0:

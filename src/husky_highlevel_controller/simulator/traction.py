@@ -105,8 +105,8 @@ def ground_forces(
     spin = yaw_inertia * yaw_rate
     ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
-        # the equations [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py, pw)
-        # these are the terms without friction; each wheel adds its own
+        # the equations [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py, pw); they begin with
+        # the terms without friction, and each wheel adds its own
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
         px, py, pw = push_x, push_y, spin
         ks = []
@@ -126,6 +126,7 @@ def ground_forces(
         c_by_e = c * (a / e)  # a == e for equal grip: then this is c itself, to the last bit
         yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
+        # another round would change the slip by too little
         if hypot(vx - last[0], vy - last[1], yaw_rate - last[2]) < SETTLED * config.slip_speed:
             break
         last = (vx, vy, yaw_rate)

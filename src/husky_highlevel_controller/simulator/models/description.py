@@ -103,9 +103,11 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     frames = []  # frames of the sensors that the arguments enable
     if _is_true(arguments.get("laser_enabled", "true")):
         husky_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
+        # the argument laser_prefix names the frame on the Husky only
         frames.append(robot.lidar_mount.frame if name == "smb" else husky_frame)
     if _is_true(arguments.get("kinect_enabled", "false")):
         frames.append(CAMERA_FRAME)
+    # with meshes and with plain shapes, because the user's own description may have been made from either
     fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
     text, warning = choose_description(own, given, fully_equipped, robot, frames)
     if warning:

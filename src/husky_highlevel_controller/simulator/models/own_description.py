@@ -54,7 +54,8 @@ def choose_description(
         frames: names of links that the simulator's sensors need.
     """
     try:
-        # links and joints of the user; `robot_model` raises if the physics cannot use the description
+        # links and joints that only the user's description has; optional equipment of the robot is none;
+        # `robot_model` raises DescriptionError if the physics cannot use the description
         added_parts = _parts([own]) - _parts([given, *fully_equipped])
         fixed_links = robot_model(own, robot).fixed_poses
     except DescriptionError as error:
@@ -78,6 +79,7 @@ def choose_description(
 
 
 def _refused(given: str, problem: str, robot: Robot) -> Choice:
+    """Return the robot's own URDF text, with a warning that names the problem of the user's description."""
     fault = f"your robot description has a fault, so the {robot.title}'s is simulated and shown"
     return Choice(given, f"{fault}: {problem}")
 

@@ -112,6 +112,7 @@ def robot_model(
     # base_link and all links fixed to it become one body, to which the wheels are added
     physics = ET.Element("robot", name=root.get("name", "robot"))
     fixed_links = [(links[name], pose) for name, pose in poses.items()]
+    # `_merge` adds masses, centres of mass and inertias of several parts
     body = _merge([_inertial(link, pose) for link, pose in fixed_links])
     _require_solid(body, "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
@@ -227,6 +228,7 @@ def _require_solid(inertial: Inertial, what: str) -> None:
     """
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)  # principal moments, ascending [kg m^2]
+    # moments of this mass with the smallest and the largest radius of gyration
     smallest, largest = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:

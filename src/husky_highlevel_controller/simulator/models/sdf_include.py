@@ -128,10 +128,14 @@ def _find_model(uri: str, source: str) -> Optional[Path]:
 
 
 def _newest_file(config: Path, plain: Path) -> Path:
-    """Return the file that a model.config offers for the newest supported version of SDF.
+    """Return the best of the SDF files that a model.config offers, each for a version of SDF.
 
-    If all are newer, it is the oldest of them. If model.config cannot be read or offers nothing, it
-    is `plain`.
+    That is the file for the newest version up to NEWEST, or for the oldest version if all are newer. If the
+    model.config cannot be read or offers nothing, it is `plain`.
+
+    Args:
+        config: path of the model.config.
+        plain: path of the model.sdf in the same folder.
 
     Raises:
         WorldError: the model.config offers only versions of SDF that are not read.
@@ -143,6 +147,7 @@ def _newest_file(config: Path, plain: Path) -> Path:
     if not offers:
         return plain
     readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
+    # if no version is readable, `minor_version` raises the error about the first one
     name_by_minor_version = {
         minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers
     }

@@ -74,6 +74,7 @@ class Assembly:
         is_whole = len(links_by_group) == 1
         for group, names in links_by_group.items():
             body = self._rigid_body(names, is_whole)
+            # a joint, or a chain of joints, ties the links of this group to the world
             is_fixed = group == group_of[_WORLD]
             # a model of one body has no other body to pass through
             hits_other_bodies = is_whole or self.self_colliding.intersection(names)

@@ -129,7 +129,8 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     beam, segment = beams_of(first[met], count[met]), segment[met].repeat(count[met])
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]
-    # t direction = start + s along, multiplied by `along` as a cross product, gives the distance t
+    # the beam meets the line of the segment where t direction = start + s along; the cross product of both
+    # sides with `along` removes s, and gives the distance t
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
     entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
     # a beam along its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because beams repeat

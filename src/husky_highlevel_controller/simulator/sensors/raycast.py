@@ -285,8 +285,8 @@ def _candidates(
     distance, square = np.hypot(x, y), bounds * bounds - height * height
     near = np.flatnonzero((square >= 0.0) & (distance - bounds <= max_range))  # indices of solids
     distance, radius = distance[near], np.sqrt(square[near])
-    # bearings of the two edges of each circle, seen from the laser [rad]
-    # 1e-9 rad more, so that rounding loses no beam that touches the edge
+    # bearings of the two edges of each circle, seen from the laser [rad]; they are 1e-9 rad farther apart, so
+    # that rounding loses no beam that touches an edge
     half_angle = np.arcsin(np.minimum(radius / distance, 1.0)) + 1e-9
     half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
     middle = np.arctan2(y[near], x[near])
@@ -299,5 +299,5 @@ def _candidates(
     # bearings ascend, so the beams from `low` to `high` are neighbours
     first = bearings.searchsorted(low)
     count = bearings.searchsorted(high, side="right") - first
-    met = np.flatnonzero(count)
+    met = np.flatnonzero(count)  # candidates with at least one beam
     return near[met], first[met], count[met]
