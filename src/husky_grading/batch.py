@@ -273,6 +273,7 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
         # after any error the submission is marked again, and the result of that attempt reports the error
         return None
     try:
+        # new rules or points by hand have changed the result
         if judged != result:
             write_result(judged, out)
         write_whole(out / JOB, to_json(job))  # the job has new paths if the folder of the class was moved
@@ -301,7 +302,7 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
 
     If the workers are `elsewhere`, on other machines, the submission's files travel to them and back.
     """
-    title = f"submissions ({len(jobs)} to grade)"
+    title = f"submissions ({len(jobs)} to grade)"  # text of the progress bar
     if not elsewhere:
         for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
             yield result

@@ -176,13 +176,14 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
         frame = config.fixed_frame
         problem = f"no transform connects the fixed frame '{frame}' with {BASE}, so nothing is shown"
         return replace(view, problem=problem)
+    # visible displays of frames, robot models and scans
     by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
         # the SMB's launch file sets this parameter; our replacement sets only /robot_description
         descriptions.add("/smb_description")
-    topics = []
+    topics = []  # topics of markers
     for each in markers:
         topics.append(each.source)
         # a Marker display of RViz also subscribes to arrays, on a second topic

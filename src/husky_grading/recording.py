@@ -164,6 +164,7 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         recording: recording by the recorder, which does not know the submission's process.
         closing: observations by marking, which has started this process.
     """
+    # the reason for a cut-off counts before the reason that the recorder gives
     notes, ended = list(closing.notes), closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_node_ended = any(note.kind in ends for note in notes)
@@ -171,6 +172,7 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         # the end of a node already explains scans without an answer
         if not (has_node_ended and note.kind is Kind.UNANSWERED_SCANS):
             notes.append(note)
+    # [s] length of the run; a run of less than a second is too short for a rate
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
         text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s of simulated time"
@@ -191,11 +193,13 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 
     `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true poses of base_link in the world.
     """
+    # the first table is empty, so that the result has three columns even without a scan
     mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
     for scan in scans if len(times) else ():
         row = min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)
         x, y, yaw = poses[row]
         ranges = scan.ranges[scan.valid]
+        # [rad] directions of the beams in the world; a lidar that is upside down turns the other way
         angles = scan.bearings[scan.valid] * (-1.0 if mount.upside_down else 1.0) + yaw
         lidar_x, lidar_y = x + mount.x * np.cos(yaw), y + mount.x * np.sin(yaw)
         points = lidar_x + ranges * np.cos(angles), lidar_y + ranges * np.sin(angles)

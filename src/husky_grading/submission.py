@@ -201,6 +201,7 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
     notes.sort(key=lambda note: EVENTS.index(note.kind))
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
+        # without known packages of the student, each node counts as the student's
         is_own = not own or node.partition("/")[0] in own
         notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
     notes += exceptions_in(output)
@@ -252,7 +253,7 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
         own: packages of the submission; empty if unknown.
     """
     code = event.exit_code
-    kind, ending = Kind.NODE_FAILED, f"exit code {code}"
+    kind, ending = Kind.NODE_FAILED, f"exit code {code}"  # kind for a positive or unknown exit code
     if code == 0:
         kind = Kind.NODE_ENDED
     elif code is not None and code < 0:  # a signal has ended the process

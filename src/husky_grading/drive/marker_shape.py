@@ -52,6 +52,7 @@ def draw(
         points: points of a list or an arrow, relative to the pose [m].
         axis: vertical axis from which `reach` is measured, x and y in the world [m].
     """
+    # points that can count as the position, and points whose convex hull the marker covers
     references, corners = _references_and_outline(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
     position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
@@ -75,10 +76,12 @@ def _references_and_outline(
         return [tip], [tip]
     if kind in LISTS and len(points):
         measured = list(points[:MAX_POINTS])
+        # a line may lead from the robot to the pillar, so its ends count, too
         ends = [measured[0], measured[-1]] if kind in LINES else []
         middle = _middle(np.array(measured, dtype=float))
         return [middle, *ends], [middle, *ends]
-    # a text always faces the camera, and the size of a mesh is known only from its file
+    # a text always faces the camera, and the size of a mesh is known only from its file,
+    # so only their origin counts
     if kind in (TEXT, MESH):
         return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
     return [(0.0, 0.0, 0.0)], (_CORNERS * np.asarray(scale, dtype=float)).tolist()

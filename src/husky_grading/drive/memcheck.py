@@ -174,12 +174,14 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     found: List[Read] = []
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
+        # stack of the read, and stack of the place that made the memory of the value
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
         origin = _first_own(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
             line = _first_own(reading_stack, own_files)
             if line is not None:
                 found.append(Read(line, origin))
+        # a message was sent with such a value
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
             found.append(Read(None, origin))
     return found

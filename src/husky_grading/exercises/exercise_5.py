@@ -360,8 +360,9 @@ def judge_exercise_5(
 ) -> List[Item]:
     """Return the items of exercise 5: 50 and 50 points, and two bonuses by hand."""
     items, offered = judge_calls(recordings[0]), recordings[0].watched_as(ServiceCalls)
+    # a robot that stands all the time cannot show that the service stops it, so it gets no points
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
-    # the teacher grades such a submission by hand
+    # the teacher grades a submission by hand if its services have other types than std_srvs/SetBool
     has_only_other_types = bool(offered.other_services) and not offered.services
     if not drives and not has_only_other_types:
         stop, start = (replace(item, points=0.0) for item in items)

@@ -174,6 +174,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
     # file
     sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
     for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
+        # larger than one file may be, or than the room that is left
         if size > min(MAX_FILE, room - copied.size):
             copied.large.append(path.name)
             continue
@@ -181,7 +182,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
         copy = target / path.relative_to(package.path)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
-        is_executable = bool(path.stat().st_mode & 0o100)
+        is_executable = bool(path.stat().st_mode & 0o100)  # permission of the owner
         with copy.open("rb") as file:
             is_script = file.read(2) == b"#!"
         if is_script and _repair_interpreter(copy):
@@ -213,6 +214,7 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
 
     def local_path(match: Match[str]) -> str:
         for name, package in packages.items():
+            # the part of the path behind the package's name; `beside` is empty if the path has no such name
             _, beside, place = match.group().rpartition(f"/{name}/")
             if beside and ".." not in place and is_regular(package / place):
                 paths.append(match.group())
@@ -256,7 +258,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     """
     import_early()  # Python modules are loaded now, while the compiler waits for the disk
     outcome, missing = _make_with_stand_ins(folders, needed, underlay)
+    # output and exit code of the last build; the exit code is None if the build did not end in time
     (output, code), is_repaired = _make_again(folders, needed, underlay, outcome)
+    # without an error of the compiler, the fault may be that of this machine
     if code and not _ERROR.search(output):
         _check_builds(folders.root.with_name("check"), underlay)
     notes = _notes_on_missing(missing)
@@ -278,6 +282,7 @@ def _make_with_stand_ins(
     missing: Set[str] = set()
     output, code = "", None
     for _ in range(MAX_MISSING):
+        # output and exit code of this attempt, without a repair of the sources
         output, code = _catkin_make(folders, needed, underlay, "")
         unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]

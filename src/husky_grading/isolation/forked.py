@@ -65,7 +65,7 @@ class _Child:
             handed: arguments of the module's main().
         """
         import_early()
-        read_end, write_end = os.pipe()
+        read_end, write_end = os.pipe()  # the program writes its output, and marking reads it
         self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
         with Connection(write_end) as output:
             arguments = (command, env, folder, output, handed)
@@ -79,7 +79,7 @@ class _Child:
                     self._process.start()
                 finally:
                     sys.modules["__main__"] = script
-        self.pid = self._process.pid or 0
+        self.pid = self._process.pid or 0  # a process that has started always has an id
 
     def poll(self) -> Optional[int]:
         """Return its exit code, or None while it runs."""

@@ -69,14 +69,15 @@ class SizeWatch:
         while not self._done.wait(MEMORY_POLL_PERIOD):
             polls += 1
             processes = processes_below(self._pid)
-            if processes is None:
+            if processes is None:  # the program has ended
                 break
             if thread_count(processes) > THREADS:
                 return f"it was ended: it started more than {THREADS} processes and threads"
             if self._is_network_own and socket_count() > SOCKETS:
                 return f"it was ended: it opened more than {SOCKETS} sockets"
-            hidden = temporary_files(processes) + detached_segments(processes)
-            if memory_of(processes) + hidden > MEMORY:
+            # [bytes] memory that counts for no process: files in memory, and shared memory
+            unowned = temporary_files(processes) + detached_segments(processes)
+            if memory_of(processes) + unowned > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
             if polls % DISK_POLLS == 0:
                 size, files = disk_usage(self._folder)
@@ -133,6 +134,7 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
 
     The calling thread enters the sandbox's namespace for it, and stays there.
     """
+    # names of the namespaces of this program and of the calling thread
     marking, thread = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"

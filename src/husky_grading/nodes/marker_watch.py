@@ -220,11 +220,14 @@ class MarkerWatch:
             pillar: position of the pillar's axis in the world, x and y [m].
         """
         try:
+            # [s] time that counts for the marker, and pose of its frame in base_link at this time
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:
             # ValueError, because the name of the frame may contain a NUL character
             return replace(sample, problem=str(error).split(". ")[0].strip())
+        # row of the first true pose at this time or later, with a tolerance for rounding
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
+        # world from base_link, base_link from the marker's frame, and that frame from the marker
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
         scale = (marker.scale.x, marker.scale.y, marker.scale.z)
         points = [(point.x, point.y, point.z) for point in marker.points]
@@ -245,6 +248,7 @@ class MarkerWatch:
             return sample.stamp or sample.at, Pose()
         if sample.stamp:
             return sample.stamp, self._lookup(sample.frame, sample.stamp)
+        # times of sending and up to RETRY_END later, because the transform may come after the marker
         moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
         first_error: Optional[Exception] = None
         for moment in moments:

@@ -120,6 +120,7 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
         (out / PICTURES[0]).write_bytes(plots.draw_estimate(first, estimate, name))
     else:
         (out / PICTURES[0]).write_bytes(plots.draw_drives(recordings, name))
+        # run and simulated time [s] of the second picture
         shown, at = first, float(first.times[-1]) / 2.0
         if cause is not None and cause.at is not None and cause.drive <= len(recordings):
             shown, at = recordings[cause.drive - 1], cause.at
@@ -131,9 +132,10 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
 
 def _write_replay(recording: Recording, title: str, folder: Path) -> None:
     """Write a page that replays a run with its markers as they came."""
+    # time [s], x and y [m] of each cross in the replay: markers, or estimates of a path
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
     pillars = [recording.pillar]
-    if recording.estimate is not None:
+    if recording.estimate is not None:  # the world of a bag has no pillar
         marks, pillars = list(map(tuple, recording.estimate.points)), []
     page = to_html(
         Replay(

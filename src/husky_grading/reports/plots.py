@@ -121,12 +121,15 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
+    # (M, 3) [s, m, m] time, x and y of the points at which beams ended
     hits_before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
     latest = hits_before[:, 0].max(initial=0.0)  # [s] time of the last scan before the moment
+    # (K, 2) [m] points of the last scan
     points = hits_before[hits_before[:, 0] == latest][:, 1:]
     robot = load_robot(recording.robot)
     axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
     laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
+    # about MAX_RAYS lines from the lidar to the points
     rays = [(laser, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
     axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
     axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")

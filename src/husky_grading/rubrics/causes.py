@@ -103,10 +103,12 @@ def first_cause(recording: Recording) -> Note:
     """Return why the robot stands: the first broken link of the chain node, scan, command."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
     reasons = causes(recording)
+    # the tests follow the chain from the scans to the motion, and the first broken link is the cause
     if not recording.subscribed and silent and not reasons:
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
     if reasons:
         return reasons[0]
+    # a missing package or a failed node of another package matters only if no node of the student runs
     notes_on_others = [note for note in recording.notes if note.kind in OF_OTHERS]
     if notes_on_others and not is_up(recording):
         return notes_on_others[0]

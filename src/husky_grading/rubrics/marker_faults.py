@@ -93,8 +93,9 @@ def find_fault(
     drawn = [marker for marker in wrong if not marker.problem]
     if not drawn:
         return Kind.INVISIBLE
-    mount = load_robot(recording.robot).lidar_mount
+    mount = load_robot(recording.robot).lidar_mount  # mount.x is the distance [m] ahead of base_link
     if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
+        # most of these markers came after a scan without a return
         is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
         return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, share, rules)
@@ -155,6 +156,7 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
         if not marker.problem and is_off_axis(recording, marker.at, rules):
             at = marker.stamp or marker.at
             distance, bearing = pillar_from_robot(recording, at)
+            # tolerance of a mirrored or swapped position, which grows with the distance of the pillar
             slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
             x, y = _from_robot(recording, marker.position, at)
             seen_markers.append(Seen(x, y, distance, bearing, slack))
