@@ -45,6 +45,7 @@ class Registration:
         node of the same name at another address is not this one.
         """
         name = rospy.get_name()
+        # a code of 1 means success, -1 an unknown name, and 0 (of `_ask`) no answer
         code, uri = self._ask("lookupNode", name)
         is_known = code == 1 and uri == rospy.get_node_uri()
         if is_known:

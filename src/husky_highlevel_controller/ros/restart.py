@@ -34,6 +34,7 @@ def display_problem(display: str) -> Optional[str]:
         display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP. Other forms are taken to answer, and
             so is an empty value.
     """
+    # :N, or :N.SCREEN, also behind "unix"; or HOST:N with a network connection
     address = re.fullmatch(
         r"(?:unix)?:(?P<local>\d+)(?:\.\d+)?|(?P<host>[\w.-]+):(?P<number>\d+)(?:\.\d+)?", display
     )
@@ -84,6 +85,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
         if stopping:  # a signal came before `process` was known
             process.send_signal(stopping)
         code = process.wait()
+        # the program has ended by itself, or a person ended it, or it crashed for the second time
         if code not in CRASHES or stopping or attempt == 2:
             break
         name = Path(command[0]).name
@@ -98,8 +100,9 @@ def with_own_config(command: Sequence[str]) -> List[str]:
     cannot be copied.
     """
     words = list(command)
+    # file of the log, which roslaunch gives to every node; the copy of the configuration comes next to it
     log = next((word[len(LOG) :] for word in words if word.startswith(LOG)), None)
-    if log is None or CONFIG_OPTION not in words[:-1]:
+    if log is None or CONFIG_OPTION not in words[:-1]:  # an option in the last word has no file
         return words
     config_index = words.index(CONFIG_OPTION) + 1
     config, copy = Path(words[config_index]), Path(log).with_suffix(".rviz")

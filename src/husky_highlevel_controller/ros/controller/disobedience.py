@@ -48,8 +48,10 @@ class Disobedience:
         graph = read_graph(rosgraph.get_master_uri())
         publishers = graph.publishers if graph else {}
         inputs = [rospy.resolve_name(name) for name in self._robot.topics.velocity]
+        # the inputs are sorted by priority, the highest first
         stronger = inputs[: inputs.index(topic)] if topic in inputs else []
         for other in stronger:
+            # the page always advertises its input, so it is not a sign that somebody drives
             nodes = [node for node in publishers.get(other, ()) if node.rsplit("/", 1)[-1] != PAGE]
             if nodes:
                 return f"{other} of {' and '.join(sorted(nodes))} has priority over {topic}"

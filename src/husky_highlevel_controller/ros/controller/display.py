@@ -270,7 +270,7 @@ def _state_markers(
         size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
         markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
         if output.target_in_base is not None and observation.laser_in_base is not None:
-            # a ball where the lidar is to stop
+            # a ball of 0.16 m where the lidar is to stop
             goal = _stop_point(observation, output, stop_distance + estimate.radius)
             markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
 

@@ -137,6 +137,7 @@ class LocalizationNode:
         except ReadingError as error:
             self._complain(name, "reading", f"{error}, so it is ignored")
             return
+        # no estimate is due while the filter waits for earlier readings of the other inputs
         for estimate in estimates:
             msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base_frame)
             publish(self._odometry_publisher, msg)
@@ -160,12 +161,14 @@ class LocalizationNode:
         """
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
+        # frame of the velocities, which every reading needs
         parents_and_children = [(options.base_link_frame, sensor)]
+        # the first six flags of the configuration choose parts of the pose
         if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
             parents_and_children.append((options.odom_frame, msg.header.frame_id))
         poses = []
         for parent, child in parents_and_children:
-            if child.lstrip("/") in ("", parent):
+            if child.lstrip("/") in ("", parent):  # an empty name means the parent itself
                 poses.append(Pose())
                 continue
             stamped = lookup_transform(self._transforms, parent, child)
@@ -233,12 +236,13 @@ def reading_from_msg(msg: Any) -> Reading:
 
 
 def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
-    """Pose in odom and twist in base, with their covariances."""
+    """Return an estimate as a message: pose in `odom`, twist in `base`, and the covariances of both."""
     x, y, yaw, vx, vy, yaw_rate = estimate.state[:6].tolist()
     planar = PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate))
     msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)
     msg.twist.twist.linear.y = vy
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
+        # (6, 6) x, y, z, roll, pitch, yaw, or their rates; the filter estimates x, y and yaw only
         covariance = OFF_PLANE * np.eye(6)
         covariance[PLANE] = estimate.covariance[first : first + 3, first : first + 3]
         part.covariance = covariance.ravel().tolist()

@@ -40,10 +40,10 @@ class StopRequest:
         """
         self._call, self._command_zero = call, command_zero
         self._on_failure, self._on_success = on_failure, on_success
-        self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)
-        self._call_slots = threading.Semaphore(MAX_HUNG_CALLS)
-        self._pending_lock = threading.Lock()
-        self.pending = False
+        self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)  # the danger of the pending request
+        self._call_slots = threading.Semaphore(MAX_HUNG_CALLS)  # one slot for each call that is not answered
+        self._pending_lock = threading.Lock()  # held while `pending` and the queue change together
+        self.pending = False  # true from the request until the service has answered
 
     def start(self, danger: str) -> None:
         """Request a stop because of a danger, as text; ignored while one is pending. Any thread."""

@@ -30,6 +30,7 @@ class BagPlayer:
 
     def __init__(self) -> None:
         """Prepare the drive that the arguments of the program name."""
+        # robot, random seed of the noise, real-time factor, and length of the drive [s]
         name, seed, pace, seconds = sys.argv[1:5]
         self._pace, self._truth = float(pace), TruthLog()
         self._messages = messages_of_drive(name, "hard", int(seed), float(seconds))

@@ -31,12 +31,8 @@ class DepthCamera:
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
         """A camera that is due every `steps` steps; with `wait` the simulation waits for each image."""
-        self._config, self._pose_in_base, self._steps, self._waits_for_image = (
-            config,
-            pose_in_base,
-            steps,
-            wait,
-        )
+        self._config, self._pose_in_base = config, pose_in_base
+        self._steps, self._waits_for_image = steps, wait
         self._image_publisher = rospy.Publisher("camera/depth/image_raw", Image, queue_size=QUEUE)
         self._info_publisher = rospy.Publisher("camera/depth/camera_info", CameraInfo, queue_size=QUEUE)
         self._points_publisher = rospy.Publisher("camera/depth/points", PointCloud2, queue_size=QUEUE)
@@ -62,12 +58,13 @@ class DepthCamera:
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
         """Publish an image that is drawn, and start the next one if it is due and has a subscriber."""
-        self._publish(0.0)
+        self._publish(0.0)  # does not wait for an image that is not drawn yet
         is_watched = any(
             topic.get_num_connections()
             for topic in (self._image_publisher, self._info_publisher, self._points_publisher)
         )
         if snapshot.step % self._steps == 0 and not self._renderer.busy and is_watched:
+            # only bodies with a mass can move
             poses = {
                 name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
             }
@@ -95,7 +92,7 @@ class DepthCamera:
 
 def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
     """Pinhole camera without distortion."""
-    f, (u, v) = config.focal_length, config.center
+    f, (u, v) = config.focal_length, config.center  # focal length and middle of the image [pixels]
     return CameraInfo(
         header=header,
         height=config.height,

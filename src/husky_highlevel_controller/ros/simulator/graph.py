@@ -61,10 +61,11 @@ class Partners:
         self.scan_topic = scans.resolved_name if scans else ""
 
     def joined(self) -> bool:
-        """Return whether all are connected."""
+        """Return whether all are connected; false if the master does not answer."""
         if not self._has_sender() or (self._scans and not self._scans.get_num_connections()):
             return False
         state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
+        # number of subscribers by topic, from the master, which knows also those that are not yet connected
         subscribed = {topic: len(nodes) for topic, nodes in state[1]} if state else {}
         return bool(state) and all(
             publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
@@ -111,6 +112,7 @@ class SecondFilter:
         for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen_publishers):
             self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
+            # a filter with publish_tf = false does not publish the transform, so the simulator continues to
             if is_launched and rospy.get_param(f"{node}/publish_tf", True):
                 self.filter_node = node
                 self._leave_filter_to(node)

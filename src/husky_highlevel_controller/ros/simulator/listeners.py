@@ -133,14 +133,15 @@ class _Threads:
         turns = {}
         own_thread = str(threading.get_native_id())
         for thread in threads:
-            if thread == own_thread:
+            if thread == own_thread:  # the thread that looks always runs
                 continue
             try:
                 if thread not in self._files:
                     self._open(thread)
                 schedule, stat = self._files[thread]
                 turns[thread] = os.pread(schedule, READ_SIZE, 0)
-                state = os.pread(stat, READ_SIZE, 0).rpartition(b") ")[2][:1]  # the letter behind the name
+                # the state is the letter behind the name, which is in parentheses: "123 (python3) S ..."
+                state = os.pread(stat, READ_SIZE, 0).rpartition(b") ")[2][:1]
                 if state in RUNNING_STATES:
                     return None
             except OSError:  # the thread has just ended

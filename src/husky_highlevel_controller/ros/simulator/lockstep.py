@@ -95,9 +95,8 @@ class Lockstep:
         # topics on which a command has come since the last scan; None before the first scan
         self._answered_topics: Optional[Set[str]] = None
         self._has_commanded = False  # true if any command has come so far
-        self._answer_is_due = (
-            False  # true from `begin_scan` until the wait for the answer to the scan is over
-        )
+        # true from `begin_scan` until the wait for the answer to the scan is over
+        self._answer_is_due = False
         self._answered_in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
@@ -169,15 +168,17 @@ class Lockstep:
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
         """Call after each tick of the clock; it waits until a controller that may sleep has done its work.
 
-        rospy.sleep looks at the clock, then waits for the next tick, so it misses a tick in between. So
-        `again` sends the tick once more.
+        Args:
+            meanwhile: serves calls, and is called again and again.
+            again: sends the tick once more. rospy.sleep looks at the clock, then waits for the next tick, so
+                it misses a tick in between.
         """
         self._wait_until_idle(meanwhile)
         if self._mode in (*_WATCHED, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # a command that came before the scan was sent shows that the controller sends commands at ticks of
-        # /clock
+        # The tick of a scan comes after `begin_scan`, and before the scan is sent. So a command that is here
+        # was not caused by the scan, and shows that the controller sends commands at ticks of /clock.
         if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED

@@ -224,6 +224,8 @@ class SimulatorNode:
         """Wait for the launched nodes; at full speed ten simulated seconds pass while a controller starts."""
 
         def missing() -> str:
+            """Return a sentence on the launched nodes that have not joined; empty if nothing is missing."""
+            # nodes that were launched next to the simulator; without any, a controller is not expected
             other_nodes = () if partners.joined() else launched_beside()
             if not other_nodes:
                 return ""
@@ -238,6 +240,7 @@ class SimulatorNode:
         begin, has_rviz = time.monotonic(), False
 
         def missing() -> str:
+            """Return a sentence on the RViz nodes without an open window; empty if there are none."""
             nonlocal has_rviz
             rviz_nodes = sorted(filter(is_rviz, launched()))
             has_rviz = has_rviz or bool(rviz_nodes)
@@ -294,11 +297,11 @@ class SimulatorNode:
         # a tick is a step with a message on /clock
         is_tick = self._publishers.publish(snapshot, self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
-        self._gazebo.publish(snapshot)
+        self._gazebo.publish(snapshot)  # motions of all models, as Gazebo publishes them
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
         if self._display:
-            self._display.update(snapshot.stamp)
+            self._display.update(snapshot.stamp)  # markers of the world for RViz
         if self._camera:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
@@ -389,7 +392,8 @@ class SimulatorNode:
         if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
         # Each service has two names, this node's and Gazebo's. Services that change the world wait for the
-        # end of a step in lockstep, and the recorder of a graded run gets a line about them.
+        # end of a step in lockstep, and the recorder of a graded run gets a line about them. Pause and resume
+        # change only the time.
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),

@@ -209,7 +209,7 @@ class WorldDisplay:
         name, event = feedback.marker_name, feedback.event_type
         if event == InteractiveMarkerFeedback.MENU_SELECT and feedback.menu_entry_id == DELETE:
             self._ask(self._delete, feedback)
-        elif event == InteractiveMarkerFeedback.POSE_UPDATE:
+        elif event == InteractiveMarkerFeedback.POSE_UPDATE:  # comes again and again during a drag
             self._dragged.add(name)
         elif event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged:
             # MOUSE_UP also ends a click without a drag, after which the marker is not in `_dragged`
