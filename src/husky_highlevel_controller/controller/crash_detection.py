@@ -179,6 +179,7 @@ class CrashDetector:
             self._waiting_samples.clear()  # time runs back
         self._waiting_samples.append((sample, imu_in_base))
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
+        # after a crash, the other samples wait for the next call, so that it returns their crash
         loss = None
         while (
             loss is None
@@ -366,6 +367,7 @@ class CrashDetector:
             ahead: change of the velocity ahead, by the IMU [m/s].
             end: time at which the change ended [s].
         """
+        # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
         # change of the wheels' speed for each shift in time, and 0 for wheels that have not changed
         wheel_changes = [0.0]

@@ -90,7 +90,13 @@ class FilterConfig(NamedTuple):
 
 
 def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterConfig, List[str]]:
-    """Return the filter's parameters, and a sentence about each ignored one; `source` is for error texts.
+    """Return the filter's parameters, and a sentence about each ignored one.
+
+    Parameters that change nothing in this filter (WITHOUT_EFFECT) get no sentence.
+
+    Args:
+        values: parameters of the node by name.
+        source: origin of the values for error texts, such as a namespace ending in '/'.
 
     Raises:
         ConfigError: a parameter asks for an unsupported feature, or has a value that is not allowed.
@@ -108,7 +114,6 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
             if value is not False:
                 raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):
-            # such a parameter changes nothing in this filter, so it gets no remark
             continue
         elif key in matrices:
             try:
@@ -124,6 +129,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
             names = ", ".join(option_names)
             remarks.append(f"{source}{key} is not a parameter; there are: {names}, odom0, imu0 ...")
     inputs = _read_inputs(values_by_input, source, remarks)
+    # the matrices are in the order of the last two fields of FilterConfig
     return FilterConfig(from_plain(FilterOptions, options, source), inputs, *matrices.values()), remarks
 
 

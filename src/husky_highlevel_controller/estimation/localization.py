@@ -30,6 +30,7 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
+        # [s] age of the last measurement from which on an estimate is predicted to its own time
         self._sensor_timeout = (
             1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
         )

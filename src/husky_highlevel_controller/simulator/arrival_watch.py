@@ -55,7 +55,9 @@ class ArrivalWatch:
     def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
         """Take in the motion of the robot; return an arrival when it has stood for STANDING_TIME.
 
-        `pillars` is called only when it is needed.
+        Args:
+            state: true motion of the robot now.
+            pillars: function that lists the pillars of the world; it is called only when it is needed.
         """
         is_moving = max(abs(state.speed), abs(state.yaw_rate)) > STANDS
         if is_moving:
@@ -63,6 +65,7 @@ class ArrivalWatch:
             if self._arrived_at is not None and state.stamp >= self._next_look:
                 self._next_look = state.stamp + PERIOD
                 reached_pillars = [pillar for pillar in pillars() if pillar.name == self._arrived_at]
+                # a pillar that is not in the world any more counts as left
                 if min(self._gaps(state, reached_pillars), default=inf) > AWAY:
                     self._arrived_at = None
             return None

@@ -115,7 +115,7 @@ class CommandHabits:
             stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
         """
         stamp = memory.last
-        # DRIVES: the rate is counted from the first command that moves the robot, and again after a long gap
+        # DRIVES: the rate is counted from the first command that moves the robot, and again after a long gap;
         # a command moves the robot if it is not zero and no stronger topic overrules it
         begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
         if begins_to_move or gap > LONGEST_GAP:
@@ -139,7 +139,7 @@ class CommandHabits:
         if lasts and is_zero and memory.moves_since is None and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)
 
-        # OVERRULED: another node commands zero on the stronger topic, so the sender cannot move the robot
+        # OVERRULED: another node commands zero on the stronger topic, so the sender cannot move the robot;
         # `holder` is the node whose last command on the stronger topic is zero; empty if it is not zero
         holder = "" if stronger_topic is None else self._zero_senders.get(stronger_topic, "")
         if is_zero or stronger_topic is None or not holder:

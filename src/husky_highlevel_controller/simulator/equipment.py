@@ -66,7 +66,7 @@ def equip(
     scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
     ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
-    # [m] distance between the wheels by which odometry computes turns, because the wheels slip sideways
+    # [m] distance between the wheels for turns, by which odometry allows for wheels that skid
     effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
@@ -82,7 +82,7 @@ def equip(
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
     # the encoders are read only together with odometry, so their period must be a multiple of the periods of
-    # odometry
+    # odometry and of the physics; `steps_per` raises HuskyError if it is not
     for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))

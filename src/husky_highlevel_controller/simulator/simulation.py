@@ -68,7 +68,7 @@ class Simulation:
             HuskyError: a period is not a multiple of the physics step.
             PlacementError: a body cannot be simulated (a movable plane), or stands where the robot starts.
         """
-        left, right = robot.wheels[0], robot.wheels[1]
+        left, right, *_ = robot.wheels  # front left and front right
         self._drive_config = replace(
             config.robot.drive,
             wheel_separation=left.position[1] - right.position[1],

@@ -57,13 +57,12 @@ class PointLidar:
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # beams of a plane: first the beams of its column, then the beams of the opposite column; ray casting
-        # needs ascending angles;
-        # in the plane, a beam of the opposite column at an elevation e has the angle pi - e, or -pi - e if e
-        # is not positive, so that all angles are within [-pi, pi]
+        # beams of a plane: first the beams of its column, then the beams of the opposite column; in the
+        # plane, a beam of the opposite column at an elevation e has the angle pi - e, or -pi - e if e is not
+        # positive, so that all angles are within [-pi, pi]
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
-        self._order = np.argsort(bearings)
+        self._order = np.argsort(bearings)  # ray casting needs ascending angles
         self._beams = beams_at(bearings[self._order])
         # unit vectors of all beams in the lidar's frame, (rings, columns, 3)
         all_azimuths = np.append(azimuths, azimuths + pi)

@@ -82,7 +82,8 @@ class VibratingImu:
             for last, before, draw in zip(self._last_noise, self._noise_before_last, draws)
         ]
         self._last_noise, self._noise_before_last = noise, self._last_noise
-        # its scale grows with the mean speed of the wheels, of |linear - turning| and |linear + turning|
+        # its scale grows with the mean speed of the wheels; the mean of |linear - turning| (left wheels) and
+        # |linear + turning| (right wheels) is the larger one of |linear| and |turning|
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
         wheel_speed = max(abs(linear), abs(turning))
         speed = min(wheel_speed, self._saturation_speed)
