@@ -169,8 +169,8 @@ def main(
         # setup of a contestant, of which parameters in a YAML file change a part
         base = setup_of(options.profile, options.ground, options.robot)
         a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
-        launches = a.starts_programs or b.starts_programs
-        if launches:
+        has_launch_file = a.starts_programs or b.starts_programs
+        if has_launch_file:
             if options.profile != "gazebo":
                 raise HuskyError(
                     f"--profile {options.profile} does not work with a launch file; use --profile gazebo"
@@ -183,7 +183,9 @@ def main(
         options.out.mkdir(parents=True, exist_ok=True)
         # results of launch files are not kept, because the programs of a launch file are unknown and may
         # change
-        with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
+        with Workers(
+            options.jobs, options.cluster, None if has_launch_file else options.out / RESULTS
+        ) as workers:
             comparison = compare(a, b, random_starts(options.starts, options.seed), workers)
             result = comparison.result(options.margin, workers.summary)
         print(result)

@@ -153,11 +153,14 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
     """Return the shortest time to the stop point [s], straight ahead, with limited speed and acceleration."""
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
+    # [m] distance from the lidar to the pillar at the end, which cannot be less than up to the hull's front
     stop = max(control.stop_distance, robot.footprint.hull[0] - lidar_x)
+    # [m] way of the robot, from base_link to the pillar's centre less the parts that remain
     length = max(hypot(pillar_x - x, pillar_y - y) - PILLAR_RADIUS - stop - lidar_x, 0.0)
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
     if length < speed**2 / acceleration:  # the robot brakes before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
+    # full speed on the whole way, and half of the acceleration and of the braking more
     return length / speed + speed / acceleration
 
 
@@ -168,6 +171,7 @@ def crossings(trace: Trace) -> int:
     """
     until = inf if trace.arrived_at is None else trace.arrived_at
     dx, dy = (trace.pillars - trace.poses[:, :2]).T
+    # (N,) [rad] true bearing of the pillar from the robot, -pi to pi, positive to the left
     bearings = (np.arctan2(dy, dx) - trace.poses[:, 2] + pi) % (2.0 * pi) - pi
     bearings = bearings[(trace.times <= until) & np.isfinite(trace.bearing_errors)]
     aligned = np.flatnonzero(np.abs(bearings) < ALIGNED)

@@ -88,12 +88,15 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
 
     With `clutter` there are other objects, some in front of the pillar, none nearer to it than 0.3 m.
     """
+    # the 1 makes these numbers independent of those of `bare_scene`, which has a 2
     rng, side = np.random.default_rng([seed, 1, number]), min(_SIDE, lidar.angle_max - _EDGE)
     while True:
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         x, y = distance * cos(bearing), distance * sin(bearing)
         pillar, others = _post(x, y, PILLAR_RADIUS), _clutter(rng) if clutter else []
+        # (N,) [m] ranges of N beams with all objects, and with the pillar alone
         ranges, alone = _cast([pillar, *others], lidar), _cast([pillar], lidar)
+        # (N,) true for the beams that hit the pillar, because no other object is nearer
         is_seen = np.isfinite(alone) & (ranges > alone - 1e-9)
         if is_seen.sum() >= 3 and all(_gap((x, y), other) >= PILLAR_RADIUS + _FREE for other in others):
             noisy = ranges + rng.normal(0.0, lidar.noise, lidar.beams)
@@ -104,6 +107,7 @@ def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
     """Return a scan without a pillar: boxes, walls, corners, goal posts and rooms, with some speckle."""
     rng = np.random.default_rng([seed, 2, number])
     ranges = _cast(_clutter(rng), lidar) + rng.normal(0.0, lidar.noise, lidar.beams)
+    # speckle: 0.5 % of the beams get a random range
     ranges = np.where(rng.random(lidar.beams) < 0.005, rng.uniform(0.2, 29.0, lidar.beams), ranges)
     return PillarScan(scan_of(ranges, lidar), None)
 

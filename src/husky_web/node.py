@@ -246,8 +246,8 @@ class WebNode:
 
         If the master has restarted, the subscriptions are closed, because the new master does not have them.
         """
-        was_lost = self._registration.is_lost
-        is_known = self._registration.look()
+        was_lost = self._registration.is_lost  # true if a master has answered that it does not know this node
+        is_known = self._registration.look()  # None if no master answers
         published = None if is_known is None else self._ask("getPublishedTopics", "")
         if published is None:
             self._is_master_gone = self._was_master_silent = True

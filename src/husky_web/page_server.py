@@ -105,7 +105,7 @@ def _is_loopback(host: str) -> bool:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:
-            probe.bind(address)
+            probe.bind(address)  # fails if the address belongs to another machine
     except OSError as error:
         raise HuskyError(
             f"{rospy.get_name()}/address = '{host}' is not an address of this machine: {error}"
@@ -176,6 +176,7 @@ class Gate:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
             return None  # the handler counts the connections, because two requests may come at the same time
+        # each open page has one connection of viser
         if self._connections[False] >= MAX_PAGES:
             return _response(
                 http.HTTPStatus.SERVICE_UNAVAILABLE, TOO_MANY.encode(), "text/plain; charset=utf-8"

@@ -58,6 +58,7 @@ class Page:
     def _make_view(self, tab: Any, is_dark: bool) -> None:
         with tab:
             gui = self.client.gui
+            # a negative order puts these fields above the fields of the tab that all pages share
             self._chosen_camera = gui.add_html(choice_html(0), order=-2.5)
             camera = gui.add_button_group("Camera", CAMERAS, order=-2)
             camera.on_click(self._on_camera)

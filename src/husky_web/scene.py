@@ -239,6 +239,7 @@ class Scene:
             hits = _thinned(points, RAYS)
             self._scan.points = points
             lidar = np.array(pose.position, np.float32)
+            # (N, 2, 3) a line from the lidar to each of N points
             self._rays.points = np.stack([np.broadcast_to(lidar, hits.shape), hits], axis=1)
 
     def _update_cloud(self, msg: Optional[Any]) -> None:
@@ -278,6 +279,7 @@ class Scene:
         """Replace the trail by these points [m] in the fixed frame, the oldest first, and draw it."""
         self._trail = trail
         line = np.array(trail, np.float32)
+        # (N - 1, 2, 3) a line from each of N points to the next one, with the colours of both
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
         colors = trail_colors(line)
         self._trail_line.colors = np.stack([colors[:-1], colors[1:]], axis=1)
@@ -334,13 +336,15 @@ class Scene:
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
             return  # the marker keeps its pose in the fixed frame from the time when it came
         drawing.placed = marker
+        # a locked marker moves with its frame; another one stays where its frame was at the stamp, or at the
+        # newest pose of the frame if the stamp is 0
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)
         pose = pose_of(marker)
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
     def _draw_marker(self, drawing: DrawnMarker, marker: Marker) -> None:
-        """Draw it again if it looks different."""
+        """Draw a marker's parts again if it looks different from the drawing."""
         if drawing.drawn is marker:
             return
         drawing.drawn = marker

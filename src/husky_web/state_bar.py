@@ -197,7 +197,7 @@ def _summary(status: RobotStatus) -> Tuple[str, str]:
 def state_html(status: RobotStatus, figures: Figures) -> str:
     """Return HTML of state and numbers; texts of nodes are escaped."""
     light, sentence = _summary(status)
-    to_go = figures.distance
+    to_go = figures.distance  # [m] shown as 0 at the pillar, and never as a negative number
     if to_go is not None:
         to_go = 0.0 if status.activity == ARRIVED else max(0.0, to_go)
     numbers = "".join(

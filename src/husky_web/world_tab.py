@@ -99,6 +99,7 @@ class WorldTab:
         Raises:
             HuskyError: the world has no object, or every attempt has failed.
         """
+        # the simulator lists bodies, whose names may be like model::body, as in ground_plane::added
         poses = {
             name: pose for name, pose in self._poses().items() if name.split("::")[0] not in (GROUND, ROBOT)
         }

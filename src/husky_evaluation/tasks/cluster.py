@@ -119,6 +119,7 @@ class Cluster:
         with warnings.catch_warnings():
             # Dask warns of large tasks, but a submission may have some megabytes
             warnings.simplefilter("ignore", UserWarning)
+            # with pure=False, two equal groups are two tasks with a future each
             return self._client.submit(
                 perform_packed, payload, workers=sorted(workers), resources=resources, pure=False
             )
