@@ -113,6 +113,7 @@ def kept_submission(job: Job) -> Optional[Submission]:
     is_here = submission.root == root and (root / "src").is_dir()
     isolation = kind_of_sandbox(), private_network.reach()
     has_same_isolation = (submission.sandbox, submission.network) == isolation
+    # the kept workspace hides every folder that this job wants to hide
     hides_all = {*map(Path, job.hidden)} <= {*submission.workspace.hidden}
     is_same = bool(job.made_of) and submission.made_of == job.made_of
     # a submission that missed packages is prepared again, because they may be installed now

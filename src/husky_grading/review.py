@@ -104,7 +104,7 @@ class OpenItem:
     @property
     def code(self) -> Tuple[str, str]:
         """Return place and lines of the code for the item; empty if no line fits."""
-        pattern = CODE[self.item.subject]
+        pattern = CODE[self.item.subject]  # pattern of a line of code that belongs to the item's subject
         sources = self.out / "ws" / "src"
         with suppress(UnreadableFileError):  # the folder may have too many files, which the build has made
             for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):

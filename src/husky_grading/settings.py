@@ -93,5 +93,6 @@ def with_override(result: MarkingResult, override: Override) -> MarkingResult:
     if override.late:
         before = sum(item.points or 0.0 for item in items.values())
         evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
+        # an item with negative points; 0.0 is in front, because a minus would make -0.0 of no penalty
         penalty = [Item("late", 0.0 - round(before * override.late.percent / 100.0, 1), 0.0, evidence)]
     return replace(result, items=(*items.values(), *penalty), held=override.hold)

@@ -205,7 +205,7 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
         is_own = not own or node.partition("/")[0] in own
         notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
     notes += exceptions_in(output)
-    last_error = _last_error(output)
+    last_error = _last_error(output)  # probable reason for the end of a node
     for event in events:
         if event.event == "died":
             notes.append(_note_on_death(event, last_error, own))

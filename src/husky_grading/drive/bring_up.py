@@ -40,11 +40,14 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
     """
     file = network.folder / "drive.world"
     file.write_text(trial_world(trial, config.robot_name))
+    # parameters from which a submission could infer the pillar's position
     start = {
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
         "seed": trial.seed,
     }  # fmt: skip
+    # in lockstep, simulated time stops after each scan until a command has come
     values = {**start, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
+    # the same parameters by their full names
     simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
     arguments = set_robot_parameters(network, config)
     set_parameters(network.uri, simulator_values)

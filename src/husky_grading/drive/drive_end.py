@@ -54,19 +54,23 @@ class DriveEnd:
         if abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS:
             self._moved_at, self._first_moved = now, min(self._first_moved, now)
         pose = pose_to_2d(state.pose_in_world)
+        # [m] gap between footprint and pillar
         gap = float(hull_gaps(np.array([pose]), self._pillar, self._robot)[0])
+        # the robot comes nearer or turns, so it does not drive away in a straight line
         if gap <= self._gap or abs(wrap_angle(pose.yaw - self._heading)) > STRAIGHT:
             self._heading, self._left_at = pose.yaw, now
         self._gap, self._nearest = gap, min(self._nearest, gap)
+        # a robot that leaves the pillar has not reached it any more, but a touch counts for the whole run
         self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
 
     def reason(self, abandoned: bool = False) -> Optional[Note]:
         """Return why the run is over, or None if it goes on; `abandoned` if none of its nodes runs."""
-        still = self._now - self._moved_at
+        still = self._now - self._moved_at  # [s] time at rest
         if self._now >= self._touched_at + AT_PILLAR:
             return Note(Kind.TOUCHES, "it reached the pillar and touched it")
+        # the robot has been near enough, and has not driven, for AT_PILLAR seconds; it may turn there
         at_pillar = min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR
         if at_pillar and self._first_moved < inf:
             return Note(Kind.AT_PILLAR, "it stands at the pillar")

@@ -206,7 +206,8 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
     if not reads:
         return ""
     texts = _texts(sources)
-    declarations = _declared(texts)
+    declarations = _declared(texts)  # places of declarations by the variable's name
+    # the first read whose line of code names a declared variable
     for line, _ in reads:
         if line is not None:
             code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]

@@ -100,9 +100,11 @@ def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfi
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:
         return config
+    # the SMB has the topic of the older Husky, so its topic alone does not mean an SMB
     for version, (topic, _) in ROBOT_VERSIONS.items():
         if version != SMB and topic in topics:
             return replace(config, robot=version)
+    # a single topic of scans with any other name gets the scans of a Husky
     types = dict(_ask(uri, "getTopicTypes") or ())
     scans = [topic for topic in topics if types.get(topic) == SCAN]
     return replace(config, robot="husky", scans=scans[0]) if len(scans) == 1 else None

@@ -296,7 +296,7 @@ def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> V
 
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the top view is 2 m above base_link at three moments of the run."""
-    rows = playback.top_view
+    rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of the frame in base_link
     if len(rows) < 3:
         frames_above = [frame for frame, place in sorted(playback.places.items()) if _is_above(place)]
         evidence = "no transform from base_link to smb_top_view"
@@ -304,6 +304,7 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
             evidence += f", but {frames_above[0]} is 2 m above it"
             return Verdict(0.0, evidence, RENAME.format(frames_above[0]))
         return Verdict(0.0, evidence, TOP_VIEW)
+    # rows at the begin, at three moments in between, and at the end of the run
     quarters = np.linspace(0, len(rows) - 1, 5).astype(int)
     moments = rows[quarters[1:4]]  # rows without the first and the last one
     is_there = all(_is_above(place) for place in moments[:, 1:])

@@ -285,6 +285,7 @@ def _make_with_stand_ins(
         # output and exit code of this attempt, without a repair of the sources
         output, code = _catkin_make(folders, needed, underlay, "")
         unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
+        # no more stand-ins than MAX_STAND_INS in all builds together
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
         if not code or not new:
             break
@@ -436,11 +437,13 @@ def build_error(output: str, root: Path) -> str:
         return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
-        # catkin has run a program, and the program's last line gives the cause
+        # Catkin has run a program, and the program's last line gives the cause. If the program is in Python,
+        # its traceback gives file and line.
         if number and _EXECUTED.search(line):
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
             place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
             return f"{place}{lines[number - 1]}"[:300]
+    # patterns with the most informative one first
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
         for number, line in enumerate(lines):
             if re.search(pattern, line):

@@ -82,6 +82,7 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     for entry in entries:  # characters that cannot be printed, such as line feeds, become escapes
         shown = [c if c.isprintable() else c.encode("unicode_escape").decode() for c in _decoded(entry)]
         as_shown[entry] = "".join(shown)
+    # an entry that is written as it is shown comes first, and keeps its name
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
         name = as_shown[entry]
         if name in names.values():

@@ -147,6 +147,7 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
         NotMarkableError: the package does not exist, or does not contain the launch file.
     """
     # a launch file that is given by its path may be in no package
+    # true if roslaunch could load the launch file
     is_read = launchable.kind == "launch" and planned.is_read
     if not planned.package_path and not is_read:
         raise NotMarkableError(
@@ -363,6 +364,7 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
     for folder, place in contents.places.items():
         for path in walk(folder, BUILT):
             is_in_package = any(other.path in path.parents for other in contents.packages)
+            # 0 if the path has the number of another exercise
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fits and not is_in_package:
                 copy(path, package / path.name)  # `copy` follows no link that the build may have made

@@ -175,6 +175,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
+                # one entry too many is read, so that a folder with more of them is noticed
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
         except OSError:  # the folder was deleted, cannot be read, or has a path that is too long
             continue
@@ -183,7 +184,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
             raise UnreadableFileError(f"{folder}: more than {MAX_ENTRIES} files and folders")
         yield from (Path(entry.path) for entry in inner if entry.is_file(follow_symlinks=False))
         folders = [e.path for e in inner if e.is_dir(follow_symlinks=False) and e.name not in skipped]
-        waiting += reversed(folders)
+        waiting += reversed(folders)  # the last one is read next, so the first folder comes first
 
 
 def remove_tree(folder: Path) -> None:

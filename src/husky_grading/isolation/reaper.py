@@ -45,6 +45,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
 
     Other signals are passed on to the command. Processes that it leaves behind become children of this one.
     """
+    # signals that were blocked before; the command gets this mask, and not the one of this program
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
@@ -59,6 +60,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
         if number != signal.SIGCHLD:
             os.kill(child.pid, number)  # an ended child is a zombie, so no other process has its number
             continue
+        # one SIGCHLD may stand for several processes that have ended
         pid, status = os.waitpid(-1, os.WNOHANG)
         while pid:
             if pid == child.pid:

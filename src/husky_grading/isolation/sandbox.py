@@ -83,6 +83,7 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, hidden)]
     setups = [str(path.resolve()) for path in workspace.setups]
     source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
+    # limits first, then the script that sources the workspace; stdbuf writes each line of output at once
     inner = [*limits, *source, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
         return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]

@@ -131,11 +131,13 @@ class MarkerWatch:
         now = self._now()
         for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
+                # the problem is found before points, text and mesh are cut off
                 problem = self._problem_of(marker)
                 self._shorten(marker)
                 lifetime = marker.lifetime.to_sec()
                 sample = MarkerSample(
                     topic, marker.ns, marker.id, now, marker.header.stamp.to_sec(),
+                    # the position in the world is not known yet
                     marker.header.frame_id.lstrip("/"), (nan, nan, nan),
                     until=now + lifetime if lifetime > 0.0 else inf, action=ACTIONS[marker.action],
                     problem=problem, finite=_is_finite(marker),

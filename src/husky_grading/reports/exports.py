@@ -81,6 +81,7 @@ def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: 
         if item.points is not None
     ]
     fields = {field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()}
+    # without a page for reviews, the page of the commit takes its place
     fields["review"] = fields["review"] or fields["commit"]
     sums = {name: sum(test[name] for test in tests) for name in ("score", "max-score")}
     content = {"schema": CLASSROOM50_SCHEMA, **fields, "datetime": moment, **sums, "tests": tests}

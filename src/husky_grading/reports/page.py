@@ -116,6 +116,7 @@ def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
     """
     counts = [0] * (BARS + 1)
     for share in shares:
+        # with a tolerance for rounding, and more than 100 % in the last bar
         counts[min(int(BARS * share + 1e-9), BARS)] += 1
     highest = max([*counts, 1])
     step = 100 // BARS
