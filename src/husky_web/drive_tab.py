@@ -114,8 +114,8 @@ class DriveTab:
                 if name.startswith(self._controller.strip("/")):
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
-                    # a state that contradicts the request may come from a message that was sent before the
-                    # service answered
+                    # the request is forgotten as soon as the state agrees; a state that contradicts it
+                    # may come from a message that was sent before the service answered
                     if (self._state != STOPPED) is self._request or now - self._requested_at > STALE_STATUS:
                         self._request = None
 
@@ -129,6 +129,7 @@ class DriveTab:
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
         activity, _, _ = self.activity()
+        # a stopped controller can be started, another one can be stopped, and an unknown one both
         self._start.options = (START if activity == STOPPED else STOP,) if activity else (START, STOP)
         self._time.options = (RESUME if is_paused else PAUSE, STEP)
 

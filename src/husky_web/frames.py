@@ -50,6 +50,7 @@ class Frames:
         top_of_child, child_in_top = self._in_top(child, root, stamp)
         if top_of_child == root:
             return child_in_top
+        # the frames are on different branches, so both are compared in a frame above them
         top_of_root, root_in_top = self._in_top(root, top_of_child, stamp)
         return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 

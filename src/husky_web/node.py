@@ -88,14 +88,15 @@ class WebNode:
         self._log = LogBuffer()  # lines of /rosout_agg, also while no page is open
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         self._topics = Topics(_topic_names(config))
-        # queue of service calls that the pages' buttons make; driving by hand and the emergency stop
-        self._actions, self._teleop = Actions(), Teleop(config.simulator)
+        self._actions = Actions()  # queue of the service calls of the pages' buttons
+        self._teleop = Teleop(config.simulator)  # driving by hand, and the emergency stop
         self._server, address, has_token = serve(
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
         # true if the ROS master does not answer, or is another one that does not know this node
-        self._is_master_gone, self._registration = False, Registration()
+        self._is_master_gone = False
+        self._registration = Registration()  # asks the master whether it knows this node
         self._is_paused: Optional[bool] = None  # true if simulated time is paused; None without a simulator
         self._reason = StopReason()  # warning that came when the controller stopped, for the state bar
         self._world_name = ""  # name of the simulator's world
@@ -115,8 +116,8 @@ class WebNode:
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
         # the state bar is above the tabs, so that it is visible in each tab
         self._state_bar = StateBar(server.gui)
-        # name of the object that a page moves now; last command of each node that drives the robot
-        self._moving, self._drivers = Moving(), Drivers()
+        self._moving = Moving()  # name of the object that a page moves now
+        self._drivers = Drivers()  # last command of each node that drives the robot
         group = server.gui.add_tab_group()
         names = ("Drive", "World", "Tune", "Curves", "Log", "View")
         self._tabs = {name: group.add_tab(name) for name in names}

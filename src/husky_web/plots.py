@@ -188,6 +188,7 @@ def nice_ticks(low: float, high: float) -> List[float]:
     """Return three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
     least_step = (high - low) / 3.0
     power = 10.0 ** floor(log10(least_step))
+    # the smallest round step that is not less than `least_step`; the tolerance is for rounding errors
     steps = [power * factor for factor in (1.0, 2.0, 5.0, 10.0)]
     step = next(step for step in steps if step >= least_step * (1.0 - 1e-9))
     first, last = floor(low / step + SLACK), ceil(high / step - SLACK)

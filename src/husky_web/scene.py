@@ -93,6 +93,7 @@ class Scene:
     """Scene that is drawn; updated by one thread."""
 
     def __init__(self, server: viser.ViserServer, fixed_frame: str, controller: str) -> None:
+        """Begin empty; everything is drawn in `fixed_frame`, and `controller` is the name of that node."""
         self._scene, self.fixed_frame = server.scene, fixed_frame
         self._controller = f"{controller}/"  # begin of the names of the controller's topics
         # poses of the TF frames; markers of all topics, whose drawings are in `_drawn`

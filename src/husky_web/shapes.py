@@ -147,6 +147,7 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
 def solids_of(file: MeshFile) -> List[Solid]:
     """Return the triangles of a mesh file, or a box with a warning if it cannot be read."""
     try:
+        # CELL is in metres, and the file's unit is metres after the scale; a scale of 0 must not divide
         parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")
@@ -167,6 +168,7 @@ def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
     """
     path = _path(uri)
     try:
+        # a scene also for a file with one part; `dump` returns its parts, moved to their places in the file
         loaded: Any = trimesh.load(path, force="scene", process=False)
         parts = tuple(
             (_mesh_of(part, cell), _color(part))
