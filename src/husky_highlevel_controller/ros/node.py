@@ -138,6 +138,6 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
         # a node without any parameter was probably started without its launch file
         hint = f"; start it by roslaunch husky_highlevel_controller {LAUNCH_FILES.get(name)}.launch"
         unset = name in LAUNCH_FILES and not rospy.get_param("~", {})
-        rospy.logfatal(str(error) + hint * unset)
+        rospy.logfatal(str(error) + hint * unset)  # the hint is added if `unset` is true
         rospy.signal_shutdown("bad input")
         sys.exit(1)

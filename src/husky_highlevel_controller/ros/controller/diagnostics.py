@@ -60,8 +60,10 @@ def level_and_message(health: Health) -> Tuple[int, str]:
         return DiagnosticStatus.ERROR, error
     if health.ahead > 0.0:
         return DiagnosticStatus.WARN, clock_sentence("scans are", health.ahead, "odometry")
+    # the driver of the lidar does not set stamps
     if health.scan_stamp == 0.0 and health.scan_age > OLD:
         return DiagnosticStatus.WARN, zero_sentence("scans are")
+    # the scans come from the future, so another clock makes their stamps
     if health.scan_age < -OLD:
         return DiagnosticStatus.WARN, clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.scan_age > OLD or (health.scan_silence or 0.0) > OLD:
@@ -72,6 +74,7 @@ def level_and_message(health: Health) -> Tuple[int, str]:
         return DiagnosticStatus.WARN, health.disobeyed
     if health.state is State.WAITING and health.reason:
         return DiagnosticStatus.WARN, health.reason
+    # a robot that was stopped needs no pillar
     if health.pillar == "unknown" and health.state is not State.STOPPED:
         return DiagnosticStatus.WARN, f"{health.state.value}: no pillar"
     return DiagnosticStatus.OK, health.state.value
@@ -106,9 +109,10 @@ class Diagnostics:
         self._publisher = rospy.Publisher(
             "/diagnostics", DiagnosticArray, self._new_subscribers, queue_size=10
         )
-        self._published_at = 0.0
+        self._published_at = 0.0  # [s] ROS time of the last message
+        # ROS time [s] at the last call of `update`; number of calls in a row without a change of ROS time
         self._last_time, self._still_polls = 0.0, 0
-        self._has_changed = threading.Event()
+        self._has_changed = threading.Event()  # set by `hasten` until the next `update`
 
     def hasten(self) -> None:
         """Have the status published by the next `update`: it has changed. Any thread."""

@@ -156,6 +156,7 @@ class ScanPlacement:
         frame = pending.scan.frame
         timeout = TRANSFORM_TIMEOUT if self._has_placed else START_TIMEOUT
         overdue = self._clock() - pending.arrived_at > timeout
+        # the run begins with a complete observation, so that all lockstep runs start alike
         if not self._has_placed and not overdue:
             has_all_frames = self.lookup(BASE, frame) and self.lookup(ODOM, BASE)
             if not has_all_frames:

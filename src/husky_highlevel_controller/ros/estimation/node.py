@@ -70,8 +70,10 @@ class LocalizationNode:
         self._tf_publisher = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self._on_set_pose)
         for name, item in self._config.inputs.items():
+            # the name of an input, such as imu0, gives the type of its messages
             kind = Imu if name.startswith("imu") else Odometry
             rospy.Subscriber(item.topic, kind, self._on_message, name, max(item.queue_size, QUEUE))
+        # logs once which inputs have sent nothing; the timer begins again if the clock goes back
         rospy.Timer(rospy.Duration(REPORT_PERIOD), self._report_silence, oneshot=True, reset=True)
 
     def run(self) -> None:
@@ -114,7 +116,7 @@ class LocalizationNode:
                 return
             held = self._held_messages[name]
             held.append(msg)
-            # poses of the sensor and of the frame of its numbers; None if TF does not have them yet
+            # pose of the sensor, and of the frame in which its poses are; None if TF does not have them yet
             mounting = self._mounting(msg, name)
             if mounting is None:
                 # the input counts as silent, so that the other inputs need not wait for it

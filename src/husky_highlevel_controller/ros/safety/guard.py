@@ -60,9 +60,9 @@ class Guard:
             queue_size: number of odometry messages that wait; with 1, only the newest counts.
         """
         self._latch = Latch()  # memory of the last stop, so that each danger stops the controller only once
-        self._odometry: Optional[Odometry] = None
+        self._odometry: Optional[Odometry] = None  # newest message; None before the first
         self._odometry_callback = on_odometry
-        self.clocks = ClockOffset(clock_tolerance)
+        self.clocks = ClockOffset(clock_tolerance)  # measures how far the sensor's clock is from odometry's
         self._stop_service = rospy.resolve_name(config.start_stop_service_name)
         # the last topic of `velocity` is the controller's and the weakest, so the one before has priority
         self._zero_publisher = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
@@ -105,7 +105,7 @@ class Guard:
         The guard is active again when the robot moves. `stamp` [s] is by odometry's clock, see `time_of`.
         """
         twist = self.twist(stamp)
-        moving = twist is None or is_moving(twist)
+        moving = twist is None or is_moving(twist)  # a robot without odometry may be moving
         latch, stop = advance_latch(self._latch, danger is not None, moving, stamp)
         if self._latch.tripped_at is not None and latch.tripped_at is None:
             rospy.loginfo("guard active again: the robot moves")

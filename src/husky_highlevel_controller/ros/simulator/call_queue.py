@@ -17,7 +17,7 @@ SHUTDOWN_POLL_PERIOD = 0.1  # [s] wall time between two checks whether the node 
 
 
 class CallQueue:
-    """A queue of calls; each returns when the owner has made it.
+    """Queue of calls; each returns when the thread that owns the simulation (the owner) has made it.
 
     Calls that step or reset the simulation wait until the owner is not in the middle of a step itself.
     """
@@ -38,7 +38,7 @@ class CallQueue:
         future: Future = Future()
         (self._calls_between_steps if between_steps else self._calls).append((work, future))
         self._arrived.set()
-        while not wait([future], SHUTDOWN_POLL_PERIOD).done:
+        while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # true while the call is not made
             if rospy.is_shutdown():
                 raise rospy.ROSInterruptException("the simulator ends")
         return future.result()
@@ -64,7 +64,7 @@ class CallQueue:
 
         def respond(request: Any) -> Tuple:
             answer = self.ask(partial(work, request), **how)
-            return () if kind is Empty else answer
+            return () if kind is Empty else answer  # an Empty service has no field for the answer
 
         rospy.Service(name, kind, respond)
 

@@ -189,6 +189,7 @@ class SimulatorNode:
         miss the first scans. In lockstep, the recorder of a graded run must also be ready.
         """
         publishers = self._publishers
+        # nodes that subscribe to these topics must be connected, too, because lost messages change a run
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
