@@ -40,6 +40,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         parser.error(f"--cluster {options.cluster} needs --all")
     if options.time_limit and not options.all:
         parser.error(f"--time-limit {options.time_limit:g} needs --all")
+    # argparse cannot ask for two values or more
     if options.launch and len(options.launch) < 2:
         parser.error("--launch needs a package and a file")
     if options.node and len(options.node) < 2:

@@ -89,7 +89,7 @@ def with_override(result: MarkingResult, override: Override) -> MarkingResult:
             limit = items[name].max_points
             raise PointsError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
         items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
-    penalty = []
+    penalty = []  # a single item, if the submission came late
     if override.late:
         before = sum(item.points or 0.0 for item in items.values())
         evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"

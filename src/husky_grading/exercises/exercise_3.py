@@ -206,11 +206,11 @@ def judge_arrival(
         approach: item of `judge_approach` for this run. If it lost points, its hint is used here, too.
     """
     item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
-    if not len(recording.times):
+    if not len(recording.times):  # the recording of a run that has not begun
         return with_cause(item, NO_RUN, first_cause(recording))
     if recording.hull_gaps.min() > rules.reached:
         return _judge_miss(item, recording, rules, approach)
-    touch_time = first_touch(recording)
+    touch_time = first_touch(recording)  # [s]; inf if the robot never touches the pillar
     if touch_time < np.inf:
         return _judge_touch(item, recording, rules, touch_time)
     return _judge_stop(item, recording, rules)
@@ -328,7 +328,7 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
     item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
     if not view.source:
         return without_config(item, view, rules)
-    if view.problem:
+    if view.problem:  # RViz shows nothing, for example because the fixed frame does not exist
         return replace(item, evidence=f"{view.source}: {view.problem}", hint=hint_on_view(view))
     # points of each display, and whether RViz shows it
     parts = {

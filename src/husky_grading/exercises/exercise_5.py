@@ -241,8 +241,10 @@ def _judge_no_stop(
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
     evidence, hint = f"{service}: neither value stops it: {', '.join(speeds)}", NEITHER
     first_call = effects[0].call
+    # the service may say itself why it has not obeyed
     if first_call.answer and not first_call.success:
         evidence += f" ({first_call.answer})"
+    # a node of the submission that calls the service too may undo the calls of the grader
     other_callers = [
         f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY
     ]
@@ -343,7 +345,7 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
     successes = len(effects) - len(failures)
     evidence = f"{reaction} after {successes} of {len(effects)} calls"
     at = effects[0].call.at
-    if failures:
+    if failures:  # the evidence shows the first call that did not work
         call, speed = failures[0].call, failures[0].after
         at = call.at
         evidence += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"

@@ -97,7 +97,7 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
     if error:
         raise ArchiveError(error)
     notes = large_files_note(large)
-    if links:
+    if links:  # number of links and special files
         notes.insert(0, f"links in {archive.name} are left out")
     return notes
 
@@ -169,14 +169,14 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
         ArchiveError: the allowance is used up.
     """
     allowance.files -= 1
-    size = 0
+    size = 0  # [bytes] size of the member, as far as it is read
     with target.open("xb") as file:
         for chunk in iter(partial(content.read, CHUNK), b""):
             size += len(chunk)
             if size > MAX_FILE:
                 target.unlink()
                 return False
-            if size > allowance.size:
+            if size > allowance.size:  # the error is raised below, after the file is closed
                 break
             file.write(chunk)
     allowance.size -= size

@@ -152,6 +152,7 @@ def _packages_by_messages(
         packages: packages of the submission.
         folders: folders of the packages that count, by their names.
     """
+    # sources that name scans or velocities, by the name of the package
     texts = {
         name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
         for name, folder in folders.items()

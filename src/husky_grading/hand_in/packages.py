@@ -145,7 +145,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         raise NotMarkableError(str(error)) from error
     name = str(root.findtext("name") or "").strip()
     if not _NAME.fullmatch(name):
-        shown = f"{name[:80]!r}"
+        shown = f"{name[:80]!r}"  # beginning of the name, because a name may have any length
         if len(name) > 80:
             shown += f" and {len(name) - 80} more characters"
         raise NotMarkableError(

@@ -40,6 +40,7 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
         name, needs = read_manifest(package / "package.xml")
     except NotMarkableError:
         return []
+    # folders with packages: those of the workspace, stand-ins, Debian's packages, and neighbours
     roots = {*_roots(workspace), COMPAT, DEBIAN, package.parent}
     files = (
         file for root in roots for pattern in ("package.xml", "*/package.xml") for file in root.glob(pattern)

@@ -302,6 +302,7 @@ def _find_candidates(
         NotMarkableError: no launch file fits.
     """
     known_paths = copies.known_folders.packages.values()
+    # workspace in which launch files find the packages before these are built
     unbuilt = replace(underlay, packages=(*underlay.packages, copies.folders.root / "src", *known_paths))
     files = read_launch_files(
         contents,

@@ -43,7 +43,7 @@ def show_results_at(out: Path) -> Path:
     Raises:
         HuskyError: the results cannot be mounted, and nothing can be built at the path of the folder.
     """
-    place = os.environ.get(VARIABLE, "")
+    place = os.environ.get(VARIABLE, "")  # path of the place; empty if this program has no mounts of its own
     if place:
         out.mkdir(parents=True, exist_ok=True)
         libc = ctypes.CDLL(None, use_errno=True)

@@ -92,6 +92,7 @@ class Process:
         assert self.popen.stdout is not None
         size = 0
         with self.popen.stdout as pipe, contextlib.suppress(OSError, ValueError):
+            # the program closes the pipe with its end, and then the chunk is empty
             for chunk in iter(lambda: os.read(pipe.fileno(), CHUNK), b""):
                 size += len(chunk)
                 room = max(LOG_HEAD - len(self._head), 0)

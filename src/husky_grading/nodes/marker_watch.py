@@ -293,7 +293,7 @@ def _pose(marker: Marker) -> Pose:
 def _invisible(marker: Marker) -> str:
     """Return why RViz would draw nothing, by the marker's own values; empty if it draws the marker."""
     scale = marker.scale
-    if marker.action != Marker.ADD:
+    if marker.action != Marker.ADD:  # a deletion draws nothing on purpose
         return ""
     if not marker.header.frame_id:
         return "it has no frame_id"
@@ -301,6 +301,7 @@ def _invisible(marker: Marker) -> str:
         return "its position is not a number"
     if max(scale.x, scale.y, scale.z) <= 0.0:
         return "its scale is 0"
+    # a list may have a colour for each point, which replaces the marker's colour
     colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
     if not any(color.a > 0.0 for color in colors):
         return "its alpha is 0"

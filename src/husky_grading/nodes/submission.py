@@ -260,14 +260,15 @@ def read_launchable(
     """Read a launch file or node, write the event "package", and return the configuration of all nodes."""
     config = roslaunch.config.ROSLaunchConfig()
     kind, package, name, *arguments = launchable
+    # marking needs the folder of the package; a launch file that is given by its path may be in none
     with contextlib.suppress(ResourceNotFound):
         reporter.write("package", path=RosPack().get_path(package))
-    if kind == "--node":
+    if kind == "--node":  # a launch file that starts only this node, so that both kinds are read alike
         text = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
         text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
         loader.load_string(text, config, verbose=False)
     else:
-        file = name
+        file = name  # absolute path, or the name of a file in the package
         if not os.path.isabs(name):
             file, *_ = roslaunch.rlutil.resolve_launch_arguments([package, name])
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
@@ -440,13 +441,15 @@ def main(arguments: List[str]) -> int:
     reporter = Reporter(events)
     refuse_aliases()
     signal.signal(signal.SIGALRM, _out_of_time)
-    config = None
+    config = None  # configuration of the last launchable; `run` and `memcheck` get only one
     for launchable in launchables:
         config = describe(json.loads(launchable), reporter, json.loads(ours))
+    # without a launchable, the call only checks that this program can start
     if action == "describe" or config is None:
         return int(bool(launchables) and config is None)
     if action == "memcheck":
         run_in_valgrind(config.nodes, os.path.dirname(events))
+    # roslaunch would write the title of a terminal into the output
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     tolerate_failed_nodes()
     with contextlib.suppress(KeyboardInterrupt):

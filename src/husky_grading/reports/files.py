@@ -63,7 +63,7 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     write_whole(out / "junit.xml", to_junit([result]))
     pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
     feedback = out / "feedback.html"
-    if result.held:
+    if result.held:  # the teacher holds the feedback back
         feedback.unlink(missing_ok=True)
     else:
         write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out, packages)))

@@ -33,7 +33,7 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     worst = items[number]
     if len(items) == 1 or worst.points is None:
         return worst
-    first, *further = scores
+    first, *further = scores  # points in the course's world, and in other worlds
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
     worlds = "another world" if len(further) == 1 else f"{len(further)} other worlds"

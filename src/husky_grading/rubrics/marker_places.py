@@ -96,6 +96,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
     title = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
+    # `problem` is the reason why RViz cannot draw a marker
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
         evidence = f"{title}: not visible: {invisible[0].problem}"
@@ -105,6 +106,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     moments = _moments(markers, scores)
     if not moments:
         return Placement(0.0, f"{title}: deleted as soon as it has come", first.at, Kind.DELETED)
+    # moments with the pillar aside, and moments with it ahead
     groups = _by_direction(recording, moments, rules)
     score = _score(groups)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
@@ -193,14 +195,15 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
     topic, namespace and id. The arguments are those of `_moments`.
     """
-    rows: List[List[float]] = []
+    rows: List[List[float]] = []  # [s] begin and end of the drawing, and score
+    # rows of the markers that are drawn at present, by topic, and by namespace and id
     drawn_by_topic: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
     for marker in markers:
         drawn, key = drawn_by_topic[marker.topic], (marker.namespace, marker.id)
         ended_keys = list(drawn) if marker.action == DELETE_ALL else [key]
         for ended_key in ended_keys:
             if ended_key in drawn:
-                row = drawn.pop(ended_key)
+                row = drawn.pop(ended_key)  # the same list as in `rows`, so its end changes there, too
                 row[1] = min(row[1], marker.at)
         if marker.action == ADD:
             drawn[key] = [marker.at, marker.until, scores[id(marker)]]
