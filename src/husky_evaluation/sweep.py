@@ -54,6 +54,7 @@ class Sweep:
     def every_drive(self) -> Table:
         """Return a table with a row for each run."""
         names = [axis.name for axis in self.axes]
+        # each point as often as there are scenarios, in the order of `drives`
         at = (point for point in self.points for _ in self.scenes)
         rows = [{**dict(zip(names, point)), **row(drive)} for point, drive in zip(at, self.drives)]
         return every_row("Every run", rows)
@@ -142,6 +143,7 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
     for name, setup in setups.items():
         values = [float(parameter_values(setup)[axis.name]) for axis in axes]
         is_inside = all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
+        # a second name for the same point would hide the first one in the picture
         if is_inside and values not in inside.values():
             inside[name] = values
     return inside

@@ -98,7 +98,7 @@ def parse_range(text: str, base: Setup) -> Range:
     Raises:
         ConfigError: the text has neither form, or names no parameter of the controller.
     """
-    name, equals, limits = text.partition("=")
+    name, equals, limits = text.partition("=")  # `equals` is empty if there is no =
     values = parameter_values(base)
     of_controller = [item.name for record in (base.control, base.detector) for item in fields(record)]
     # a bool is not a number here, so the exact type decides

@@ -52,6 +52,7 @@ class HoldToDrive:
 
     def hold(self, page: int, twist: Twist2D, now: float) -> None:
         """Take a page's twist at `now` [s]; a zero twist releases control."""
+        # another page has control, and has not been silent for EXPIRY yet
         if self._holder not in (None, page) and now - self._heard_at < EXPIRY:
             return
         if twist == STOP:
