@@ -84,12 +84,15 @@ class CommandHabits:
             is_zero: whether it commands the robot to stand.
             stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
         """
+        # the gap of a sender's first command is 0
         memory = self._senders.setdefault((topic, sender), _Sender(stamp, stamp))
         gap, memory.last = stamp - memory.last, stamp
         memory.count += 1
+        # the sender stays there only if the last command of the topic is zero
         self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
+        # each habit of a sender is yielded once
         for finding in self._findings(memory, gap, topic, sender, is_zero, stronger_topic):
             if (finding.habit, sender) not in self._reported:
                 self._reported.add((finding.habit, sender))

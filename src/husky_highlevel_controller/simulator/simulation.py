@@ -197,12 +197,13 @@ class Simulation:
         equipment = self._equipment
         # the command in force, and the speeds of the wheels on either side [rad/s]
         command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
-        self._chassis.drive((left, right, left, right))
+        self._chassis.drive((left, right, left, right))  # front left, front right, rear left, rear right
         self._bullet.step()
         self._steps_since_reset += 1
 
         state, stamp, step = self._chassis.observe(), self.stamp, self._steps_since_reset
         contacts = self._chassis.update_contacts()
+        # samples of the sensors whose period ends with this step, by their fields in `Snapshot`
         samples: Dict[str, Any] = {
             field: device.sample(state, stamp)
             for steps, device, field, _ in equipment.sensors

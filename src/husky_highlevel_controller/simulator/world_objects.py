@@ -180,7 +180,11 @@ class WorldObjects:
         meshes = [
             (body, geometry) for body, geometry in geometries if isinstance(geometry.shape, TriangleMesh)
         ]
-        solids = [pair for pair in geometries if not isinstance(pair[1].shape, (Plane, TriangleMesh))]
+        solids = [
+            (body, geometry)
+            for body, geometry in geometries
+            if not isinstance(geometry.shape, (Plane, TriangleMesh))
+        ]
         self._movable_shapes: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = [
             (move, index, body.name, geometry)
             for move, pairs in ((self._scene.move, solids), (self._scene.move_mesh, meshes))

@@ -122,6 +122,7 @@ class BulletWorld:
             else:
                 solids.append(geometry)
         if solids:
+            # the body gets one shape of all its solids, and its centre of mass at the centre of their volume
             shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
             # bodies of one model pass through one another, as in Gazebo
@@ -236,6 +237,7 @@ class BulletWorld:
         try:
             for other, pose in poses.items():
                 copies[other] = self._copy(other, pose)
+            # the bodies at their present poses do not count, because they leave them; their copies count
             self.check_room(
                 name, copies[name], [body_id for other in poses for body_id in self._ids_by_name[other]]
             )

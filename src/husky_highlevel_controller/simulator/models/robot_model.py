@@ -151,6 +151,12 @@ def _write_wheel(
 
     The shapes need not turn, because a wheel is round.
 
+    Args:
+        base: <link> of base_link in the URDF for PyBullet, which gets the shapes.
+        joint: joint of the wheel.
+        links: all links by name.
+        fixed_poses: poses in base_link of the links that are fixed to it.
+
     Raises:
         DescriptionError: joint and link do not describe a wheel that turns about base_link's y axis.
     """

@@ -63,7 +63,7 @@ class FrameScope:
         """
         frame = (frame_of(pose) if pose else "") or default_frame
         frame_pose = self._find(frame)
-        if frame_pose is None and pose:
+        if frame_pose is None and pose:  # no frame has the name that the <pose> gives
             pose.note("a <pose> relative to an unknown frame is read relative to the parent", frame)
             frame_pose = self._find(default_frame)
         pose_in_frame = pose.pose() if pose else IDENTITY

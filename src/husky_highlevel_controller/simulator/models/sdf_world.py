@@ -420,16 +420,17 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
     shape = scaled(shape, model.state.scale)
     if isinstance(shape, Plane):
         return Geometry(shape, pose, rgba)
+    smallest, largest = SIZES  # [m] limits of the edges of a shape
     if isinstance(shape, TriangleMesh):
-        if not SIZES[0] <= max(shape.size) <= SIZES[1]:  # a flat mesh has a size of 0 along its normal
-            bounds = f"{SIZES[0]:g} to {SIZES[1]:g} m"
+        if not smallest <= max(shape.size) <= largest:  # a flat mesh has a size of 0 along its normal
+            bounds = f"{smallest:g} to {largest:g} m"
             node.note(f"a mesh whose size is not within {bounds} is left out", f"{max(shape.size):g} m")
             node.load.lost += 1
             return None
         return Geometry(shape, pose, rgba)
-    if min(shape.size) < SIZES[0]:
-        node.note(f"a shape thinner than {SIZES[0]:g} m is read as that thick")
-        shape = not_thinner(shape, SIZES[0])
-    if max(shape.size) > SIZES[1]:
-        raise node.error(f"size {shape.size} is not within {SIZES[0]:g} to {SIZES[1]:g} m")
+    if min(shape.size) < smallest:
+        node.note(f"a shape thinner than {smallest:g} m is read as that thick")
+        shape = not_thinner(shape, smallest)
+    if max(shape.size) > largest:
+        raise node.error(f"size {shape.size} is not within {smallest:g} to {largest:g} m")
     return Geometry(shape, pose, rgba)

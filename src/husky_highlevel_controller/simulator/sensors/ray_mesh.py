@@ -47,11 +47,20 @@ def meet_mesh(
 ) -> float:
     """Shorten the distances (N,) [m] of the beams that meet a mesh, in place.
 
+    Args:
+        mesh: the mesh at its pose.
+        origin: position of the laser in the world [m].
+        laser: axes of the laser in the world.
+        beams: beams in the laser's frame.
+        max_range: a mesh that is farther is skipped [m].
+        distances: distances of the beams.
+
     Returns:
         An upper bound of the distances at which beams meet the mesh [m], which is 0 if it is out of reach.
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
+    # centre of the ball in the world, and then in the laser's frame
     middle = (
         mesh.position[0] + cx * ax[0] + cy * ay[0] + cz * az[0],
         mesh.position[1] + cx * ax[1] + cy * ay[1] + cz * az[1],
@@ -61,6 +70,7 @@ def meet_mesh(
     if abs(z) > mesh.bound or hypot(x, y) - mesh.bound > max_range:
         return 0.0
     # 2. heights of the corners above the scan plane, by the laser's axes in the mesh's frame
+    # (3, 3) the laser's axes in the mesh's frame, and position of the mesh's frame in the laser's frame
     turned = np.array([along_axes(mesh.axes, axis) for axis in laser])
     offset = along_axes(laser, minus(mesh.position, origin))
     heights = mesh.vertices @ turned[2] + offset[2]
@@ -92,7 +102,8 @@ def _segments(
     corners = corners[(lone + np.arange(3)[:, None]) % 3, np.arange(len(cut))]
     first, second, third = heights[corners]
     x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))  # (3, K) each [m]
-    # two edges begin at the first corner; the plane crosses them at these fractions of their length
+    # two edges begin at the first corner, which is alone on its side; the plane crosses them at these
+    # fractions of their length
     to_second, to_third = first / (first - second), first / (first - third)
     start = np.array([each[0] + to_second * (each[1] - each[0]) for each in (x, y)])
     end = np.array([each[0] + to_third * (each[2] - each[0]) for each in (x, y)])

@@ -118,6 +118,7 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
             continue
         x, y, z = shape.size
         kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
+        # [m] from the centre to a corner of the box, to the rim of the cylinder, and to the sphere's surface
         bounds = {BOX: hypot(*size), CYLINDER: hypot(*size[1:]), SPHERE: size[0]}
         solids.append(RaySolid(kind, size, bounds[kind], pose.position, axes_from_quat(pose.quat_xyzw)))
     return RayScene(
@@ -148,6 +149,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
         # if the plane is farther, no beam can reach it, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
+            # distance to the plane along its normal, divided by the component of each beam along the normal
             along = height / np.dot((x, y), beams.directions)
             along[along < 0.0] = inf  # the plane is behind the laser
             np.fmin(distances, along, out=distances)
