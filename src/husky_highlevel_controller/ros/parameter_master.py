@@ -42,7 +42,7 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
     for request, is_found in requests.items():
         if not is_found:
             absent_by_node.setdefault(request.node, []).append(request.parameter)
-    if not absent_by_node:
+    if not absent_by_node:  # no name can be misspelt if every request was answered
         return
     read_names = {request.parameter.rstrip("/") for request, is_found in requests.items() if is_found}
     for name in names:

@@ -84,6 +84,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
         process = subprocess.Popen(list(command))
         if stopping:  # a signal came before `process` was known
             process.send_signal(stopping)
+        # negative number of the signal that ended the program, otherwise its exit code
         code = process.wait()
         # the program has ended by itself, or a person ended it, or it crashed for the second time
         if code not in CRASHES or stopping or attempt == 2:

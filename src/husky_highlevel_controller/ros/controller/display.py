@@ -67,7 +67,7 @@ class Display:
         )
         self._pillar_publisher = rospy.Publisher("~pillar", PointStamped, queue_size=10)
         self._error_publisher = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
-        self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
+        self._path: Deque[Point] = deque(maxlen=PATH_POINTS)  # driven path, points in odom
         # namespaces of the markers that RViz shows, by topic; RViz keeps a marker until a message deletes it
         self._shown_namespaces: Dict[rospy.Publisher, Set[str]] = {
             self._marker_publisher: set(),
@@ -79,6 +79,7 @@ class Display:
         self._array_state: Optional[State] = None
         # arguments of the last `show`, repeated for a subscriber that comes later
         self._last_shown: Optional[Tuple[Observation, ControlOutput, float, float]] = None
+        # held while a scan is shown, because `show` and `update` are called by different threads
         self._lock = threading.Lock()
 
     def show(

@@ -215,6 +215,7 @@ def reading_from_msg(msg: Any) -> Reading:
         pose, twist = msg.pose.pose, msg.twist.twist
         return Reading(
             stamp,
+            # zeros in place of a quaternion mean that the driver measures no attitude; it counts as level
             pose=Pose(_numbers(pose.position), _unit(pose.orientation) or Pose().quat_xyzw),
             pose_covariance=_square(msg.pose.covariance),
             velocity=np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),

@@ -74,7 +74,7 @@ class StopRequest:
         A call fails if the service refuses, raises, or does not answer within CALL_TIMEOUT. From ZERO_DELAY
         on, and between two calls, zero commands are sent, because the robot must not drive on meanwhile.
         """
-        begin = time.monotonic()
+        begin = time.monotonic()  # [s] wall time of the first call
         while not is_shutdown():
             answers = self._start_call()  # queue that gets the reason of a failure, or None for success
             end = time.monotonic() + CALL_TIMEOUT

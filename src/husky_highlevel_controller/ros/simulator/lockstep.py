@@ -1,7 +1,7 @@
 """Lockstep: holds the simulated clock until a command has answered the last scan.
 
-In: that a scan is sent, that the clock went on, that a command arrived. Out: waits; see `Mode` for how long,
-and `LeadLimit` for a clock that is neither in lockstep nor paced.
+In: a scan is sent, the clock goes on, a command arrives. Out: waits. `Mode` says how long they are, and
+`LeadLimit` holds a clock that is neither in lockstep nor bound to wall time.
 """
 
 from __future__ import annotations
@@ -70,10 +70,11 @@ _WATCHED = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
 
 
 class Lockstep:
-    """Clock that waits after each scan for one command: a ROS run is repeatable on the busiest machine.
+    """Clock that waits after each scan for one command, so that a run is repeatable on the busiest machine.
 
-    A controller that sleeps by simulated time answers no scan meanwhile: SLEEPING. One whose sleep begins
-    before or after a tick of the clock as the machine pleases is WATCHED.
+    A controller that sleeps by simulated time answers no scan during its sleep, so the clock must go on (mode
+    SLEEPING). A busy machine may begin such a sleep before or after a tick of the clock. So the simulator
+    waits at each tick until the controller sleeps (mode WATCHED).
     """
 
     def __init__(
@@ -289,8 +290,10 @@ class LeadLimit:
             self._lead, self._answered_in_a_row = 0, self._answered_in_a_row + 1
         else:
             self._lead, self._answered_in_a_row = self._lead + 1, 0
+        # the next wait comes after MAX_LEAD further scans without a command
         if self._follows and self._lead >= MAX_LEAD:
             self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
             self._lead = 0
+        # a controller that was given up is waited for again after it has answered enough scans
         self._follows = self._follows or self._answered_in_a_row >= FOLLOWING_SCANS
         self._arrived.clear()

@@ -61,7 +61,7 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
         markers=[_geometry_to_msg(geometry) for geometry in body.visuals],
     )
     if body.mass > 0.0:
-        # motion in the plane across the control's x axis
+        # RViz lets the control move in the plane across its x axis, so this axis is turned upwards
         control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
         control.orientation = QuaternionMsg(*quat_between(X, upwards(pose_in_frame)))
         # RViz sends a chosen entry back to the node (FEEDBACK), which then deletes the body

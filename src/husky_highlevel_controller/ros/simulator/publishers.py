@@ -1,7 +1,8 @@
 """Publishers of the simulator: the robot's topics at the robot's rates.
 
-The robot's frames too, which on a real one robot_state_publisher sends: it asks the ROS master twice for each
-message (1.15.2), and together they took as much CPU time as half a simulator.
+The simulator also publishes the transforms of the robot's frames. On a real robot, robot_state_publisher does
+so. But robot_state_publisher (1.15.2) asks the ROS master twice for each message, and both processes together
+took as much CPU time as half a simulator.
 """
 
 from __future__ import annotations
@@ -237,7 +238,7 @@ class Publishers:
         if no other node estimates the pose.
         """
         stamp = snapshot.stamp
-        if snapshot.step % self._wheel_steps == 0:
+        if snapshot.step % self._wheel_steps == 0:  # the base reports its wheels at this step
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE

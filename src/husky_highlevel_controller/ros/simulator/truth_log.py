@@ -42,7 +42,7 @@ class TruthLog:
         return self._socket is not None
 
     def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until the reader lets time begin, calling `meanwhile`."""
+        """Wait until the reader lets time begin, calling `meanwhile`; no reader means no wait."""
         self.write_line("ready", "")
         while self._socket and not rospy.is_shutdown():
             if select.select([self._socket], [], [], POLL_PERIOD)[0]:

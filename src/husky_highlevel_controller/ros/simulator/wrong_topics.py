@@ -199,8 +199,9 @@ def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
 
 
 def mistake_sentence(finding: Mistake) -> str:
-    """Return a finding as a sentence for the log."""
+    """Return a finding as a sentence for the log: what the node does wrong, and what to change."""
     if isinstance(finding, WrongType):
+        # verbs for the node, and for the simulator on the other side of the topic
         uses, others_use = ("publishes", "reads") if finding.publishes else ("reads", "publishes")
         return (
             f"{finding.node} {uses} {finding.kind} on {finding.topic}, but {finding.simulator} {others_use} "
