@@ -312,6 +312,7 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
         """Return the files of a job that failed on its worker."""
         return {RESULT: to_json(_failed(packed[0], error)).encode()}
 
+    # `PackedPath` reads the submission's files when it is sent to a worker
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
     for number, files in workers.as_completed(run_there, packed, title, 1, True, failed):
         try:

@@ -68,16 +68,19 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
     """
     launch_arguments = config.simulator_arguments
     if launch_arguments not in _SETUPS:
+        # no RViz, and a lidar on the tower, whatever the environment variables of the launch file are
         fixed = ["rviz:=false", "laser_enabled:=true", "laser_tower:=true"]
         process = network.start(
             "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *launch_arguments]
         )
         wait_and_kill(process, START_DEADLINE)
         try:
+            # last line of the output; other lines may come from ROS
             setup = json.loads(process.output.splitlines()[-1])
         except (ValueError, IndexError):
             raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
         _SETUPS[launch_arguments] = setup["parameters"], setup["arguments"]
+    # parameters for the ROS master, and arguments for the simulator's command line
     parameters, arguments = _SETUPS[launch_arguments]
     set_parameters(network.uri, {"/run_id": "marking", **parameters})
     return arguments

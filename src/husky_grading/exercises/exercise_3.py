@@ -281,6 +281,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
         return with_cause(item, NO_RUN, first_cause(recording))
+    # note on the reason why no marker comes; None if unknown
     cause = cause_of_silence(recording)
     if not recording.marker_topics:
         evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{behind(cause)}"
@@ -291,6 +292,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     if not placements:
         evidence = f"nothing came on {', '.join(recording.marker_topics)}{behind(cause)}"
         return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
+    # the namespace with the most points counts, as docs/rubrics.md says
     best = max(placements, key=lambda placement: placement.score)
     hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
     return replace(item, points=round(20.0 * best.score, 1), evidence=best.evidence, at=best.at, hint=hint)

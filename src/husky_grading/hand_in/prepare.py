@@ -341,6 +341,7 @@ def _build_candidates(
     for other in candidates[1:MAX_TRIED]:
         if best is None or _is_any_built(best, folders):
             break
+        # the packages of earlier candidates stay, so each build continues the one before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
         if _is_any_built(other, folders):

@@ -176,7 +176,7 @@ def disk_usage(folder: Path) -> Tuple[int, int]:
     Raises:
         OSError: a folder hides its content, or has a path that is too long for the kernel.
     """
-    size = count = 0
+    size = count = 0  # size [bytes], and number of entries
     waiting = [str(folder)]
     while waiting and count <= FILES:
         try:

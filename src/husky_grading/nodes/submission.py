@@ -299,6 +299,7 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
         if node.package == "rviz" and node.name in ours["rviz"] and has_own_rviz:
             # this RViz belongs to this package's launch files, and the submission starts its own RViz
             continue
+        # RViz is not started, but its arguments name the configuration that is graded
         if node.package == "rviz":
             remaps = [list(remap) for remap in node.remap_args]
             result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
@@ -449,7 +450,7 @@ def main(arguments: List[str]) -> int:
         return int(bool(launchables) and config is None)
     if action == "memcheck":
         run_in_valgrind(config.nodes, os.path.dirname(events))
-    # roslaunch would write the title of a terminal into the output
+    # the original function can print an escape sequence for the title of a terminal into the output
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     tolerate_failed_nodes()
     with contextlib.suppress(KeyboardInterrupt):

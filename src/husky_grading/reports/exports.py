@@ -80,9 +80,11 @@ def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: 
         for item in result.items
         if item.points is not None
     ]
+    # fields that name the submission; a field without its variable is empty
     fields = {field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()}
     # without a page for reviews, the page of the commit takes its place
     fields["review"] = fields["review"] or fields["commit"]
+    # sums of the rounded scores, so that they fit the tests
     sums = {name: sum(test[name] for test in tests) for name in ("score", "max-score")}
     content = {"schema": CLASSROOM50_SCHEMA, **fields, "datetime": moment, **sums, "tests": tests}
     return json.dumps(content, indent=2) + "\n"

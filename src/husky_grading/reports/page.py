@@ -58,6 +58,7 @@ def class_page(
     Pictures are PNGs, and files are (title, path relative to the page), both by the student's name.
     """
     ordered = sorted(results, key=lambda result: result.name.casefold())
+    # names of the items, in the order in which they first occur
     columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
     rows = [
         Row(

@@ -120,6 +120,7 @@ def first_cause(recording: Recording) -> Note:
         return Note(Kind.NO_COMMANDS, "nothing came on cmd_vel")
     if not recording.command_count:
         return Note(Kind.NO_PUBLISHER, "it advertises no cmd_vel")
+    # the commands came, so their values decide
     if recording.zero_count == recording.command_count:
         return Note(Kind.ZERO_COMMANDS, f"all {recording.command_count} commands were zero")
     if is_nothing(recording.fastest) and is_nothing(recording.sharpest):
