@@ -34,6 +34,12 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
     """Code and value of a method of a master, node or roslaunch; None if none answers in time.
 
     The code is 1 for success, -1 for a refusal, 0 for a failure (http://wiki.ros.org/ROS/Master_API).
+
+    Args:
+        uri: address of the master, node or roslaunch.
+        method: name of the method.
+        *arguments: arguments of the method; the first one is the name of the caller.
+        deadline: longest time of the answer [s].
     """
     try:
         with server(uri, deadline) as api:

@@ -315,6 +315,7 @@ class CrashDetector:
             age = end - stamp
             if age < -1e-6:
                 break
+            # increments between the two averaging times count fully, the others partly
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
@@ -327,7 +328,8 @@ class CrashDetector:
         learning = LEARNING_TIME + min(vibration / ROUGH_VIBRATION, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
         if self._levelling_time < learning:
             return None
-        # a push to either side counts as far as the body keeps the velocity that it gained in the window
+        # a push counts as far as the body keeps the velocity that it gained in the window; the smaller one of
+        # both velocities is kept, to the left by the first `min`, or to the right by the second one
         sideways = max(min(pushed_left, change_left), min(-pushed_left, -change_left))
         self.change = Change(self._unexplained_loss(change_ahead, end), sideways, vibration, vibration_before)
         is_crash = self.change.excess(self._config) > self._config.max_loss

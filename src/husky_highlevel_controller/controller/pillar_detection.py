@@ -126,7 +126,7 @@ def _starts(
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
 
-    # most neighbouring beams differ only by noise, and need no exact test
+    # most neighbouring beams differ only by noise, and need no exact test;
     # `left` has the index of the first beam of each pair of neighbours that needs a test
     (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):

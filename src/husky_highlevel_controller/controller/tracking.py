@@ -235,11 +235,13 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
         return Visibility.OUT_OF_VIEW
     # indices of the beams that should meet the pillar, without the outermost tenth of the pillar
     half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
+    # index towards the centre, with a fraction; the remainder by the beams of a full turn makes it positive
     middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
     first, last = int(middle - half_width + 1.0), int(middle + half_width)
     # the pillar is cut by the edge of the scan, or too far to judge
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:
         return Visibility.OUT_OF_VIEW
+    # [m] largest error of the pillar's distance; a shorter range means that a nearer object hides it
     slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
     nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
     readings = scan.returns[first : last + 1].tolist()

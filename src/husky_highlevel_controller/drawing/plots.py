@@ -60,9 +60,12 @@ def _axes_from_above(plot: Any, frame: str) -> None:
 def draw_paths(
     paths: Mapping[str, np.ndarray], title: str = "", pillar: Optional[Tuple[float, float]] = None
 ) -> bytes:
-    """A PNG of paths (N, 2) [m] by name, in a world with a pillar [m].
+    """Return a PNG of paths. A dot marks the start of each path, a cross its end.
 
-    A dot marks the start of each path, a cross its end.
+    Args:
+        paths: positions (N, 2) [m] of each path, by the name in the legend.
+        title: title of the picture.
+        pillar: position of the pillar in the world [m]; None to draw no pillar.
     """
     figure = new_figure(7.0, 6.0)
     plot = figure.add_subplot()

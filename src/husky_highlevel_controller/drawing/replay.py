@@ -40,7 +40,10 @@ class Replay:
 
 
 def to_html(replay: Replay) -> str:
-    """Return the page of at least one pose; it keeps only as many poses as a smooth animation needs."""
+    """Return the HTML page of a replay of one or more poses.
+
+    The page keeps only as many poses as a smooth animation needs.
+    """
     rows = _rows_to_show(replay.times)
     pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
     # a pillar that stands still needs only one position; this is also true if there is no pillar

@@ -115,6 +115,10 @@ class WorldObjects:
     def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
         """Put a model with all its bodies somewhere else, with a velocity, which static bodies do not take.
 
+        Args:
+            model: name of the model.
+            motion_in_world: new pose of the model's frame, and its velocity there.
+
         Raises:
             PlacementError: no model has this name, or another object is in the way; then nothing changes.
         """

@@ -86,6 +86,10 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
 def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     """Return the user's own description if it can be used, otherwise the given one.
 
+    Args:
+        given: URDF text of the robot by the arguments.
+        arguments: arguments of the command line by name, see ARGUMENTS.
+
     Raises:
         DescriptionError: the parameter that VARIABLE names holds no text.
     """
