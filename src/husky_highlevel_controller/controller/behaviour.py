@@ -391,7 +391,7 @@ def _drive(
     touch counts as reached TOUCH_CREEP_TIME after the robot came close.
 
     Args:
-        controller_state: state before this scan.
+        controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
         target: pillar in base_link.
         visible: whether this scan shows the pillar, without which the robot does not arrive.
         visibility: evidence of this scan about the remembered position.
@@ -403,6 +403,7 @@ def _drive(
     had_arrived = controller_state.state is State.ARRIVED
     if to_be_touched(target, control):
         tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
+        # `updated_at` is the stamp of this scan
         close_at = controller_state.close_at
         is_reached = close_at is not None and controller_state.updated_at - close_at > TOUCH_CREEP_TIME
     else:

@@ -67,6 +67,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     """
     # the floor is searched downwards, from a height above any slab; a drop is the way down to the first body
     top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
+    # drops of 0 at all corners, near and far, mean that a wide body contains all of them
     is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
     if is_in_wide_body:
         for step in range(1, round(MAX_RISE / _RISE_STEP)):
@@ -75,7 +76,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
             if all(drops_above):  # this height is above the body in which the robot would start
                 top, drops = height_above, drops_above
                 break
-    height = top - drops[0]
+    height = top - drops[0]  # [m] at the first corner; the other corners are compared below
     if height < 0.0:
         # the floor is below the pose, so the hull may stand on an object between the wheels, which makes the
         # drops unequal

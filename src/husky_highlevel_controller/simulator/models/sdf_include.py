@@ -146,6 +146,7 @@ def _newest_file(config: Path, plain: Path) -> Path:
         offers = []
     if not offers:
         return plain
+    # an offer without a version counts as the oldest version
     readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
     # if no version is readable, `minor_version` raises the error about the first one
     name_by_minor_version = {
