@@ -76,7 +76,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
             if all(drops_above):  # this height is above the body in which the robot would start
                 top, drops = height_above, drops_above
                 break
-    height = top - drops[0]  # [m] at the first corner; the other corners are compared below
+    height = top - drops[0]  # [m] height at the first corner; the other corners are compared below
     if height < 0.0:
         # the floor is below the pose, so the hull may stand on an object between the wheels, which makes the
         # drops unequal
