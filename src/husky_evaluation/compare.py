@@ -59,7 +59,7 @@ class Comparison:
     def worse(self, margin: float) -> str:
         """Return why B is worse than A by more than a fraction of A's time, or an empty text if it is not."""
         letters = [letter for letter, _, _ in self.failures]
-        # a difference of success counts before a difference of time
+        # if B fails more often than A, the times are not compared
         lost, won = letters.count("B"), letters.count("A")
         if lost > won:
             return f"starts at which only B fails: {lost}, only A: {won}"

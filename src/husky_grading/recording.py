@@ -172,14 +172,14 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         # the end of a node already explains scans without an answer
         if not (has_node_ended and note.kind is Kind.UNANSWERED_SCANS):
             notes.append(note)
-    # [s] length of the run; a run of less than a second is too short for a rate
-    seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
-    if recording.command_count / seconds > FLOOD:
-        text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s of simulated time"
+    length = float(recording.times[-1]) if len(recording.times) else 0.0  # [s] length of the run
+    rate_time = max(length, 1.0)  # [s] a run of less than a second is too short for a rate
+    if recording.command_count / rate_time > FLOOD:
+        text = f"it floods cmd_vel: {recording.command_count} commands in {rate_time:.0f} s of simulated time"
         notes.append(Note(Kind.FLOOD, text))
     if closing.ended or recording.ended == CUT_OFF:
         why = closing.ended.text if closing.ended else "the recorder ended early"
-        notes.append(Note(Kind.CUT_OFF, f"the run was cut off at {seconds:.2f} s: {why}", seconds))
+        notes.append(Note(Kind.CUT_OFF, f"the run was cut off at {length:.2f} s: {why}", length))
     return replace(recording, notes=tuple(notes), ended=ended, output=closing.output)
 
 

@@ -53,8 +53,8 @@ PAGE = (
     PythonPackage("PIL", "pillow"),
     PythonPackage("websockets", "websockets"),
 )
-# packages that each use needs: robot (nodes on a real robot), launch (also the simulator), run (also the
-# commands), page (the web page)
+# packages for each purpose: "robot" for nodes on a real robot, "launch" for these nodes and the simulator,
+# "run" for a launch and the commands, "page" for the web page
 GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
 
 

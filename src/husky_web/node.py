@@ -168,8 +168,8 @@ class WebNode:
             if not self._pages.open:
                 with on_error_log_and_skip("the end of the last page"):
                     self._forget()
-                self._pages.came.wait(IDLE_PERIOD)  # ends early if a page comes
-                self._pages.came.clear()
+                self._pages.page_came.wait(IDLE_PERIOD)  # ends early if a page comes
+                self._pages.page_came.clear()
                 readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()

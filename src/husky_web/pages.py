@@ -127,11 +127,12 @@ class Pages:
 
     def __init__(self, server: viser.ViserServer, tabs: Mapping[str, Any], log: LogBuffer) -> None:
         self.open: Dict[int, Page] = {}
-        self.came = threading.Event()
+        self.page_came = threading.Event()  # set when a browser connects; `admit` then adds its page
         # function that is called when the mouse of a page gets another tool
         self.on_tool: Callable[[], None] = lambda: None
         self.on_leave: Callable[[int], None] = lambda page: None
         self._server, self._tabs, self._log = server, tabs, log
+        # connected browsers that have no page yet, each with whether it prefers dark colours
         self._arrivals: Deque[Tuple[viser.ClientHandle, bool]] = deque()
         server.on_client_connect(self._on_connect)
 
@@ -153,7 +154,7 @@ class Pages:
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         self._arrivals.append((client, wants_dark(client)))
-        self.came.set()
+        self.page_came.set()
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:

@@ -69,7 +69,8 @@ class Place(NamedTuple):
 class Read(NamedTuple):
     """Read of a value that was never written."""
 
-    line: Optional[Place]  # line that reads the value; None if the value is sent
+    # line of the submission that reads the value; None if the value is sent in a message without such a line
+    line: Optional[Place]
     origin: Optional[Place]  # line that made the memory of the value; None if unknown
 
 

@@ -148,7 +148,7 @@ def judge_approach(recording: Recording) -> Item:
         evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
         evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
-    # note on an end, an exception or a silence of the node; None if the node worked to the end
+    # note that the node has ended early, has raised an exception, or has stopped publishing; otherwise None
     cause = cause_of_stop(recording)
     if cause:
         ending, hint = behind(cause), hint_on(cause)
@@ -376,13 +376,13 @@ def judge_shown(
     visible_topics = {
         marker.topic for marker in markers if (marker.topic, marker.namespace) not in view.hidden
     }
-    shown_topics = sorted(visible_topics & set(view.topics))
+    subscribed_topics = topics & set(view.topics)
+    shown_topics = sorted(visible_topics & subscribed_topics)
     if shown_topics:
         return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
-    if topics & set(view.topics):
-        evidence = (
-            f"the namespace of the marker is switched off in the display of {', '.join(sorted(topics))}"
-        )
+    if subscribed_topics:
+        displays = ", ".join(sorted(subscribed_topics))
+        evidence = f"the namespace of the marker is switched off in the display of {displays}"
         return replace(item, evidence=evidence, hint=f"switch it on, {SAVED}")
     evidence, hint = _explain_no_display(view, topics)
     return replace(item, evidence=evidence, hint=hint)

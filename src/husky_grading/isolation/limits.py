@@ -114,19 +114,25 @@ def socket_count() -> int:
 
 def temporary_files(processes: Sequence[psutil.Process]) -> int:
     """Return the size of the files in the memory folders of the sandbox of these processes [bytes]."""
-    own_mounts, size = os.readlink("/proc/self/ns/mnt"), 0
+    own_mounts = os.readlink("/proc/self/ns/mnt")
     for process in processes:
         root = f"/proc/{process.pid}/root"
-        with contextlib.suppress(OSError):  # the process has ended
+        with contextlib.suppress(OSError):  # the process has ended, so the next one is asked
             if os.readlink(f"/proc/{process.pid}/ns/mnt") != own_mounts:
-                for folder in TEMPORARY:
-                    status = os.statvfs(root + folder)
-                    # only a file system of the sandbox counts; while the sandbox is made, another one is at
-                    # this path
-                    if status.f_blocks <= ceil(TEMPORARY_FILES / status.f_frsize):
-                        size += (status.f_blocks - status.f_bfree) * status.f_frsize
-                return size
-    return size
+                # all processes of a sandbox share its folders, so the first one is enough
+                return sum(_used_of_sandbox(root + folder) for folder in TEMPORARY)
+    return 0
+
+
+def _used_of_sandbox(folder: str) -> int:
+    """Return the size of the files in a memory folder of the sandbox [bytes]; OSError if it is gone.
+
+    The sandbox gives its folders TEMPORARY_FILES bytes each. A larger file system is the machine's, which is
+    at the same path while the sandbox is made, and counts as 0.
+    """
+    status = os.statvfs(folder)
+    is_of_sandbox = status.f_blocks <= ceil(TEMPORARY_FILES / status.f_frsize)
+    return (status.f_blocks - status.f_bfree) * status.f_frsize if is_of_sandbox else 0
 
 
 def detached_segments(processes: Sequence[psutil.Process]) -> int:

@@ -42,7 +42,8 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 
-# [m], [m/s] a robot that moved farther than this between two scans was put elsewhere
+# [m], [m/s] A robot was put elsewhere if it has moved farther between two scans than the first number plus
+# the way at the second number.
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
 RESUME_ERROR = 0.10  # [m] error of the stop position at which an arrived robot drives again
 ODOM_TIMEOUT = 0.5  # [s] time without a pose in odom after which the odometry counts as lost

@@ -65,7 +65,8 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
-    # the floor is searched downwards, from a height above any slab; a drop is the way down to the first body
+    # the floor is searched downwards, from a height above any slab; a drop is the way down to the first body:
+    # 0 if the search begins inside a solid body, and inf if there is no body below
     top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
     # drops of 0 at all corners, near and far, mean that a wide body contains all of them
     is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
@@ -81,7 +82,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         # the floor is below the pose, so the hull may stand on an object between the wheels, which makes the
         # drops unequal
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
-    # a drop of 0 means that the point is inside a solid, so there is no floor to stand on
+    # a drop of 0 or inf means that there is no floor to stand on; then the robot stays at the pose
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)
     return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
 

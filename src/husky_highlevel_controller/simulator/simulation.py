@@ -257,7 +257,10 @@ class Simulation:
 
     @property
     def pose_world_in_odom(self) -> Pose:
-        """Pose of the world by the filtered odometry; odom is level and as high as base_link."""
+        """Pose of the world in odom, by the filtered odometry.
+
+        The filter is planar, so odom is level, and as high as base_link of a robot that stands on z = 0.
+        """
         height = self._chassis.on_ground(Pose()).position[2]
         base_in_odom = pose_from_2d(self._odometer.filtered.pose_base_in_odom)
         base_in_world = pose_from_2d(pose_to_2d(self._chassis.state.pose_in_world), height)

@@ -12,6 +12,7 @@ from drives import GOOD, NOSE, PILLAR, WAY, markers
 from husky_grading.exercises.exercise_3 import judge_arrival
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import (
+    CUT_OFF,
     Closing,
     Recording,
     closed,
@@ -52,6 +53,13 @@ def test_after_a_node_has_ended_its_silence_is_no_finding_but_what_it_sent_is():
     died = Note(Kind.NODE_FAILED, "node n ends")
     assert closed(recording, Closing((died,))).notes == (died, unreadable)
     assert closed(recording, Closing()).notes == (silent, unreadable)
+
+
+def test_a_run_that_is_cut_off_in_its_first_second_has_its_true_length():
+    recording = Recording(Pose2D(), (20.0, 5.0), 60.0, times=np.array([0.0, 0.3]), ended=CUT_OFF)
+    (note,) = closed(recording, Closing()).notes
+    assert (note.kind, note.at) == (Kind.CUT_OFF, 0.3)
+    assert "cut off at 0.30 s" in note.text
 
 
 @pytest.mark.parametrize(

@@ -150,6 +150,16 @@ def test_the_marker_in_rviz_counts_only_where_it_is_right(view, position, points
     assert evidence in item.evidence
 
 
+def test_only_topics_with_a_display_are_said_to_have_a_hidden_namespace():
+    recording = markers(GOOD, RIGHT)
+    other = replace(recording, markers=tuple(replace(each, topic="/other") for each in recording.markers))
+    places = [judge_place(run, DEFAULT_RULES) for run in (recording, other)]
+    view = replace(FULL_VIEW, hidden=(("/marker", "pillar"),))
+    item = exercise_3.judge_shown(view, [recording, other], places)
+    assert (item.points, "in the display of /marker" in item.evidence) == (0.0, True)
+    assert "/other" not in item.evidence
+
+
 @pytest.mark.parametrize(
     ("no_rviz_config", "started", "points"),
     [("person", True, None), ("zero", True, 0.0), ("node", True, 20.0), ("node", False, 0.0)],
