@@ -8,7 +8,7 @@ took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, Iterator, List, Optional, Set, Tuple
+from typing import Any, Callable, List, Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -265,7 +265,7 @@ class Publishers:
         with_base = not self.leaves_filter
         poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []
         if with_wheels:
-            poses += [wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles)]
+            poses += self._wheel_poses(odometry)
         tree, now = self._moving_trees[with_base, with_wheels], conversions.time_to_msg(stamp)
         tree.move(now.secs, now.nsecs, poses)
         return tree
@@ -275,15 +275,14 @@ class Publishers:
         base_in_world = snapshot.robot.pose_in_world
         base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
         odom_in_world = compose(pose_from_2d(pose_to_2d(base_in_world)), inverse(base_in_odom))
-        tree = [(WORLD, BASE, base_in_world), (WORLD, ODOM, odom_in_world), *self._wheel_branches(odometry)]
+        wheels = zip(self._wheels, self._wheel_poses(odometry))
+        tree = [(WORLD, BASE, base_in_world), (WORLD, ODOM, odom_in_world)]
+        tree += [(BASE, wheel.link, pose) for wheel, pose in wheels]
         return conversions.tree_to_msg(tree, snapshot.stamp)
 
-    def _wheel_branches(self, odometry: OdometrySample) -> Iterator[Tuple[str, str, Pose]]:
-        """Yield parent, child and pose of the wheels' transforms."""
-        return (
-            (BASE, wheel.link, wheel.pose_at(angle))
-            for wheel, angle in zip(self._wheels, odometry.wheels.angles)
-        )
+    def _wheel_poses(self, odometry: OdometrySample) -> List[Pose]:
+        """Poses of the wheels in base_link."""
+        return [wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles)]
 
     def _has_state_publisher(self) -> bool:
         """Return whether a robot_state_publisher runs, because TF warns of every frame that is sent twice."""
