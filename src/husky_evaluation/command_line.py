@@ -30,5 +30,5 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("command", choices=COMMANDS, help=f"see also '{ONE_COMMAND} COMMAND --help'")
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = parser.parse_args(given[:1]).command
-    # imported only now, because every command imports large libraries
+    # only the module of the chosen command is imported, because each of them loads large libraries
     import_module(f"husky_evaluation.{command}").main(given[1:])

@@ -59,7 +59,7 @@ class Comparison:
     def worse(self, margin: float) -> str:
         """Return why B is worse than A by more than a fraction of A's time, or an empty text if it is not."""
         letters = [letter for letter, _, _ in self.failures]
-        # if B fails more often than A, the times are not compared
+        # B is worse if it fails at more starts than A; then the times are not compared
         lost, won = letters.count("B"), letters.count("A")
         if lost > won:
             return f"starts at which only B fails: {lost}, only A: {won}"
@@ -67,7 +67,8 @@ class Comparison:
             return ""
         times_of_a, times_of_b = self.values("arrived_at")
         allowed = margin * float(np.mean(times_of_a))
-        slowdown = bootstrap(np.subtract(times_of_b, times_of_a)).high  # upper limit of the interval [s]
+        # [s] upper limit of the 95 % confidence interval of B's mean slowdown
+        slowdown = bootstrap(np.subtract(times_of_b, times_of_a)).high
         if slowdown <= allowed:
             return ""
         return f"it may be {slowdown:.3f} s slower, and {allowed:.3f} s are allowed"
@@ -167,7 +168,7 @@ def main(
     """
     options = compare_options(arguments)
     with exit_codes(name_as_typed("compare")):
-        # setup of a contestant, of which parameters in a YAML file change a part
+        # setup of both contestants; the YAML file of a contestant changes some of its parameters
         base = setup_of(options.profile, options.ground, options.robot)
         a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
         has_launch_file = a.starts_programs or b.starts_programs
@@ -182,8 +183,8 @@ def main(
                 )
             end_programs_on_signals()
         options.out.mkdir(parents=True, exist_ok=True)
-        # results of launch files are not kept, because the programs of a launch file are unknown and may
-        # change
+        # if a contestant is a launch file, no results are kept for the next call, because its programs may
+        # have changed by then
         with Workers(
             options.jobs, options.cluster, None if has_launch_file else options.out / RESULTS
         ) as workers:

@@ -31,7 +31,7 @@ from husky_highlevel_controller.course import PILLAR_RADIUS, REACHED, STANDS, TO
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot
 
-DRAWN_POSES = 300  # number of poses that are kept for the picture of a run
+DRAWN_POSES = 300  # largest number of poses of a run that are kept for its picture
 
 
 class Contestant(Protocol):
@@ -66,9 +66,9 @@ class FunctionContestant:
 
     name: str
     setup: Setup
-    function: str = ""  # decision function; defaults to `behaviour.decide`
-    module: str = ""  # name of the function's module, if the module belongs to the packages in OURS
-    source: str = ""  # source text of the function's file, if the file is the user's
+    function: str = ""  # name of the decision function; empty for `behaviour.decide`
+    module: str = ""  # name of the function's module if it is a module of this project; otherwise empty
+    source: str = ""  # source text of the file with the function if it is the user's file; otherwise empty
 
     @property
     def starts_programs(self) -> bool:
@@ -87,7 +87,7 @@ class FunctionContestant:
         try:
             module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
             controller: Controller = getattr(module, self.function)
-        except Exception as error:  # the file of the user may raise any error
+        except Exception as error:  # the code in the user's file may raise any error
             raise HuskyError(f"{self.name}: {type(error).__name__}: {error}") from None
         if not callable(controller):
             raise HuskyError(f"{self.name}: {self.function} is not a function")
@@ -116,11 +116,13 @@ class Outcome:
     """Outcome of one run."""
 
     scene: str
-    arrived_at: float  # [s] time of the final arrival; inf if the robot never arrives for good
-    nearest: float  # [m] smallest gap between footprint and pillar
+    # [s] time from which the robot stands at the pillar until the end of the run; inf if it does not stand
+    # there in the end
+    arrived_at: float
+    nearest: float  # [m] smallest gap between the robot's footprint and the pillar during the run
     poses: np.ndarray  # (N, 3) [m, m, rad] path of the robot, with at most DRAWN_POSES poses
-    pillar: Tuple[float, float]  # [m] position of the pillar at the start
-    notes: Tuple[str, ...] = ()  # problems with the contestant's nodes, in sentences
+    pillar: Tuple[float, float]  # [m] x and y of the pillar's centre in the world at the start of the run
+    notes: Tuple[str, ...] = ()  # sentences on problems with the nodes of a launch file
 
     @property
     def success(self) -> bool:
@@ -159,16 +161,18 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
             )
         package, file = first.split("/")
         return launch_kind(text, package, file, arguments)
-    place, colon, function = first.rpartition(":")  # `place` is a file or a module
+    place, colon, function = first.rpartition(":")  # `place` is a Python file or the name of a module
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
-    # every worker has our packages, but it may not have the user's file, so the text of the file is sent
+    # every worker has this project's packages, but it may not have the user's file, so the text of the file
+    # is sent
     if place.split(".")[0] in OURS:
         made = FunctionContestant(text, base, function, module=place)
     else:
         made = FunctionContestant(text, base, function, source=_source(place))
-    _ = made.controller  # raises the error of a wrong contestant before the first run
+    # loads the function now, so that a wrong contestant causes an error before the first run
+    _ = made.controller
     return made
 
 
@@ -192,7 +196,8 @@ def _source(place: str) -> str:
 def _module(source: str) -> ModuleType:
     """Return a new module that has executed a source text."""
     module = ModuleType(f"contestant_{abs(hash(source))}")
-    sys.modules[module.__name__] = module  # a dataclass looks up its module in sys.modules
+    # needed if the source text defines a dataclass, because a dataclass looks up its module here
+    sys.modules[module.__name__] = module
     exec(compile(source, module.__name__, "exec"), vars(module))
     return module
 
@@ -214,12 +219,12 @@ def outcome(
 
     `times` (N,) [s]; true `poses` of base_link (N, 3) [m, m, rad]; `pillar`, its centre at the start [m].
     """
-    # for each pose: gap between footprint and pillar [m], way since the last pose [m], and speed [m/s]; the
-    # first pose has no way
+    # one value for each pose: gap between footprint and pillar [m], distance from the pose before [m] (0 for
+    # the first pose), and speed [m/s]
     gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
-    # the robot has arrived for good after the last pose at which it moves or is not at the pillar
+    # the robot arrives directly after the last pose at which it still moves or is too far from the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))
     arrival_row = int(rows_not_there[-1]) + 1 if len(rows_not_there) else 0
     arrived_at = float(times[arrival_row]) if arrival_row < len(times) else inf

@@ -51,7 +51,7 @@ TOUCHING = ControlConfig(stop_distance=0.0)  # control with which the robot driv
 
 
 HEADER = ("figure", "value", "wanted", "verdict")
-Row = Tuple[Any, ...]  # row of a table
+Row = Tuple[Any, ...]  # row of a table, with the columns of HEADER
 
 
 def figure(
@@ -92,7 +92,8 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     """Return the figures of the runs from random starts."""
     bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
-    # the values of all runs, and below the runs with the worst values, whose replays are linked
+    # `ratios` and `delays` have a value for each run; the row of a worst value links the replay of the run
+    # with this value
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
     worst_ratio, worst_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
@@ -163,7 +164,8 @@ def evaluate_robot(
     the stop distance, and with the gain of robot.launch it does not. Single scans are not measured here.
     """
     setup = setup_of("robot", ground)
-    setups = [replace(setup, control=ControlConfig()), setup]  # default gains, and those of robot.launch
+    # first the default gains, then the gains of robot.launch
+    setups = [replace(setup, control=ControlConfig()), setup]
     default_run, robot_gains_run = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     return {
@@ -188,16 +190,16 @@ def evaluate(
     """
     setup = setup_of(robot=robot)
     control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
-    # groups of 50 scans, because one scan takes only a millisecond; smaller groups for few scans, so that
-    # there are groups for several processes
+    # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
+    # groups are smaller, so that several processes get work
     numbers, chunk = range(scans), min(50, scans // 4 + 1)
-    errors = partial(center_error, seed=seed, lidar=lidar)  # function of the number of a scan
+    errors = partial(center_error, seed=seed, lidar=lidar)
     errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
     errors_in_company = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
     count_false = partial(false_pillars, seed=seed, lidar=lidar)
     false_counts = workers.map(count_false, numbers, "scenes without", chunk)
     false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
-    # the gains of the course, with the limits of this robot
+    # control with the gains of the course, but with the speed limits of this robot
     course_control = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
     setups = [replace(setup, control=each) for each in (control, course_control, TOUCHING)]
     default_run, course_gains_run, touching_run = drives(
@@ -218,7 +220,7 @@ def evaluate(
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
     if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
-        # the lidar of this robot cannot see a pillar that the robot touches
+        # this run is not reported, because this robot's lidar cannot see a pillar that touches the robot
         del figures["Course start, stop_distance 0"]
     return figures
 
@@ -283,7 +285,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure misses its limits."""
     options = evaluate_options(arguments)
     with exit_codes(name_as_typed("evaluate")):
-        # raises an error if profile, ground and robot do not fit together
+        # called only for its error if profile, ground and robot do not fit together
         setup_of(options.profile, options.ground, options.robot)
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)

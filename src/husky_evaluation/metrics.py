@@ -25,12 +25,17 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 GOOD = "arrived, within 2 cm, no touch"  # text of `DriveResult.good`
 BOUND = "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
-SAME_PILLAR = 0.2  # [m] largest distance at which a found pillar counts as the true one
-MANY_BEAMS = 8  # number of beams from which on one scan must distinguish another object from a pillar
-# [rad] the robot faces the pillar if its bearing is smaller; a crossing is a swing beyond this on the other
-# side
+# [m] a found pillar counts as the true pillar if their centres are nearer to each other than this
+SAME_PILLAR = 0.2
+# in a scan without a pillar, a found pillar counts as an error if it has at least this number of beams; with
+# fewer beams, other objects look like a pillar
+MANY_BEAMS = 8
+# [rad] the robot faces the pillar if the pillar's bearing is smaller than this; a swing to the other side
+# counts as a crossing only if it goes beyond this
 ALIGNED = 0.005
-DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] simulated time after which a run ends
+# [s] simulated time limit of a run in Gazebo's profile, and in the profile of a real robot, which may have to
+# search for the pillar
+DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0
 
 
 def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
@@ -55,16 +60,19 @@ class DriveResult:
 
     name: str
     arrived_at: float  # [s] time of the arrival; inf if the robot did not arrive
-    # [s] shortest possible time to the arrival, with the limits of the robot, if it faces the pillar at the
-    # start
+    # [s] shortest time in which the robot could arrive, with its largest speed and acceleration, if it faced
+    # the pillar at the start
     bound: float
-    final_error: float  # [m] true distance from the lidar to the pillar, less `stop_distance`
+    # [m] true distance from the lidar to the pillar at the end, minus the wanted distance `stop_distance`
+    final_error: float
     gap: float  # [m] true distance from the hull's front to the pillar at the end
-    pushed: float  # [m] displacement of the pillar
+    pushed: float  # [m] distance from the pillar's first position to its last position
     touched: Tuple[str, ...]
-    crossings: int  # number of sign changes of the true bearing after the robot has first faced the pillar
-    overshoot: float  # [m] largest true distance that the lidar drove past the stop distance
-    nearest: float  # [m] smallest true gap between footprint and pillar
+    # number of times that the robot swings past the pillar's direction after it has first faced the pillar
+    crossings: int
+    # [m] stop distance minus the smallest true distance from the lidar to the pillar; 0 if this is negative
+    overshoot: float
+    nearest: float  # [m] smallest true gap between footprint and pillar during the run
     replay: str = ""  # file name of the run's replay; empty if there is none
 
     @property
@@ -90,7 +98,8 @@ def run_scenario(setup: Setup, scenario: Scenario, controller: Controller = deci
     return judge_trace(drive_scenario(setup, scenario, controller), scenario, setup)
 
 
-Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]  # type of a task for `Workers.map`
+# type of a function that drives a setup in a scenario, as a task for `Workers.map`
+Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]
 
 
 def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
@@ -116,9 +125,10 @@ def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = de
         setup.control,
         setup.detector,
         setup.simulator,
-        # a robot that touches the pillar may push it for a while after the arrival
+        # [s] the run continues for this time after the arrival; longer if the robot has to touch the pillar,
+        # because it may still push the pillar
         settle=3.0 if setup.control.stop_distance == 0.0 else 1.0,
-        # a real Husky may have to search for the pillar
+        # longer for a real Husky, because it may first have to search for the pillar
         seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,
         controller=controller,
     )
@@ -129,7 +139,7 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     base_x, base_y, yaw = trace.poses.T
-    # (N, 2) [m] positions of the lidar, which is in front of base_link by `lidar_x`
+    # (N, 2) [m] positions of the lidar, which is `lidar_x` in front of base_link
     lidar_in_world = np.column_stack([base_x + np.cos(yaw) * lidar_x, base_y + np.sin(yaw) * lidar_x])
     # (N,) [m] distance from the lidar to the pillar's surface
     distances = np.hypot(*(trace.pillars - lidar_in_world).T) - PILLAR_RADIUS
@@ -140,7 +150,8 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, robot, lidar_x),
         final_error=float(distances[-1]) - control.stop_distance,
-        # hull[0] is half the length of the hull, and base_link is in its middle
+        # the hull's front is hull[0], half its length, in front of base_link, and the lidar is `lidar_x` in
+        # front of base_link
         gap=float(distances[-1]) - (robot.footprint.hull[0] - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,
@@ -153,14 +164,17 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
     """Return the shortest time to the stop point [s], straight ahead, with limited speed and acceleration."""
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
-    # [m] distance from the lidar to the pillar at the end, which cannot be less than up to the hull's front
+    # [m] distance from the lidar to the pillar at the stop; the hull's front touches the pillar before the
+    # distance can become smaller than this
     stop = max(control.stop_distance, robot.footprint.hull[0] - lidar_x)
-    # [m] way of the robot, from base_link to the pillar's centre less the parts that remain
+    # [m] distance that the robot has to drive: from base_link to the pillar's centre, minus the pillar's
+    # radius, the distance at the stop, and the distance from base_link to the lidar
     length = max(hypot(pillar_x - x, pillar_y - y) - PILLAR_RADIUS - stop - lidar_x, 0.0)
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
     if length < speed**2 / acceleration:  # the robot brakes before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
-    # full speed on the whole way, and half of the acceleration and of the braking more
+    # time at full speed, plus the time that is lost during acceleration and braking: half of speed /
+    # acceleration each
     return length / speed + speed / acceleration
 
 
@@ -178,6 +192,6 @@ def crossings(trace: Trace) -> int:
     if not len(aligned):
         return 0
     after = bearings[aligned[0] :]
-    large = after[np.abs(after) >= ALIGNED]  # a smaller bearing counts as straight ahead
+    large = after[np.abs(after) >= ALIGNED]  # smaller bearings count as straight ahead, on neither side
     sides = np.sign(np.append(after[0], large))
     return int((np.diff(sides) != 0.0).sum())

@@ -19,7 +19,7 @@ from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure,
 
 MAX_LABELLED = 15  # cells are labelled only if each axis has at most this number of values
 SYMBOLS = "*os^"
-GOOD_COLOR = "#fee838"  # bright end of the colour map cividis
+GOOD_COLOR = "#fee838"  # colour of the best values: the bright end of the colour map cividis
 HATCH = "////"
 
 
@@ -27,15 +27,17 @@ class Panel(NamedTuple):
     """Quantity over a grid of one axis with N values, or of two axes with N and M values."""
 
     title: str
-    values: np.ndarray  # values of the points, (N,) or (N, M); nan if there is none
-    span: float  # smallest range of the colour scale, so that a negligible difference is not visible
+    values: np.ndarray  # value at each point of the grid, (N,) or (N, M); nan if a point has no value
+    # smallest range of the colour scale or y axis; if the values differ less, the difference looks small
+    span: float
     digits: int = 1  # digits after the decimal point of a cell's label
     is_good_high: bool = False
     is_logarithmic: bool = False
-    hatched: Optional[np.ndarray] = None  # points at which not every run arrives; same shape as the values
+    # true for points at which not every run succeeds; same shape as the values
+    hatched: Optional[np.ndarray] = None
 
 
-Marks = Mapping[str, Sequence[float]]  # highlighted points by name, each with a value for each axis
+Marks = Mapping[str, Sequence[float]]  # points to highlight in the picture: name, and value on each axis
 
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
@@ -49,7 +51,7 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
             _heat_map(plot, axes, panel, marks)
         plot.set_title(panel.title, fontsize=11)
         plot.set_xlabel(axes[0].label)
-    # the legend of all panels is that of the first one, because each panel has the same marks
+    # the legend is made from the first panel, because every panel has the same marks
     handles, _ = figure.axes[0].get_legend_handles_labels()
     if len(axes) == 2:
         handles.append(Patch(facecolor=GOOD_COLOR, label="bright: better"))
@@ -68,7 +70,7 @@ def draw_costs(costs: Sequence[float]) -> bytes:
     numbers = np.arange(1, len(costs) + 1)
     plot.plot(numbers, costs, "o", color=DRIVEN, markersize=4, label="a setup; the first: the defaults")
     plot.step(numbers, np.minimum.accumulate(costs), color=MARKER, where="post", label="smallest so far")
-    # the axis leaves out the worst costs, because they would make all other costs look equal
+    # the y axis leaves out the worst costs; otherwise all other costs would look equal
     plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)
     plot.set_xlabel("setup")
     plot.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -122,12 +124,13 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
     """Draw the panel of a grid of two axes as cells of equal size, one for each point."""
     norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
-    values = np.ma.masked_invalid(panel.values.T)  # the first axis is horizontal
+    # transposed, so that the first axis of the grid is horizontal
+    values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
     plot.set_facecolor("0.85")  # colour of cells without a value
     if panel.hatched is not None:
-        # the cell with the indices (column, row) has its centre at these coordinates, and the size 1
+        # the cell (column, row) is a square of size 1, and its centre has the coordinates (column, row)
         for column, row in np.argwhere(panel.hatched & np.isfinite(panel.values)):
             plot.add_patch(
                 Rectangle(
@@ -145,7 +148,8 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     else:
         plot.figure.colorbar(image, ax=plot)
     for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
-        step = len(axis.values) // (MAX_LABELLED + 1) + 1  # an axis of more values has no tick at some cells
+        # only every `step`-th cell has a tick if the axis has more than MAX_LABELLED values
+        step = len(axis.values) // (MAX_LABELLED + 1) + 1
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
     _mark_points(plot, axes, marks)
     plot.set_ylabel(axes[1].label)
@@ -166,11 +170,13 @@ def _label_cells(
     for (row, column), value in np.ndenumerate(values):
         has_value = np.isfinite(value)
         color = color_of(value) if has_value else (0.85, 0.85, 0.85)
-        is_dark = sum(color[:3]) < 1.5  # red, green and blue are 0 to 1, so this is half of white
+        # red, green and blue are 0 to 1, so their sum is 3 for white and 0 for black
+        is_dark = sum(color[:3]) < 1.5
         plot.text(
             column, row, f"{value:.{digits}f}" if has_value else "-", fontsize=font_size,
             ha="center", va="center", color="w" if is_dark else "k", zorder=5,
-            # border around the text, because hatching may lie behind it
+            # border around the text in the colour of the cell, so that hatching behind it does not hide the
+            # text
             path_effects=[withStroke(linewidth=3, foreground=color)],
         )  # fmt: skip
 

@@ -34,12 +34,14 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel, 
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
-# signature of `behaviour.decide`; the first state is ControllerState()
+# function with the signature of `behaviour.decide`; the state in its first call is ControllerState()
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
 ]
 
-COLUMNS = {  # arrays of a trace, with the length of their rows; 0 if a row is a single number
+# name of each array of a Trace, and the number of values in one of its rows; 0 if a row is a number, not a
+# list
+COLUMNS = {
     "times": 0, "poses": 3, "twists": 2, "estimates": 2, "pillars": 2,
     "distance_errors": 0, "bearing_errors": 0, "nearest": 0,
 }  # fmt: skip
@@ -49,19 +51,20 @@ COLUMNS = {  # arrays of a trace, with the length of their rows; 0 if a row is a
 class Trace:
     """Trace of a run, one row per scan (N scans); arrays are read-only."""
 
-    times: np.ndarray  # (N,) [s] simulated time
+    times: np.ndarray  # (N,) [s] simulated time at which the scan came
     poses: np.ndarray  # (N, 3) [m, m, rad] true x, y and yaw of base_link in the world
     twists: np.ndarray  # (N, 2) [m/s, rad/s] commanded twist
-    # (N, 2) [m] position of the remembered pillar in odom; nan while no pillar is remembered
+    # (N, 2) [m] position in odom of the pillar that the controller remembers; nan while it remembers none
     estimates: np.ndarray
     pillars: np.ndarray  # (N, 2) [m] true centre of the pillar in the world
-    # (N,) [m] remaining distance, as the controller computes it; nan without a target
+    # (N,) [m] distance that remains to the stop, as the controller computes it; nan without a target
     distance_errors: np.ndarray
     # (N,) [rad] bearing of the target, as the controller computes it; nan without a target
     bearing_errors: np.ndarray
-    nearest: np.ndarray  # (N,) [m] shortest range in the scan; inf without a return
+    nearest: np.ndarray  # (N,) [m] shortest range in the scan; inf if no beam has a return
     states: Tuple[State, ...]  # state of the controller after each scan
-    # time [s] of the first touch and name of each touched body; not touches by wheels
+    # time [s] of the first touch, and name of the body, for each touched body; touches by the wheels do not
+    # count
     touches: Tuple[Tuple[float, str], ...]
     # time [s] of each change of the controller's state, and the new state with its reason
     events: Tuple[Tuple[float, str], ...]
@@ -118,7 +121,7 @@ def rollout(
     laser_in_base = robot.fixed_poses[robot.laser_frame]
     controller_state, arrived_at = ControllerState(), inf
     rows: List[Tuple[Any, ...]] = []
-    touches: Dict[str, float] = {}  # [s] time of the first touch, by body
+    touches: Dict[str, float] = {}  # [s] time of the first touch of each body, by its name
     try:
         while simulation.stamp < min(seconds, arrived_at + settle):
             snapshot = simulation.step()
@@ -126,11 +129,12 @@ def rollout(
                 touches.setdefault(name, snapshot.stamp)  # keeps the time of the first touch
             scan, odometry = snapshot.scan, snapshot.odometry
             if scan is None or odometry is None:
-                continue  # no scan has ended at this physics step; a scan comes with odometry
+                # this physics step has no new scan, so there is no decision; a scan always has odometry
+                continue
             base_in_odom = odometry.filtered.pose_base_in_odom
             scan_age = snapshot.stamp - scan.stamp
-            # a scan has the stamp of its first beam, but comes after its last one, so the pose is moved back
-            # to the stamp
+            # a scan has the stamp of its first beam but comes only after its last beam, so the robot's pose
+            # is moved back to the time of the stamp
             if scan_age > 0.0:
                 base_in_odom = advance(base_in_odom, odometry.filtered.twist_in_base, -scan_age)
             observation = Observation(scan, laser_in_base, base_in_odom, simulator.robot.footprint)
@@ -141,7 +145,7 @@ def rollout(
             simulation.command(output.twist)
             pillar = simulation.pose_of(scenario.pillar).position[:2]
             rows.append(_row(snapshot, scan, output, pillar))
-            # the first time of the present arrival; a robot that leaves the pillar has not arrived
+            # [s] time at which the robot has arrived; inf again if the robot leaves the pillar
             arrived_at = min(arrived_at, snapshot.stamp) if output.state is State.ARRIVED else inf
     finally:
         simulation.close()
@@ -167,7 +171,8 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
         rows: results of `_row`.
         touches: time of the first touch [s] by body.
     """
-    # a run without a scan has no rows, and empty columns; the two last ones have the states and the sentences
+    # if the run had no scan, there are no rows, and all columns are empty; the last two columns have the
+    # states and the sentences
     no_columns: List[Tuple[Any, ...]] = [()] * (len(COLUMNS) + 2)
     *columns, states, sentences = list(zip(*rows)) or no_columns
     arrays = {
@@ -177,7 +182,7 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
     for array in arrays.values():
         array.setflags(write=False)
     times = columns[0]
-    # only the first of several equal sentences in a row counts as an event
+    # a sentence is an event only if it differs from the sentence of the scan before
     events = tuple(next(group) for _, group in groupby(zip(times, sentences), itemgetter(1)))
     first_touches = tuple((stamp, name) for name, stamp in touches.items())
     return Trace(states=states, touches=first_touches, events=events, **arrays)

@@ -23,13 +23,19 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 Disc = Tuple[float, float, float]  # x, y, radius [m], in the laser's frame
 Solid = Tuple[Union[Box, Cylinder], Pose]  # shape and its pose in the laser's frame
 
-_NEAREST_START, _FARTHEST_START = 2.0, 25.0  # [m] distance from base_link to the pillar's centre
-_NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0  # [m] distance from the lidar to the pillar's centre
-# [m] smallest distance between pillar and wall, because a nearer pillar looks like a part of the wall
+# [m] limits of the random distance from base_link at the start of a run to the pillar's centre
+_NEAREST_START, _FARTHEST_START = 2.0, 25.0
+# [m] limits of the random distance from the lidar to the pillar's centre in a single scan
+_NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0
+# [m] smallest gap between the pillar and another object, because a pillar close to a wall looks like a part
+# of the wall
 _FREE = 0.3
-_SIDE = 2.3  # [rad] largest bearing to either side at which a pillar is in the Husky's view
+# [rad] largest bearing of random objects to the left or right, so that they are in the Husky's view
+_SIDE = 2.3
 _THIN = 0.01  # [m] thickness of walls
-_EDGE = 0.05  # [rad] margin between the pillar and the last beam, for a lidar with a narrower view
+# [rad] smallest angle between the pillar's centre and the last beam, for a lidar with a view narrower than
+# _SIDE
+_EDGE = 0.05
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,7 @@ class Scenario:
     world: World
     start: Pose2D  # pose of base_link in the world
     seed: int = 0
-    pillar: str = PILLAR_NAME  # name of the object that is the goal
+    pillar: str = PILLAR_NAME  # name of the object to which the robot drives
 
 
 SICK = simulator_config().lidar
@@ -88,15 +94,15 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
 
     With `clutter` there are other objects, some in front of the pillar, none nearer to it than 0.3 m.
     """
-    # the 1 makes these numbers independent of those of `bare_scene`, which has a 2
+    # the 1 gives this function other random numbers than `bare_scene`, which has a 2 here
     rng, side = np.random.default_rng([seed, 1, number]), min(_SIDE, lidar.angle_max - _EDGE)
     while True:
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         x, y = distance * cos(bearing), distance * sin(bearing)
         pillar, others = _post(x, y, PILLAR_RADIUS), _clutter(rng) if clutter else []
-        # (N,) [m] ranges of N beams with all objects, and with the pillar alone
+        # (N,) [m] ranges of the beams if all objects are there, and if only the pillar is there
         ranges, alone = _cast([pillar, *others], lidar), _cast([pillar], lidar)
-        # (N,) true for the beams that hit the pillar, because no other object is nearer
+        # (N,) true for the beams that hit the pillar and no nearer object
         is_seen = np.isfinite(alone) & (ranges > alone - 1e-9)
         if is_seen.sum() >= 3 and all(_gap((x, y), other) >= PILLAR_RADIUS + _FREE for other in others):
             noisy = ranges + rng.normal(0.0, lidar.noise, lidar.beams)
@@ -147,12 +153,12 @@ def _clutter(rng: np.random.Generator) -> List[Solid]:
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 1.5), rng.uniform(0.1, 1.5)))
         elif kind == 1:  # a wall
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 8.0)))
-        elif kind == 2:  # a corner of walls of 2 m
+        elif kind == 2:  # a corner of two walls, each 2 m long
             turns = (yaw, yaw + rng.uniform(0.8, 2.4))
             solids += [_box(x + cos(turn), y + sin(turn), turn, 2.0) for turn in turns]
-        elif kind == 3:  # a goal like the posts of robocup14_spl_field, 1.6 m apart
+        elif kind == 3:  # two posts 1.6 m apart, like the goal in the world robocup14_spl_field
             solids += [_post(x, y, 0.05), _post(x - 1.6 * sin(yaw), y + 1.6 * cos(yaw), 0.05)]
-        else:  # a room around the lidar
+        else:  # four walls around the lidar
             half = rng.uniform(4.0, 40.0) / 2.0
             for side in (yaw + turn * pi / 2.0 for turn in range(4)):
                 solids.append(_box(half * cos(side), half * sin(side), side + pi / 2.0, 2.0 * half))

@@ -67,7 +67,7 @@ class Axis:
 
     name: str
     values: Tuple[float, ...]
-    # true if the ratio of neighbouring values is constant, and not their difference
+    # true if neighbouring values have a constant ratio; false if they have a constant difference
     is_geometric: bool = False
 
     @property
@@ -92,7 +92,8 @@ def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky"
         there_are = ", ".join(simulator.robot.profiles)
         raise ConfigError(f"the {simulator.robot.title} has no profile '{profile}'; there are: {there_are}")
     if profile == "gazebo":
-        # only the parameters whose values differ from those of the Husky's controller
+        # the file has only the parameters that differ from the Husky's controller; the others keep their
+        # defaults
         file = share_folder() / "config" / f"{robot}.yaml"
         setup = Setup(simulator=simulator)
         return load_setup(file, setup) if file.is_file() else setup
@@ -144,7 +145,7 @@ def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mappi
             yield prefix + item.name, value, item.metadata
 
 
-# min, max and help of every parameter
+# min, max and help of every parameter, by its name
 METADATA = {
     name: metadata for record in vars(Setup()).values() for name, _, metadata in _parameters(record)
 }
@@ -175,7 +176,7 @@ def parse_axis(text: str) -> Axis:
     Raises:
         ConfigError: the text has none of these forms, or a value is not allowed.
     """
-    name, equals, grid = text.partition("=")  # `equals` is empty if there is no =
+    name, equals, grid = text.partition("=")  # `equals` is empty if the text contains no "="
     defaults = parameter_values(Setup())
     if name not in defaults:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
@@ -190,10 +191,10 @@ def parse_axis(text: str) -> Axis:
     except ValueError as error:
         raise ConfigError(f"{name} = '{grid}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
     if kind is int:
-        values = [int(round(value)) for value in values]  # several values may become equal
+        values = [int(round(value)) for value in values]  # after rounding, several values may be equal
     different_values = tuple(dict.fromkeys(values))
     for value in different_values:
-        Setup().with_values({name: value})  # raises an error if the value is not allowed
+        Setup().with_values({name: value})  # called only for its error if the value is not allowed
     return Axis(name, different_values, is_geometric)
 
 
@@ -216,7 +217,7 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
     if is_geometric and not (first > 0.0 and last > 0.0):
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace
-    # six digits are easy to read and to type
+    # rounded to six digits, which are easy to read and to type
     return [float(f"{value:.6g}") for value in space(first, last, int(count))]
 
 

@@ -43,7 +43,7 @@ class Sweep:
 
     axes: Tuple[Axis, ...]
     scenes: Tuple[str, ...]  # names of the scenarios
-    drives: Tuple[DriveResult, ...]  # runs of all scenarios, point by point; the last axis varies fastest
+    drives: Tuple[DriveResult, ...]  # all runs, point by point; at each point, one run for each scenario
 
     @property
     def points(self) -> List[Tuple[float, ...]]:
@@ -54,7 +54,7 @@ class Sweep:
     def every_drive(self) -> Table:
         """Return a table with a row for each run."""
         names = [axis.name for axis in self.axes]
-        # each point as often as there are scenarios, in the order of `drives`
+        # each point is repeated once for each scenario, so that the points match the runs in `drives`
         at = (point for point in self.points for _ in self.scenes)
         rows = [{**dict(zip(names, point)), **row(drive)} for point, drive in zip(at, self.drives)]
         return every_row("Every run", rows)
@@ -65,7 +65,8 @@ class Sweep:
         `share` is a function of numpy that reduces one axis of an array, such as np.mean.
         """
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
-        # the runs are in the order of the points, the last axis changing fastest, and then of the scenarios
+        # `drives` has the runs of all scenarios at the first point, then those at the next point; from point
+        # to point, the last axis changes fastest
         shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
         return np.asarray(share(values.reshape(shape), axis=-1))
 
@@ -95,7 +96,8 @@ class Sweep:
     def best_points(self, count: int = 3) -> Table:
         """Return at most `count` points with the highest success, and among these with the shortest time."""
         success, times = self.success.ravel(), self.times.ravel()
-        # the last key counts first: high success, then short times, and points without a time last
+        # `lexsort` sorts by the last key first: the highest success comes first, then the shortest time;
+        # points without a time come last
         order = np.lexsort((np.where(np.isnan(times), inf, times), -success))[:count]
         header = [*(axis.name for axis in self.axes), "success [%]", "time to arrival, median [s]"]
         rows = [(*self.points[n], float(success[n]), float(times[n])) for n in order]
@@ -166,7 +168,7 @@ def write_sweep(
         pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))
         files.append(out / "sweep.png")
-    # a row of the table has the values of a point's parameters, and its value of each panel
+    # each row of the table has the parameters of a point, and the value of the point in each panel
     header = [*(axis.name for axis in swept.axes), *(panel.title for panel in panels)]
     columns = [panel.values.ravel().tolist() for panel in panels]
     rows = [(*point, *values) for point, values in zip(swept.points, zip(*columns))]

@@ -45,9 +45,12 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
 
-# number of setups that are proposed at once; a constant, because the proposals depend on this number
+# number of setups that are proposed at once; the same for any number of processes, because the proposals
+# depend on it
 BATCH = 8
-DIGITS = 4  # number of digits of a proposed value, so that tuned.yaml has exactly the values of the runs
+# number of digits to which proposed values are rounded, so that tuned.yaml has exactly the values that were
+# tried
+DIGITS = 4
 HEADER = ("defaults", "found", "found - defaults")
 
 
@@ -98,10 +101,10 @@ def parse_range(text: str, base: Setup) -> Range:
     Raises:
         ConfigError: the text has neither form, or names no parameter of the controller.
     """
-    name, equals, limits = text.partition("=")  # `equals` is empty if there is no =
+    name, equals, limits = text.partition("=")  # `equals` is empty if the text contains no "="
     values = parameter_values(base)
     of_controller = [item.name for record in (base.control, base.detector) for item in fields(record)]
-    # a bool is not a number here, so the exact type decides
+    # a bool would pass isinstance(..., int), but it is not a number here, so the exact type is compared
     numeric = sorted(key for key in of_controller if type(values[key]) in (int, float))
     if name not in numeric:
         raise ConfigError(f"{name} is not a numeric controller parameter; there are: {', '.join(numeric)}")
@@ -113,7 +116,8 @@ def parse_range(text: str, base: Setup) -> Range:
     except ValueError:
         raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
     for limit in (low, high):
-        base.with_values({name: type(values[name])(limit)})  # raises an error if the limit is not allowed
+        # called only for its error if the limit is not allowed
+        base.with_values({name: type(values[name])(limit)})
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
     return Range(name, low, high)
@@ -162,19 +166,20 @@ def tune(
     optuna = _require_optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     defaults = parameter_values(base)
-    # Optuna tries this first: the values of `base`, moved into the ranges
+    # Optuna tries the values of `base` first; a value outside of its range is moved to the limit of the range
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
-    rows: List[Dict[str, Any]] = []  # one for each setup that was tried: its values and its cost
+    rows: List[Dict[str, Any]] = []  # one row for each setup that was tried: its values and its cost
     while len(rows) < trials:
         optuna_trials = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
         proposals = [_propose(trial, ranges, defaults) for trial in optuna_trials]
         setups = [base.with_values(values) for values in proposals]
-        # every setup drives every scenario; the results of one setup follow each other
+        # every setup drives every scenario; all results of the first setup come first, then those of the next
+        # setup
         results = workers.map(drive, product(setups, scenes), f"setups from {len(rows) + 1}")
         costs = [objective.cost(result) for result in results]
         mean_costs = np.reshape(costs, (len(setups), len(scenes))).mean(axis=1).tolist()
         for trial, values, mean in zip(optuna_trials, proposals, mean_costs):
-            study.tell(trial, mean)  # the next proposals depend on the costs so far
+            study.tell(trial, mean)  # Optuna's next proposals depend on the costs that it has been told
             rows.append({**values, "objective": mean})
     best = min(rows, key=lambda row: row["objective"])
     return Tuned({key: value for key, value in best.items() if key != "objective"}, rows)
@@ -222,12 +227,13 @@ def check(
     drive: Drive = run_scene,
 ) -> Table:
     """Return a table of the metrics of both setups from the same fresh starts, with paired differences."""
-    # the results of `base` come first, then those of `tuned`, in the order of the scenarios
+    # results of `base` in all scenarios, then results of `tuned` in all scenarios
     results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]
     shares = [100.0 * float(np.mean([result.good for result in side])) for side in sides]
     times = np.array([[result.arrived_at for result in side] for side in sides])
-    # scenarios in which both arrive, because a mean with an infinite time is infinite
+    # true for scenarios in which the robot arrives with both setups; a missing arrival has the time inf,
+    # which would make the mean infinite
     both_arrive = np.isfinite(times).all(axis=0)
     costs = [[objective.cost(result) for result in side] for side in sides]
     rows = [
@@ -307,9 +313,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
-        _require_optuna()  # raises its error before the first run
+        _require_optuna()  # called now, so that a missing Optuna causes an error before the first run
         seed = options.seed
-        # the check needs starts that the tuning has not seen, so they have another seed
+        # the check needs starts that the tuning has not seen, so the fresh starts have another seed
         starts, fresh = random_starts(options.starts, seed), random_starts(options.fresh, seed + 1)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             tuned = tune(ranges, base, starts, objective, options.setups, seed, workers)

@@ -32,10 +32,10 @@ except ImportError as missing:
     ) from None
 
 CONNECT_DEADLINE = 20.0  # [s] longest wait for the scheduler's answer
-WORKER_DEADLINE = 600.0  # [s] longest wait for a worker that may be used
+WORKER_DEADLINE = 600.0  # [s] longest wait until a worker is connected that passes the check
 POLL_PERIOD = 1.0  # [s] time between two updates of the list of workers
 OUR_PACKAGE = __name__.split(".")[0]
-ROS = "ROS"  # resource of workers on which ROS programs can be started
+ROS = "ROS"  # name of the Dask resource of workers on which ROS programs can be started
 
 
 class _Run(NamedTuple):
@@ -55,7 +55,7 @@ class Cluster:
             HuskyError: no scheduler answers.
         """
         self._address = address
-        self._refused: Dict[str, str] = {}  # reason for each rejected worker
+        self._refused: Dict[str, str] = {}  # reason of each rejection, by the worker's address
         self._fit: FrozenSet[str] = frozenset()  # addresses of workers that have passed the check
         try:
             self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)
@@ -80,23 +80,23 @@ class Cluster:
             HuskyError: no worker can do the tasks, or the scheduler has gone.
         """
         _send_by_value(task)
-        waiting: Deque[int] = deque(range(len(groups)))  # numbers of the groups
+        waiting: Deque[int] = deque(range(len(groups)))  # numbers of the groups that are still to be sent
         running: Dict[Future, _Run] = {}
-        looked_at = (
-            -POLL_PERIOD
-        )  # [s] time of the last look at the list of workers; the first look is due now
+        # [s] time of the last update of the list of workers; with this value, the first update is due now
+        looked_at = -POLL_PERIOD
         try:
             while waiting or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
                     waiting.extendleft(_take_back(running, workers))
-                # two groups for each worker, so that a worker that has ended one has another one at once
+                # each worker gets two groups, so that it can begin the second group as soon as it has ended
+                # the first one
                 while waiting and len(running) < 2 * len(workers):
                     number = waiting.popleft()
                     try:
                         payload = cloudpickle.dumps((task, groups[number]))
                     except Exception as error:
-                        # a task may raise any error, for example if a file cannot be read
+                        # the pickling of a task may raise any error, for example if a file cannot be read
                         yield number, error
                         continue
                     running[self._submit(payload, workers, starts_programs)] = _Run(number, workers)
@@ -117,9 +117,9 @@ class Cluster:
         """Let one of these workers do a packed group of tasks, and return the future of its answer."""
         resources = {ROS: 1} if starts_programs else None
         with warnings.catch_warnings():
-            # Dask warns of large tasks, but a submission may have some megabytes
+            # Dask warns of large tasks, but the files of a student's submission may have some megabytes
             warnings.simplefilter("ignore", UserWarning)
-            # with pure=False, two equal groups are two tasks with a future each
+            # with pure=False, Dask computes two equal groups separately, and each of them has its own future
             return self._client.submit(
                 perform_packed, payload, workers=sorted(workers), resources=resources, pure=False
             )
@@ -140,16 +140,17 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
-            # the scheduler's facts on each connected worker, by its address; -1 stands for all workers
+            # facts of the scheduler on each connected worker, by its address; -1 stands for all workers
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
             self._check({address: info for address, info in infos.items() if address not in self._refused})
-            fit_workers = self._fit & set(infos)  # a worker that has passed the check may have left
+            # a worker that has passed the check may have left since then
+            fit_workers = self._fit & set(infos)
             workers = fit_workers
             if starts_programs:
                 workers = frozenset(each for each in workers if ROS in infos[each].get("resources", {}))
             if workers:
                 return workers
-            # the wait only continues if another worker may still pass the check
+            # waiting ends with an error if no connected worker can do the tasks
             if infos and set(infos) <= set(self._refused):
                 raise HuskyError(f"--cluster {self._address}: every worker is rejected, see above")
             if fit_workers:
@@ -171,11 +172,12 @@ class Cluster:
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
-        pythons = self._client.get_versions()["workers"]  # versions of Python and of libraries, by address
+        # versions of Python and of libraries on each worker, by its address
+        pythons = self._client.get_versions()["workers"]
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")
             reason = self._reason_against(address, infos[address]["nthreads"], python)
-            if reason is None:  # the worker does not answer, so it is asked again
+            if reason is None:  # the worker does not answer, so it is checked again later
                 continue
             if reason:
                 name = infos[address].get("name", address)

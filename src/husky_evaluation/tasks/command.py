@@ -15,7 +15,8 @@ from typing import Any, Callable, Iterator
 from husky_highlevel_controller.datatypes import HuskyError
 
 STOPPED = 130  # exit code of a command that Ctrl-C ended
-ONE_COMMAND = "husky"  # command of `pip install .`, with the other commands as its sub-commands
+# command that `pip install .` installs; every other command is a sub-command of it, such as `husky sweep`
+ONE_COMMAND = "husky"
 
 
 def name_as_typed(command: str) -> str:
@@ -73,7 +74,8 @@ def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[
     return number
 
 
-seed_value = between(int, 0, 2**31 - 1001)  # type of a random seed; each run adds its own number to the seed
+# type of a random seed; a run may add its number to the seed, so the largest seed is less than 2**31 - 1
+seed_value = between(int, 0, 2**31 - 1001)
 
 
 @contextmanager

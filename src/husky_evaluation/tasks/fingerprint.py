@@ -19,13 +19,13 @@ import numpy as np
 
 from husky_highlevel_controller.paths import share_folder
 
-# packages whose code may change a result
+# packages of this project, whose code may change a result
 OURS = (
     "husky_evaluation",
     "husky_grading",
     "husky_highlevel_controller",
 )
-GENERATED = ("msg", "srv", "cfg")  # folders that catkin's install space adds to the package
+GENERATED = ("msg", "srv", "cfg")  # folders of generated code that catkin adds to an installed package
 
 
 def fingerprint(value: Any) -> str:
@@ -56,9 +56,10 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield f"{value.dtype.str} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
     elif isinstance(value, np.generic):
-        yield from _pieces(value.item())  # a number of numpy has the fingerprint of Python's number
+        # a number of numpy gets the same fingerprint as the equal number of Python
+        yield from _pieces(value.item())
     elif isinstance(value, (tuple, list)):
-        yield f"{len(value)} values".encode()  # shows where a nested list ends
+        yield f"{len(value)} values".encode()  # the length shows where a nested list ends
         for part in value:
             yield from _pieces(part)
     elif isinstance(value, (set, frozenset)):
@@ -67,7 +68,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces(sorted((fingerprint(key), fingerprint(part)) for key, part in value.items()))
     elif isinstance(value, PurePath):
         yield f"path {value}".encode()
-    elif is_dataclass(value) and not isinstance(value, type):  # a record, not its class
+    elif is_dataclass(value) and not isinstance(value, type):  # true for a record, not for its class
         yield type(value).__qualname__.encode()
         for item in fields(value):
             yield from _pieces(getattr(value, item.name))
@@ -75,7 +76,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces((value.func, value.args, value.keywords))
     elif inspect.isfunction(value) or isinstance(value, type):
         yield f"{value.__module__}.{value.__qualname__}".encode()
-        # the code of our packages is already part of code_version
+        # the source text is added only for other packages, because code_version has the code of our packages
         if value.__module__.split(".")[0] not in OURS:
             yield inspect.getsource(value).encode()
     else:

@@ -26,11 +26,13 @@ from husky_evaluation.tasks.fingerprint import machine
 from husky_highlevel_controller.datatypes import HuskyError
 
 Group = Sequence[Any]  # items that are sent to a worker together
-Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group
-# number of a group, and its answer or the error
+# description of the machine that computed a group, and the result of each item of the group
+Answer = Tuple[str, List[Any]]
+# number of a group, and the group's answer or the error that it caused
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
-SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2)
-MAX_DEATHS = 3  # a group is at fault if this number of processes have ended while they computed it
+SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2): the system sends this process a signal when its parent ends
+# if this number of processes have ended during the same group, the group is not tried again and gets an error
+MAX_DEATHS = 3
 
 
 def perform(task: Callable[[Any], Any], group: Group) -> Answer:
@@ -52,10 +54,10 @@ def run_here(
         jobs: number of processes, or of threads.
         starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
-    waiting = deque(range(len(groups)))  # numbers of the groups
+    waiting = deque(range(len(groups)))  # numbers of the groups that are still to be sent
     deaths: CounterType[int] = Counter()  # number of processes that have ended while they computed each group
     while waiting:
-        running: Dict[Future, int] = {}  # number of the group that a future answers
+        running: Dict[Future, int] = {}  # number of the group whose answer the future will have
         executor: Executor
         if starts_programs:
             executor = ThreadPoolExecutor(jobs)
@@ -63,19 +65,22 @@ def run_here(
             executor = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
         try:
             while waiting or running:
-                # two groups for each process, so that a process that has ended one has another one at once; a
-                # group that may have ended a process is run alone, so that no other group can be the cause
+                # each process gets two groups, so that it can begin the second group as soon as it has ended
+                # the first one; a group during which a process has ended runs alone, to show whether this
+                # group is the cause
                 while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
                     number = waiting[0]
                     running[executor.submit(perform, task, groups[number])] = number
-                    waiting.popleft()  # removed only now, because `submit` fails if the pool is broken
+                    # removed only after `submit`, because `submit` fails if the pool is broken
+                    waiting.popleft()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
-                        raise error  # a process has ended, see below
+                        raise error  # a process has ended; the `except` block below handles this
                     yield running.pop(future), error or future.result()
         except BrokenProcessPool:
-            # a broken pool loses the groups of all its processes; the outer loop makes another pool
+            # if one process ends, the pool is broken and loses the groups of all its processes; the outer
+            # loop makes another pool
             losses = sorted(running.values())
             deaths.update(losses)
             worst = max(losses, key=lambda number: deaths[number], default=0)
@@ -83,11 +88,11 @@ def run_here(
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
                 losses.remove(worst)
-            waiting.extendleft(reversed(losses))  # put back at the front, in their order
+            waiting.extendleft(reversed(losses))  # the lost groups go back to the front, in their order
         finally:
-            # `shutdown` waits for the running tasks and cancels the waiting tasks; Python 3.8 also runs the
-            # waiting tasks. `Future.cancel` is not used, because a pool with cancelled futures may hang at
-            # its end (Python 3.11.2, gh-94777)
+            # `shutdown` waits for the running tasks and cancels the waiting tasks; in Python 3.8 it cannot
+            # cancel them, so they run, too. `Future.cancel` is not used, because a pool with cancelled
+            # futures may hang at its end (Python 3.11.2, gh-94777)
             executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
 
 

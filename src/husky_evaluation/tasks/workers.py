@@ -74,7 +74,9 @@ class Workers:
         items = list(items)
         results = dict(self.as_completed(task, items, title, chunk, starts_programs))
         ordered = [results[number] for number in range(len(items))]
-        self._digest.update(fingerprint(ordered).encode())  # independent of the order in which they came
+        # the results are in the order of the items, so their hash does not depend on the order in which they
+        # came
+        self._digest.update(fingerprint(ordered).encode())
         return ordered
 
     def as_completed(
@@ -91,15 +93,16 @@ class Workers:
         `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
         worker. It returns the result of that item. Without `on_error` the exception is raised.
         """
-        # a kept result is found by the code and the item, so that changed code computes it again
+        # the key of a kept result depends on the code and the item, so that a result is computed again if the
+        # code has changed
         code = fingerprint((code_version(), task)) if self._store else ""
         keys = [fingerprint((code, item)) for item in items] if self._store else []
-        waiting: List[int] = []  # numbers of the items without a kept result; `number` is a place in `items`
+        waiting: List[int] = []  # indices in `items` of the items without a kept result
         with Progress(len(items), title) as progress:
             for number in range(len(items)):
                 kept = self._store.load(keys[number]) if self._store else None
                 if kept:
-                    computer, result = kept  # description of the machine that has computed the result
+                    computer, result = kept  # `computer` describes the machine that has computed the result
                     self._machines.add(computer)
                     progress.update()
                     yield number, result
@@ -111,13 +114,14 @@ class Workers:
                 answers = self._cluster.run(task, items_of_groups, starts_programs)
             else:
                 answers = run_here(task, items_of_groups, self.jobs, starts_programs)
-            with closing(answers):  # an error here cancels the waiting groups
+            with closing(answers):  # `closing` cancels the waiting groups after an error in this block
                 for group_number, answer in answers:
                     group = groups[group_number]
                     if isinstance(answer, BaseException):
                         if on_error is None or not isinstance(answer, Exception):
                             raise answer
-                        # an answer like a worker's: this machine, and a result for each item of the group
+                        # the failed group gets an answer as from a worker: the name of this machine, and the
+                        # result of `on_error` for each item
                         answer = machine(), [on_error(items[number], answer) for number in group]
                     computer, results = answer
                     self._machines.add(computer)
