@@ -191,7 +191,7 @@ def parse_axis(text: str) -> Axis:
     except ValueError as error:
         raise ConfigError(f"{name} = '{grid}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
     if kind is int:
-        values = [int(round(value)) for value in values]  # after rounding, several values may be equal
+        values = [int(round(value)) for value in values]  # rounding may make several values equal
     different_values = tuple(dict.fromkeys(values))
     for value in different_values:
         Setup().with_values({name: value})  # called only for its error if the value is not allowed
