@@ -17,7 +17,7 @@ from husky_highlevel_controller.msg import HuskyStatus
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.simulator.publishers import publish_if_subscribed
 
-PERIOD = 1.0  # [s] simulated time between two messages
+PERIOD = 1.0  # [s] simulated time between two messages on /status and on /diagnostics
 HARDWARE = "husky_base"
 # (warning, error)
 LOW_VOLTAGE, HIGH_VOLTAGE = (19.0, 18.0), (29.0, 30.0)  # [V]
@@ -50,7 +50,7 @@ class BaseStatus:
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
     """The base's state at `stamp` [s], without faults except battery and emergency stop."""
-    left, right = range(2)  # indices of the pairs in `power`
+    left, right = range(2)  # each pair in `power` has the value of the left side, then of the right side
     return HuskyStatus(
         header=conversions.header(stamp, ""),
         uptime=round(1000.0 * power.uptime),
@@ -108,7 +108,7 @@ def _system_level(status: HuskyStatus) -> Level:
 
 
 def _high(value: float, limits: Sequence[float]) -> int:
-    # number of exceeded limits, which is also the level: OK, WARN and ERROR are 0, 1 and 2
+    # the number of exceeded limits is the level of the diagnostic: 0 is OK, 1 is WARN, 2 is ERROR
     return sum(value > limit for limit in limits)
 
 

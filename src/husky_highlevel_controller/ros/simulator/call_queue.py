@@ -13,7 +13,7 @@ from std_srvs.srv import Empty
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-SHUTDOWN_POLL_PERIOD = 0.1  # [s] wall time between two checks whether the node ends
+SHUTDOWN_POLL_PERIOD = 0.1  # [s] wall time between two checks whether the node is shutting down
 
 
 class CallQueue:
@@ -38,7 +38,7 @@ class CallQueue:
         future: Future = Future()
         (self._calls_between_steps if between_steps else self._calls).append((work, future))
         self._arrived.set()
-        while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # true while the call is not made
+        while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # the loop ends when the owner has made the call
             if rospy.is_shutdown():
                 raise rospy.ROSInterruptException("the simulator ends")
         return future.result()
@@ -64,7 +64,7 @@ class CallQueue:
 
         def respond(request: Any) -> Tuple:
             answer = self.ask(partial(work, request), **how)
-            return () if kind is Empty else answer  # an Empty service has no field for the answer
+            return () if kind is Empty else answer  # the response of an Empty service has no fields
 
         rospy.Service(name, kind, respond)
 
@@ -87,5 +87,5 @@ def _make(work: Callable[[], Any], future: Future) -> None:
     """Make a call, and give its result or its error to the caller."""
     try:
         future.set_result(work())
-    except Exception as error:  # the error is raised again in the thread of the caller
+    except Exception as error:  # `call` raises this error again, in the thread that waits for the result
         future.set_exception(error)

@@ -21,13 +21,14 @@ from husky_highlevel_controller.simulator.command_habits import CommandHabits, H
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
 MAIN = "cmd_vel"
-# nodes that stop the robot on purpose and log the reason themselves
+# nodes of this package that stop the robot on purpose; their zero commands cause no warning
 OUR_NODES = {
     "husky_highlevel_controller",
     "proximity_stop",
     "crash_stop",
 }
-# largest number of commands between two physics steps; if there are more, the oldest are dropped
+# largest number of commands that wait for the next physics step; if more commands come, the oldest are
+# dropped
 QUEUE = 1000
 
 
@@ -46,16 +47,19 @@ class Commands:
         topics = robot.topics
         # finds habits of senders that make the robot drive badly, such as commands that come too slowly
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
-        # topic of the twist_mux's output; a node that publishes on this topic bypasses the twist_mux
+        # output topic of the twist_mux, which passes on commands by the priority of their topics; a node that
+        # publishes on the output topic bypasses these priorities
         self._direct_topic = topics.wheel_command
         self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
-        self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
-        self._double_senders: Set[str] = set()  # nodes that have sent a second command for one scan
-        self.driver = ""  # node that sent the last command that moves the robot
-        self._mux = CommandMux(topics.velocity)  # decides which topic is obeyed
-        self._is_refusing = False  # true after `refuse`: no command is obeyed any more
-        # publisher of the commands that the mux has passed, as the twist_mux of a real Husky publishes them
+        # name of the node that sent the last command on each topic, and the time of this command [s]
+        self._senders: Dict[str, Tuple[str, float]] = {}
+        # nodes that have already sent more than one command for one scan
+        self._double_senders: Set[str] = set()
+        self.driver = ""  # name of the last node whose command moved the robot
+        self._mux = CommandMux(topics.velocity)  # decides by priority which command topic the robot obeys
+        self._is_refusing = False  # true after a call of `refuse`; from then on, the robot obeys no command
+        # publishes the commands that the mux has passed; the twist_mux of a real Husky publishes them, too
         self._passed_publisher = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
             topic: rospy.Subscriber(
@@ -63,11 +67,12 @@ class Commands:
             )
             for topic in (*topics.velocity, topics.wheel_command)
         }
-        # subscribers whose connections show whether a controller is there; see `has_sender`
+        # `has_sender` counts the connections of these subscribers to find out whether a controller is
+        # connected
         self._main_subscriber, self._direct_subscriber = subscribers[MAIN], subscribers[topics.wheel_command]
-        # names of the topics for a controller, as a text for the log
+        # text for the log with the names of the topics on which a controller can send commands
         self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
-        # latched, so that a page that starts later gets the state of the emergency stop
+        # this topic is latched, so a web page that is opened later also gets the state of the emergency stop
         self._locked_publisher = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
         publish(self._locked_publisher, Bool(False))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
@@ -84,15 +89,16 @@ class Commands:
             return obeyed
         while self._arrived:
             topic, msg = self._arrived.popleft()
-            # stronger: topic of higher priority that is obeyed in place of this one; None if there is none
+            # `stronger` is a topic of higher priority that blocks this command; None if no topic blocks it
             twist, stronger = conversions.twist_from_msg(msg), None
-            # a command on the mux's own output does not pass the mux, so only the emergency stop rejects it
+            # a command on the output topic of the mux has bypassed the mux, so only the emergency stop can
+            # reject it
             if topic == self._direct_topic:
                 if not self._mux.locked:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                # the first subscriber is this node itself
+                # this node is the first subscriber; a message is published only if there is another one
                 if self._passed_publisher.get_num_connections() > 1:
                     publish(self._passed_publisher, msg)
             else:
@@ -151,11 +157,11 @@ class Commands:
         """
         sender = msg._connection_header["callerid"]  # name of the node that sent the command
         if topic == self._direct_topic and sender == rospy.get_name():
-            return  # `take` has published this command, which the mux had passed
+            return  # this node has published the command itself, in `take`, so the command is ignored here
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            # the first additional command of a node causes no warning, because a controller that ends also
-            # sends a stop
+            # the first additional command causes no warning, because it may be the stop that a controller
+            # sends when it ends
             if sender not in self._double_senders:
                 self._double_senders.add(sender)
                 return
@@ -166,7 +172,7 @@ class Commands:
             )
             return
         self._arrived.append((topic, msg))
-        # both may wait for this command as the answer to the last scan
+        # lockstep or the lead limit may be waiting for this command as the answer to the last scan
         self._lockstep.command_arrived(topic)
         self._lead_limit.command_arrived()
 

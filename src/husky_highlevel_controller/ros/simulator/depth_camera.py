@@ -58,13 +58,14 @@ class DepthCamera:
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
         """Publish an image that is drawn, and start the next one if it is due and has a subscriber."""
-        self._publish(0.0)  # does not wait for an image that is not drawn yet
+        # a timeout of 0 s means that the call does not wait for an image that is still being drawn
+        self._publish(0.0)
         is_watched = any(
             topic.get_num_connections()
             for topic in (self._image_publisher, self._info_publisher, self._points_publisher)
         )
         if snapshot.step % self._steps == 0 and not self._renderer.busy and is_watched:
-            # only bodies with a mass can move
+            # only bodies with a mass can move, so the renderer needs only the poses of these bodies
             poses = {
                 name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
             }
@@ -92,7 +93,7 @@ class DepthCamera:
 
 def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
     """Pinhole camera without distortion."""
-    f, (u, v) = config.focal_length, config.center  # focal length and middle of the image [pixels]
+    f, (u, v) = config.focal_length, config.center  # focal length f and centre (u, v) of the image [pixels]
     return CameraInfo(
         header=header,
         height=config.height,

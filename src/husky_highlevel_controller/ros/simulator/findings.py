@@ -12,7 +12,7 @@ import rospy
 
 from husky_highlevel_controller.ros.master_graph import FINDINGS
 
-MAX_FINDINGS = 20  # largest number of findings that are kept
+MAX_FINDINGS = 20  # largest number of findings that are kept; the oldest are dropped
 
 
 class Findings:
@@ -21,8 +21,8 @@ class Findings:
     def __init__(self) -> None:
         """Begin without a finding."""
         self._findings: Deque[List[str]] = deque(maxlen=MAX_FINDINGS)  # node and sentence
-        # true if the parameter on the master is out of date; at first, it may have the findings of an earlier
-        # simulator
+        # true if the findings on the parameter server are out of date; it is true at first, because the
+        # parameter may still have the findings of an earlier simulator
         self._is_unpublished = True
 
     def tell(self, node: str, sentence: str) -> None:

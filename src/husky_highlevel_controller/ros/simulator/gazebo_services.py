@@ -38,9 +38,9 @@ from husky_highlevel_controller.simulator.models.own_description import MODEL_VA
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError
 
-# names of the robot in husky_gazebo; mobile_base was the name until ROS Kinetic
+# these names mean the robot in every request; husky_gazebo used mobile_base until ROS Kinetic
 NAMES_OF_ROBOT = (ROBOT, "mobile_base")
-FRAMES_OF_WORLD = ("", WORLD, "map", "/map")  # names of frames that mean the world in Gazebo's services
+FRAMES_OF_WORLD = ("", WORLD, "map", "/map")  # each of these frame names means the world in a request
 
 
 class GazeboServices:
@@ -56,7 +56,7 @@ class GazeboServices:
             steps: physics steps between two messages; None for no topic.
         """
         self._simulation, self._calls = simulation, calls
-        # a launch file may spawn the robot under another name, which this variable has
+        # a launch file may give the robot another name; the environment variable MODEL_VARIABLE has this name
         self._robot_name = os.environ.get(MODEL_VARIABLE) or robot
         calls.offer("gazebo/set_model_state", SetModelState, self._set_state)
         calls.offer("gazebo/spawn_sdf_model", SpawnModel, self._spawn)

@@ -29,15 +29,14 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import (
 )
 from husky_highlevel_controller.xml_rpc import ask
 
-# names of roslaunch's own processes, and of nodes in simulator.launch and compat/, none of which drives the
-# robot
+# nodes that never drive the robot; roslaunch itself, simulator.launch or a launch file in compat/ starts them
 OWN_NODES = {
     "master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web",
     "arrival_exit", "spawn_husky", "gazebo_gui",
 }  # fmt: skip
 PERIOD = 2.5  # [s] wall time between two queries of the ROS graph
-# [s] simulated time for which a topic may have publishers without subscribers, or subscribers without
-# publishers
+# [s] simulated time for which a mistake must last before it is reported, because the missing publisher or
+# subscriber may start later
 JOINING_TIME = 5.0
 
 
@@ -65,7 +64,7 @@ class Partners:
         if not self._has_sender() or (self._scans and not self._scans.get_num_connections()):
             return False
         state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
-        # number of subscribers by topic, from the master, which knows also those that are not yet connected
+        # number of subscribers of each topic; the master also counts subscribers that are not connected yet
         subscribed = {topic: len(nodes) for topic, nodes in state[1]} if state else {}
         return bool(state) and all(
             publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
@@ -76,9 +75,10 @@ class Partners:
 def _launches() -> Iterator[Set[str]]:
     """Names of the nodes that each roslaunch on this master has started, and that have not ended."""
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
-        # names and counts of the processes; None if this roslaunch has ended
+        # list of the running processes, and list of the ended processes; None if this roslaunch has ended
         processes = ask(uri, "list_processes")
-        # each living process is listed as "NODE-COUNT", with the number of its starts
+        # roslaunch appends a number to the name of each node, as in "husky_simulator-3"; the number is cut
+        # off
         yield {name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0]}
 
 
@@ -104,7 +104,7 @@ class SecondFilter:
         """Set up; `leave` is called once with the name of another node that publishes `topic`."""
         self._topic, self._leave_filter_to = topic, leave
         self._seen_publishers = {rospy.get_name()}
-        # name of another node that publishes the topic, such as a filter; empty if there is none
+        # name of another node that publishes the filtered odometry; empty if there is none
         self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
@@ -112,7 +112,8 @@ class SecondFilter:
         for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen_publishers):
             self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
-            # a filter with publish_tf = false does not publish the transform, so the simulator continues to
+            # a filter with publish_tf = false publishes no transform, so the simulator must go on publishing
+            # it
             if is_launched and rospy.get_param(f"{node}/publish_tf", True):
                 self.filter_node = node
                 self._leave_filter_to(node)
@@ -141,9 +142,11 @@ class GraphWatch:
         self._simulated_time, self._warn = simulated_time, warn
         self._filter_watch, self._markers, self._findings = filter_watch, markers, findings
         self._master_uri = rosgraph.get_master_uri()
-        self._clock_nodes = {rospy.get_name()}  # nodes whose messages on /clock cause no further warning
-        self._clock_subscriber: Optional[rospy.Subscriber] = None  # made when a second node has /clock
-        # types of each node's topics, by the node, whether it publishes, and the names of its topics
+        # this node, and the nodes whose messages on /clock have already caused a warning
+        self._clock_nodes = {rospy.get_name()}
+        self._clock_subscriber: Optional[rospy.Subscriber] = None  # made when a second node advertises /clock
+        # types of the topics that a node publishes (True) or subscribes to (False); a node that changes its
+        # set of topics gets a new key, so it is asked again
         self._kinds_of_nodes: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}
         # [s] simulated time at which each mistake was first seen
         self._first_seen_at: Dict[Mistake, float] = {}
@@ -178,8 +181,8 @@ class GraphWatch:
     def _look_at_publishers(self, graph: Graph) -> None:
         """Notice a second clock, another source of the filtered odometry, and markers."""
         if self._clock_subscriber is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
-            # a second clock is detected by its messages, because rosbag play advertises /clock even without
-            # --clock
+            # a second clock is reported only when it sends a message, because rosbag play advertises /clock
+            # but sends nothing there without the option --clock
             self._clock_subscriber = rospy.Subscriber("/clock", Clock, self._on_clock)
         if self._filter_watch is not None:
             self._filter_watch.look(graph)
@@ -223,7 +226,7 @@ class GraphWatch:
         yield from unread_parameters(self._master_uri)
         yield from absent_topics(graph)
         yield from absent_services(self._master_uri)
-        # this node has left the filtered odometry to `filter_node`, so the filter is not a second publisher
+        # `filter_node` publishes the filtered odometry in place of this node, so it is not a second publisher
         filter_node = self._filter_watch.filter_node if self._filter_watch else ""
         yield from (each for each in second_publishers(graph, simulator) if each.node != filter_node)
         yield from wrong_types(graph, simulator, kinds_of)

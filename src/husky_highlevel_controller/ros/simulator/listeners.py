@@ -17,23 +17,24 @@ from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 import rospy
 
-# [s] wall time without work after which a process counts as asleep. A sleeping roscpp node looks at the clock
-# every 1 ms, and a busy host may wake the node later. With 3 ms, two of three runs of such a controller were
-# not repeatable under a load of 11.
+# [s] a process counts as asleep if none of its threads has run for this wall time. A sleeping roscpp node
+# checks the clock every 1 ms, but a busy computer may wake the node later. With 3 ms, at a load average of
+# 11, two of three runs of such a node were not repeatable.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two checks of the processes
-# names of a thread's files in /proc: STAT has its state; SCHEDULE has its time and number of turns on a CPU,
-# if the kernel counts them
+# names of two files of a thread in /proc: STAT has its state; SCHEDULE counts its turns on a CPU, if the
+# kernel supports this
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state
-# largest number of threads whose files stay open, because opening files takes most of the time of a check
+READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state of the thread
+# largest number of threads of a process that are checked; their files stay open, because opening files takes
+# most of the time of a check
 MAX_THREADS = 200
 # states of a thread that works: R is on a CPU or waits for a CPU, D waits for a disk
 RUNNING_STATES = {b"R", b"D"}
 
 Ports = Tuple[int, int]  # ports of a connection: port of the subscriber, port of this process
-Turns = Dict[str, bytes]  # content of the file SCHEDULE of each thread
+Turns = Dict[str, bytes]  # content of the file SCHEDULE by thread; it changes whenever the thread runs
 
 
 class Listeners:
@@ -48,14 +49,15 @@ class Listeners:
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
         """Find the listeners of `publisher`, which is None if the topic is not published."""
         self._publisher, self._clock = publisher, clock
-        self._ports: Set[Ports] = set()  # ports of both topics' connections
+        # ports of the connections to all subscribers of the topic or of /clock
+        self._ports: Set[Ports] = set()
         self._own_threads = _Threads(os.getpid())
         self._processes: Dict[int, _Threads] = {}  # processes that receive the topic or the clock
         self._topic_receivers: Set[int] = set()  # processes that receive the topic
         self._clock_receivers: Set[int] = set()  # processes that receive the clock
         self._sees_all_receivers = False  # true if all processes that receive the topic are on this machine
-        self._all_in_python = False  # true if all processes are in Python
-        # turns of the threads of each process when all processes were last asleep
+        self._all_in_python = False  # true if all these processes run Python
+        # turns of the threads of each process when all processes were last found asleep
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
@@ -75,13 +77,14 @@ class Listeners:
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
-            # if all processes are in Python, two checks are enough: no thread has run between them, and all
-            # have received the tick
+            # Python processes are asleep if no thread has run between two checks, and if each process that
+            # receives /clock has run since the last tick
             is_certain = self._all_in_python and turns == last_turns and self._have_run(turns)
             if is_certain or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
-            # after the first check, the second one comes at once, because it may already give certainty
+            # Python processes are checked a second time without a pause, because two equal checks may be
+            # enough
             if last_turns is not None or not self._all_in_python:
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
@@ -96,7 +99,7 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # without the kernel's count of a thread's turns on a CPU, a run between two checks would stay unseen
+        # two checks notice a run between them only if the kernel counts the turns of a thread (file SCHEDULE)
         self._all_in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
@@ -115,7 +118,8 @@ class _Threads:
 
     def __init__(self, process: int) -> None:
         self._folder = f"/proc/{process}/task"
-        self._files: Dict[str, List[int]] = {}  # descriptors of the open files SCHEDULE and STAT, by thread
+        # descriptors of the open files SCHEDULE and STAT of each thread
+        self._files: Dict[str, List[int]] = {}
 
     def close(self) -> None:
         """Close all files."""
@@ -133,14 +137,14 @@ class _Threads:
         turns = {}
         own_thread = str(threading.get_native_id())
         for thread in threads:
-            if thread == own_thread:  # the thread that looks always runs
+            if thread == own_thread:  # this thread makes the check, so it is always running
                 continue
             try:
                 if thread not in self._files:
                     self._open(thread)
                 schedule, stat = self._files[thread]
                 turns[thread] = os.pread(schedule, READ_SIZE, 0)
-                # the state is the letter behind the name, which is in parentheses: "123 (python3) S ..."
+                # the state is the letter after the name, which is in parentheses: "123 (python3) S ..."
                 state = os.pread(stat, READ_SIZE, 0).rpartition(b") ")[2][:1]
                 if state in RUNNING_STATES:
                     return None
@@ -150,7 +154,8 @@ class _Threads:
 
     def _open(self, thread: str) -> None:
         """Open the files of a thread."""
-        # registered before they are open, because `_forget` must close the first if the second does not open
+        # this list is stored before the files are opened: if the second file cannot be opened, `_forget`
+        # closes the first
         files: List[int] = []
         self._files[thread] = files
         for name in (SCHEDULE, STAT):
@@ -166,7 +171,8 @@ def _ports(publisher: Any) -> Set[Ports]:
     pairs = set()
     for queued in list(publisher.impl.connections) if publisher else []:
         transport = getattr(queued, "_connection", queued)
-        with contextlib.suppress(AttributeError, OSError):  # the connection has just been closed
+        # an error means that the connection has just been closed
+        with contextlib.suppress(AttributeError, OSError):
             pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))
     return pairs
 
@@ -184,7 +190,8 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
 
     The kernel takes 4 ms to list all connections, so they are listed only when they change.
     """
-    # lines of /proc/net/tcp: number, local ADDRESS:PORT, remote ADDRESS:PORT, six fields, inode of the socket
+    # fields of a line of /proc/net/tcp: 0 number, 1 local ADDRESS:PORT, 2 remote ADDRESS:PORT, 9 inode of the
+    # socket
     ports_by_socket: Dict[str, Ports] = {}
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         fields = line.split()
@@ -192,15 +199,15 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
         pair = int(local.split(":")[1], 16), int(remote.split(":")[1], 16)
         if pair in ports:
             ports_by_socket[f"socket:[{inode}]"] = pair
-    # a process has a link to each of its sockets
-    owners: Dict[Ports, int] = {}  # number of the process, by connection
+    # the folder /proc/PROCESS/fd has a link to each socket of the process
+    owners: Dict[Ports, int] = {}  # id of the process that receives, by connection
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
             links = list(folder.iterdir())
         except OSError:  # the process has just ended, or belongs to another user
             continue
         for link in links:
-            with contextlib.suppress(OSError):  # the file has just been closed
+            with contextlib.suppress(OSError):  # an error means that the file has just been closed
                 socket_name = os.readlink(link)
                 if socket_name in ports_by_socket:
                     owners[ports_by_socket[socket_name]] = int(folder.parent.name)

@@ -17,25 +17,29 @@ from husky_highlevel_controller.ros.simulator.graph import Partners
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 
 # [s] wall times
-PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start waits until a controller is connected
-# [s] longest wall time for which the simulator waits for the command that answers a scan
+PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start of simulated time waits for a controller
+# [s] if no command answers a scan within this wall time, lockstep ends with a warning
 ANSWER_TIMEOUT = 5.0
-RESEND_TIMEOUT = 1.0  # [s] wall time without a first command after which the scan is published again
-# [s] wall time without a command after which a controller without work counts as sleeping
+# [s] if the very first command has not come after this wall time, the scan is sent again
+RESEND_TIMEOUT = 1.0
+# [s] an idle controller that sends no command for this wall time gets an additional tick of /clock; after the
+# same time again, it counts as sleeping
 SLEEP_TIMEOUT = 0.3
-# [s] longest wall time until all subscribers sleep; some subscribers, such as RViz, never sleep
+# [s] longest wait at a tick until all subscribers sleep; then the simulator stops such waits, because some
+# subscribers, such as RViz, never sleep
 WATCH_TIMEOUT = 1.0
 POLL_PERIOD = 0.05  # [s] wall time between two checks for service calls during a wait
-# [s] wall time between two checks of the connections; more checks would slow down the nodes that start
+# [s] wall time between two checks whether all nodes are connected; more checks would slow down nodes that are
+# starting
 PARTNERS_POLL_PERIOD = 0.02
 
-MAX_LEAD = 2  # largest number of scans that are sent before the next command
-# [s] wall time without an answer after which the simulator no longer waits for a controller
+MAX_LEAD = 2  # number of scans without a command after which the simulator waits for the controller
+# [s] if a controller does not answer within this wall time, the simulator no longer waits for the controller
 CONTROLLER_TIMEOUT = 0.1
-# number of answered scans in a row after which the simulator waits for the controller again
+# number of scans that a controller must answer in a row before the simulator waits for it again
 FOLLOWING_SCANS = 10
 
-AWAKE = 10  # number of answered scans in a row after which the controller counts as awake
+AWAKE = 10  # number of scans that a controller must answer in a row to count as awake
 
 
 class Mode(Enum):
@@ -92,7 +96,7 @@ class Lockstep:
         self._mode = Mode.WATCHED if is_on else Mode.FREE
         self._mode_before_sleep = self._mode  # mode before SLEEPING
         self._listeners, self._tell = listeners, tell
-        self._answered = threading.Event()  # set by a command since the last scan
+        self._answered = threading.Event()  # set if a command has come since the last scan
         # topics on which a command has come since the last scan; None before the first scan
         self._answered_topics: Optional[Set[str]] = None
         self._has_commanded = False  # true if any command has come so far
@@ -153,7 +157,8 @@ class Lockstep:
             self._wait_for_command(meanwhile, resend, nudge)
         # this call returns at once in the modes ANSWERING and FREE
         self._wait_until_idle(meanwhile)
-        # only if a command has come before, because a controller may wait for a call of its start service
+        # a controller that has never sent a command may be waiting for a call of its start service, so it is
+        # not reported as asleep
         if self._mode is Mode.SLEEPING and self._has_commanded and not self._answered.is_set():
             self._tell(
                 "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
@@ -178,8 +183,8 @@ class Lockstep:
         if self._mode in (*_WATCHED, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # The tick of a scan comes after `begin_scan`, and before the scan is sent. So a command that is here
-        # was not caused by the scan, and shows that the controller sends commands at ticks of /clock.
+        # At this tick, the new scan is not sent yet. So a command that is already here was caused by the
+        # tick: the controller sends commands at ticks of /clock.
         if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
@@ -195,8 +200,10 @@ class Lockstep:
         more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
         """
         may_nudge = self._has_commanded  # true after the first command of the run
-        waiting_since = time.monotonic()  # begin of the wait, or of the wait after the last repetition
-        # after the first command of the run, no scan is sent again; before it, the clock is not nudged
+        # begin of the wait; the wait begins again when the scan or a tick is sent again
+        waiting_since = time.monotonic()
+        # true if not needed any more: the scan is sent again only before the first command of the run, and
+        # the clock is nudged (gets an additional tick) only after it
         is_resent, is_nudged = self._has_commanded, not self._has_commanded
 
         def is_over() -> bool:
@@ -220,8 +227,8 @@ class Lockstep:
         self._wait_or_end(is_over, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-        # an additional tick of /clock (the nudge) has woken the controller, so it sleeps in simulated time,
-        # and from now on the simulator waits after each tick
+        # the command came only after an additional tick of /clock (the nudge), so the controller sleeps in
+        # simulated time; from now on, the simulator waits after each tick
         elif may_nudge and is_nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
@@ -269,10 +276,11 @@ class LeadLimit:
     def __init__(self, is_on: bool) -> None:
         """Limit the lead if `is_on`, and begin with a controller that is waited for."""
         self._is_on = is_on
-        self._follows = is_on  # whether the controller answers scans, so that a wait makes sense
-        self._arrived = threading.Event()  # set by a command since the last scan
-        self._lead = 0  # scans sent since the last command
-        self._answered_in_a_row = 0  # scans answered one after another
+        # true while the controller answers scans in time; otherwise a wait makes no sense
+        self._follows = is_on
+        self._arrived = threading.Event()  # set if a command has come since the last scan
+        self._lead = 0  # number of scans sent since the last command
+        self._answered_in_a_row = 0  # number of scans in a row that were answered
 
     def command_arrived(self) -> None:
         """Call for every velocity command. Any thread."""
@@ -290,10 +298,11 @@ class LeadLimit:
             self._lead, self._answered_in_a_row = 0, self._answered_in_a_row + 1
         else:
             self._lead, self._answered_in_a_row = self._lead + 1, 0
-        # the next wait comes after MAX_LEAD further scans without a command
+        # a wait sets the number of unanswered scans to 0, so the next wait comes after MAX_LEAD more of them
         if self._follows and self._lead >= MAX_LEAD:
             self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
             self._lead = 0
-        # a controller that was given up is waited for again after it has answered enough scans
+        # a controller that did not answer in time is waited for again after FOLLOWING_SCANS answered scans in
+        # a row
         self._follows = self._follows or self._answered_in_a_row >= FOLLOWING_SCANS
         self._arrived.clear()

@@ -17,8 +17,9 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 FRAME_TOPICS = ("/tf", "/tf_static")
-MESSAGES = 50  # largest number of messages of a topic that are checked
-OTHER_FRAMES = "robot_state_publisher"  # node that publishes the robot's own frames
+MESSAGES = 50  # number of messages of each topic that are checked; later messages are ignored
+# only this node may also publish frames; if any other node does, no markers are checked
+OTHER_FRAMES = "robot_state_publisher"
 
 
 class MarkerFrames:
@@ -33,8 +34,9 @@ class MarkerFrames:
         """
         self._frames, self._tell = frames, tell
         self._subscribers: Dict[str, rospy.Subscriber] = {}
-        self._messages_left: Dict[str, int] = {}  # number of messages of each topic that are still checked
-        self._reported: Set[Tuple[str, str]] = set()  # node and frame of each finding
+        # number of messages of each topic that will still be checked
+        self._messages_left: Dict[str, int] = {}
+        self._reported: Set[Tuple[str, str]] = set()  # node and frame of each marker that was reported
 
     def look(self, graph: Graph) -> None:
         """Subscribe to new topics of markers, unless another node publishes frames of its own."""

@@ -59,11 +59,13 @@ from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetu
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
 
-MAX_STEPS = 100_000  # largest number of steps in one request
-SLOW_FRACTION = 0.9  # smallest fraction of the requested real-time factor that causes no warning
+MAX_STEPS = 100_000  # largest number of physics steps that one request of ~step may ask for
+# if the machine reaches less than this fraction of the requested real-time factor, a warning is logged
+SLOW_FRACTION = 0.9
 # [s] wall times
-PAUSE_POLL_PERIOD = 0.05  # [s] longest wait for a service call during a pause
-# [s] longest wait for the other nodes of the launch, if the real-time factor is unlimited
+PAUSE_POLL_PERIOD = 0.05  # [s] longest wait for a service call during a pause; then /clock is published again
+# [s] longest wait for the other launched nodes, if the real-time factor is unlimited; then time begins
+# without them
 LAUNCH_TIMEOUT = 10.0
 RVIZ_TIMEOUT = 30.0  # [s] longest wait until the RViz of the same launch has opened its window
 # [s] wall time between two checks of RViz; more checks would slow down the start of RViz
@@ -79,10 +81,11 @@ class SimulatorNode:
         Raises:
             HuskyError: a parameter, the world or the robot description cannot be used.
         """
-        # start: world, start pose and pace; config: rates, robot and sensors; camera: the depth camera
+        # `start` has the world, the start pose and the pace; `config` has rates, robot and sensors; `camera`
+        # is for the depth camera
         start, config, camera = read_parameters()
-        self._start, self._paused = start, start.paused  # paused: true while simulated time stands still
-        # latched, so that a page that starts later knows whether the world is paused
+        self._start, self._paused = start, start.paused  # `_paused` is true while simulated time stands still
+        # this topic is latched, so a web page that is opened later also knows whether the world is paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
         self._paused_topic.publish(start.paused)
         robot = robot_model(read_robot_description(), config.robot, start.laser_frame)
@@ -92,34 +95,37 @@ class SimulatorNode:
                 f"{rospy.get_name()}/lockstep = True, but the robot has no lidar, and lockstep waits for "
                 "answers to its scans: let laser_enabled be true, or lockstep false"
             )
-        # config.real is None for the robot of Gazebo; only the base of a real Husky publishes its status
+        # config.real is None if Gazebo's Husky is simulated; only the base of a real Husky publishes its
+        # status
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
 
-        # memory of the run, for the log
+        # events of the run that are logged only once
         self._has_fallen = False  # true while the robot is below the world
         self._touched: Set[str] = set()  # names of the objects that the robot has touched since the start
         self._arrival = ArrivalWatch(config.robot.footprint)  # detects an arrival at a pillar
-        # true if the launch has a node arrival_exit, which logs the arrival itself
+        # true if the node arrival_exit was launched; it logs the arrival, so this node does not
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
 
-        # the simulation, and everything that holds it or changes it
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
             # tells whether the nodes that read the scans or the clock have finished their work
             Listeners(self._publishers.scan, self._publishers.clock),
-            # the recorder of a graded run gets a line about each scan that was not answered
+            # the program that records a run for grading gets a line about each scan that was not answered
             self._publishers.truth_log.write_line,
         )
-        # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller
+        # at unlimited speed without lockstep, the simulation would run far ahead of a slow controller, so it
+        # sometimes waits for the controller
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
         self._findings = Findings()  # mistakes of other nodes, for the log and for ./dev doctor
         self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
-        # if the ROS master loses this node, no new program can stop the robot, so all commands are refused
+        # if the ROS master no longer knows this node, no new program can stop the robot, so all commands are
+        # refused
         self._registration = RegistrationWatch(self._commands.refuse)
-        # the recorder of a graded run gets a line about each call of a service that changes the world
+        # the program that records a run for grading gets a line about each service call that changes the
+        # world
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services(config.robot.name)
         ignored_variables = variables_without_effect(os.environ)
@@ -150,8 +156,8 @@ class SimulatorNode:
         self._wait_for_other_nodes()
         self._use_wall_time_if_not_simulated()
         if self._paused:
-            # no step is made during the pause, so RViz and other new subscribers get the scan and transforms
-            # of the start
+            # no step is made during the pause, so the scan and the transforms of the start are kept for RViz
+            # and other new subscribers
             publishers.keep(simulation.at_start())
         begin = simulation.stamp
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
@@ -160,13 +166,15 @@ class SimulatorNode:
             if self._paused:
                 # the clock is published during the pause, because nodes that start now need the time
                 publishers.publish_clock(simulation.stamp)
-                # not in lockstep, where each scan needs an answer
+                # in lockstep, this scan is not sent during the pause, because lockstep would need an answer
+                # to it
                 if simulation.stamp == begin and not self._start.lockstep:
                     publishers.send_kept_scan()
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
                     self._display.refresh()
-            elif self._advance():  # the pace is kept at each tick of /clock
+            # after each message on /clock, the node sleeps until wall time has caught up
+            elif self._advance():
                 self._keep_pace()
         if self._camera:
             self._camera.close()
@@ -175,9 +183,10 @@ class SimulatorNode:
     def _watch_other_nodes(self) -> None:
         """Start the threads that look for mistakes in the ROS graph, and for the loss of the registration."""
         publishers, findings = self._publishers, self._findings
-        # if another node of the launch estimates the pose, this node ends its own odometry and transform
+        # if another launched node estimates the pose, this node stops publishing the filtered odometry and
+        # the transform of odom
         filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
-        # a submission that is graded gets no hints on its markers
+        # while a student's program is graded, it gets no hints about its markers
         markers = None if publishers.is_graded else MarkerFrames(publishers.frames, findings.tell)
         GraphWatch(lambda: self._simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
         self._registration.start()
@@ -189,11 +198,13 @@ class SimulatorNode:
         miss the first scans. In lockstep, the recorder of a graded run must also be ready.
         """
         publishers = self._publishers
-        # nodes that subscribe to these topics must be connected, too, because lost messages change a run
+        # time also waits for the subscribers of these topics, because a message that is lost at the start
+        # changes the run
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
-            # the wait for RViz comes first, because `partners` includes the connections of RViz
+            # RViz also subscribes to these topics, so its window must open before the wait for `partners`
+            # begins
             self._wait_for_rviz()
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._serve_while_time_waits)
@@ -226,7 +237,8 @@ class SimulatorNode:
 
         def missing() -> str:
             """Return a sentence on the launched nodes that have not joined; empty if nothing is missing."""
-            # nodes that were launched next to the simulator; without any, a controller is not expected
+            # nodes that roslaunch has started, without the simulator's own nodes; if there are none, no
+            # controller is expected
             other_nodes = () if partners.joined() else launched_beside()
             if not other_nodes:
                 return ""
@@ -295,10 +307,10 @@ class SimulatorNode:
         if snapshot.scan is not None:
             self._lead_limit.before_scan()  # waits for a controller that has not answered the last scans
             self._lockstep.begin_scan()  # commands that come after this call count as answers to this scan
-        # a tick is a step with a message on /clock
+        # true if this step has published a message on /clock (a tick)
         is_tick = self._publishers.publish(snapshot, self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
-        self._gazebo.publish(snapshot)  # motions of all models, as Gazebo publishes them
+        self._gazebo.publish(snapshot)  # poses and velocities of all models, on the same topic as in Gazebo
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
         if self._display:
@@ -310,14 +322,14 @@ class SimulatorNode:
                 self._serve_during_step,
                 # the first answer may be lost while connections are made, so the scan is sent again
                 resend=partial(self._publishers.publish_scan, snapshot.scan),
-                # a controller that sleeps by simulated time wakes only if the time goes on
+                # a controller that sleeps in simulated time wakes only if simulated time goes on
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
         return is_tick
 
     def _hold_tick(self) -> None:
         """Hold the clock at the tick that was just published, as long as lockstep requires it."""
-        # rospy.sleep may miss a tick, so lockstep can publish the same tick again
+        # lockstep may publish the same tick again, because a node that calls rospy.sleep may have missed it
         again = partial(self._publishers.publish_clock, self._simulation.stamp)
         self._lockstep.tick(self._serve_during_step, again)
 
@@ -386,15 +398,15 @@ class SimulatorNode:
         In a run that is graded, RViz's markers and Gazebo's topics of true poses are left out.
         """
         self._world_services = WorldServices(self._simulation, self._calls)
-        # while a submission is graded, no topic may publish the true poses
+        # while a student's program is graded, no topic may publish true poses, so None turns this topic off
         state_steps = None if self._publishers.is_graded else self._publishers.state_steps
         self._gazebo = GazeboServices(self._simulation, self._calls, robot, state_steps)
         self._display: Optional[WorldDisplay] = None
         if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
-        # Each service has two names, this node's and Gazebo's. Services that change the world wait for the
-        # end of a step in lockstep, and the recorder of a graded run gets a line about them. Pause and resume
-        # change only the time.
+        # Each service has a name of this node and the name from Gazebo. The last value of a row is true if
+        # the service changes the world; then lockstep finishes the present step first, and the recording of a
+        # graded run gets a line about the call.
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),
@@ -410,7 +422,7 @@ class SimulatorNode:
         """Pause or resume the world, and return a sentence with the time."""
         self._paused = paused
         self._paused_topic.publish(paused)
-        self._use_wall_time_if_not_simulated()  # wall time has gone on during a pause
+        self._use_wall_time_if_not_simulated()  # wall time has passed during the pause
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:
@@ -463,7 +475,7 @@ def main() -> None:
     simulator_name = running_simulator(master_uri)
     if simulator_name is not None:
         sys.exit(f"husky_simulator: {why_not_two(simulator_name, master_uri)}")
-    # the switch interval of threads is short, because commands come in threads. At full speed, Python's
-    # default of 5 ms is 0.15 s of simulated time
+    # Commands come in threads of their own, so the threads must take turns quickly. At full speed, Python's
+    # default switch interval of 5 ms would be 0.15 s of simulated time.
     sys.setswitchinterval(0.0005)
     run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

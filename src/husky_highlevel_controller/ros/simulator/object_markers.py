@@ -29,14 +29,13 @@ from husky_highlevel_controller.geometry import compose, quat_between, quat_inve
 from husky_highlevel_controller.meshes import simplified
 from husky_highlevel_controller.ros import conversions
 
-DELETE = 1  # id of the menu's only entry
+DELETE = 1  # id of the only entry in the menu of a marker
 # colour of every plane, so dark that grid, scan and robot are well visible on it
 PLANE_COLOR = (0.2, 0.21, 0.22, 1.0)
 PAINT_HEIGHT = 0.005  # [m] a box that is lower than this is drawn as a painted area on the surface below it
-DRAWN_RADIUS_FRACTION = (
-    0.95  # drawn fraction of a cylinder's radius, so that the marker of a found pillar is visible
-)
-MAX_DRAWN_FACES = 20_000  # largest number of faces of a drawn mesh
+# a cylinder is drawn with this fraction of its radius, so that the marker of a found pillar stays visible
+DRAWN_RADIUS_FRACTION = 0.95
+MAX_DRAWN_FACES = 20_000  # largest number of faces of a drawn mesh; a mesh with more faces is simplified
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -46,7 +45,7 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
     In RViz a movable body can be dragged in the horizontal plane, and has a menu to delete it.
     """
     marker = InteractiveMarker(
-        # RViz keeps the marker fixed in its frame, because the header has no stamp
+        # the header has no stamp, so in RViz the marker moves together with its frame
         header=Header(frame_id=frame),
         name=body.name,
         description=body.name,
@@ -61,10 +60,10 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
         markers=[_geometry_to_msg(geometry) for geometry in body.visuals],
     )
     if body.mass > 0.0:
-        # RViz lets the control move in the plane across its x axis, so this axis is turned upwards
+        # RViz moves the control perpendicular to its x axis, so a vertical x axis makes all moves horizontal
         control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE
         control.orientation = QuaternionMsg(*quat_between(X, upwards(pose_in_frame)))
-        # RViz sends a chosen entry back to the node (FEEDBACK), which then deletes the body
+        # if the user chooses the entry, RViz sends it to this node (FEEDBACK), and the node deletes the body
         marker.menu_entries = [MenuEntry(id=DELETE, title="Delete", command_type=MenuEntry.FEEDBACK)]
     marker.controls = [control]
     return marker
@@ -83,14 +82,15 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
     """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
-        turned = Pose(quat_xyzw=quat_between(Z, shape.normal))  # a sheet lies across its z axis
+        # rotation of the sheet's z axis to the plane's normal
+        turned = Pose(quat_xyzw=quat_between(Z, shape.normal))
         return _sheet(compose(pose, turned), shape.size, PLANE_COLOR)
     if isinstance(shape, Box) and shape.size[2] < PAINT_HEIGHT:
         top = Pose((0.0, 0.0, shape.size[2] / 2.0))
         return _sheet(compose(pose, top), shape.size[:2], geometry.rgba)
     if isinstance(shape, TriangleMesh):
         mesh = simplified(shape, MAX_DRAWN_FACES)
-        # vertices (V, 3) [m] at faces (F, 3) give (F, 3, 3), and then one corner (x, y, z) in each row
+        # corners of the F triangles, (3 F, 3) [m]: three rows for each triangle
         corners = mesh.vertices[mesh.faces].reshape(-1, 3).tolist()
         return _triangles(pose, corners, geometry.rgba)
     kind = {Box: Marker.CUBE, Cylinder: Marker.CYLINDER, Sphere: Marker.SPHERE}[type(shape)]

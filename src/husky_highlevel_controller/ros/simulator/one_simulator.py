@@ -53,7 +53,8 @@ def has_own_master(command_line: Sequence[str]) -> bool:
 def main() -> None:
     """Exit with 1 and a sentence if a simulator runs on $ROS_MASTER_URI; print 'none' otherwise."""
     master_uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
-    graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ  # true if the grader has started the running simulator
+    # true if the grading program has started the simulator that runs
+    graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ
     reader = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
     name = None if graded or has_own_master(reader) else running_simulator(master_uri)
     if name is not None:

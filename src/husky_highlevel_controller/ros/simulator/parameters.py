@@ -52,7 +52,7 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
         ConfigError: a parameter is missing, unknown or not allowed.
     """
     values, source = dict(rospy.get_param("~", {})), rospy.get_name() + "/"
-    # the parameters of a real robot's drivers are allowed only if these drivers are simulated
+    # `robot_profile` sets up the drivers of a real robot, so it is allowed only if the profile is "robot"
     profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
     # the values of the robot come from a file of config/robots/, which the launch file loads
     robot_values = values.pop("robot", None)
@@ -67,7 +67,8 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     for name, choices in (("profile", robot.profiles), ("ground", GROUNDS)):
         if getattr(start, name) not in choices:
             raise ConfigError(f"{source}{name} = '{getattr(start, name)}' is not {' or '.join(choices)}")
-    # with this profile, the drivers of the real robot are simulated, otherwise Gazebo's plugins
+    # the profile "robot" simulates the drivers of the real robot; the other profile simulates Gazebo's
+    # plugins
     if start.profile == "robot":
         (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
         config = replace(config, real=real.on(start.ground))

@@ -19,7 +19,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 MAX_POINTS = 1_000_000
-REPORT_PERIOD = 5.0  # [s] time between two warnings of the same kind
+REPORT_PERIOD = 5.0  # [s] shortest time between two warnings
 
 
 class PointsToScanNode(rospy.SubscribeListener):
@@ -27,7 +27,7 @@ class PointsToScanNode(rospy.SubscribeListener):
 
     def __init__(self) -> None:
         """Read the parameters, and advertise the scan; ConfigError for a wrong parameter."""
-        parameters = rospy.get_param("~", {})  # unknown parameters are ignored, as in the original node
+        parameters = rospy.get_param("~", {})  # unknown parameters are ignored, as in pointcloud_to_laserscan
         (self._config,) = read_config(parameters_of(parameters), rospy.get_name() + "/", FlattenConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None

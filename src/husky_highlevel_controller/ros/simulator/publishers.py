@@ -31,7 +31,8 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
 STATE_PUBLISHER = "robot_state_publisher"
-# length of the queues for a busy subscriber; a subscriber that hangs must not stop the simulation
+# number of messages that wait for a slow subscriber; older ones are dropped, so a subscriber that hangs
+# cannot stop the simulation
 QUEUE = 200
 
 
@@ -45,24 +46,24 @@ class Publishers:
             HuskyError: a rate does not divide the rate of the physics.
         """
         topics = config.robot.topics
-        # physics steps between two messages; a real base reports its wheels less often
+        # physics steps between two messages about the robot's state; a real base reports its wheels less
+        # often
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(wheel_rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        # [s] shortest time between two messages on /clock, which come with each state and with each scan
+        # [s] shortest time between two messages on /clock; each state and each scan comes with such a message
         self._clock_period = gcd(self.state_steps, scan_steps) / config.physics_rate
 
-        # memory of what was published
-        # stamp [s] and odometry of the last state
+        # stamp [s] and sample of the odometry that was published last
         self._last_odometry: Optional[Tuple[float, OdometrySample]] = None
-        self._kept_scan: Optional[Scan] = None  # scan for new subscribers before time begins
-        # bodies that the robot has touched since the last message on bumps
+        self._kept_scan: Optional[Scan] = None  # scan for nodes that subscribe before simulated time begins
+        # bodies that the robot has touched since the last message on the topic bumps
         self._bumped_bodies: Set[str] = set()
-        self._transform_connections: List[Any] = []  # connections of the publisher of /tf at the last check
+        # connections to the subscribers of /tf at the last check for new ones
+        self._transform_connections: List[Any] = []
         self.leaves_filter = False  # true if another node publishes the estimated pose; any thread may set it
 
-        # time and true poses
         # true if nodes take the time from /clock; otherwise they use wall time
         self.tells_time = bool(rospy.get_param("/use_sim_time", False))
         self.truth_log = TruthLog()
@@ -70,12 +71,14 @@ class Publishers:
 
         # transforms
         self._wheels = robot.wheels
-        # names of all frames that this node publishes in TF, for the check of other nodes' markers
+        # names of all frames that this node publishes; a marker of another node in any other frame causes a
+        # warning
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
-        # Messages for /tf, by whether they contain the transform of odom and the transforms of the wheels.
-        # Another node may publish either of them. The messages are made once, because that takes time.
+        # Messages for /tf. A key says whether the message has the transform of odom, and whether it has the
+        # transforms of the wheels, because another node may publish either of them. The messages are made
+        # only once, because making them takes time.
         self._moving_trees = {
             (True, False): MovingTree(base),
             (False, True): MovingTree(wheels),
@@ -88,16 +91,17 @@ class Publishers:
 
         # state of the robot
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
-        # full name of the topic of the filtered odometry, which another node may publish in place of this one
+        # full name of the topic of the filtered odometry; another node may publish this topic in place of the
+        # simulator
         self.filter_topic = self._odometry.resolved_name
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
-        # the command that the wheels follow, within the limits of the robot
+        # the command after the limits of the robot were applied; the wheels follow it
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
         if not self.is_graded:
-            # The true poses are not on /tf, because odom must not have a parent there. A localization node
-            # may add the parent of odom, as on the real Husky.
+            # The true poses have a topic of their own. On /tf, they would give odom a parent frame, but a
+            # localization node may add this parent, as on a real Husky.
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
@@ -114,14 +118,15 @@ class Publishers:
         if robot.laser_frame in robot.fixed_poses:
             self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
-        # rows of `advertise`: field of the snapshot, publisher, function that makes the message, arguments
+        # each call of `advertise` adds a row: field of the snapshot, publisher, function that makes the
+        # message, its other arguments
         self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
 
         def advertise(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
             """Advertise a topic; `make` makes its message of the snapshot's field, and of `args`."""
             self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
 
-        # the last argument of each row is the frame of the message
+        # the last argument of each call is the frame of the message
         advertise(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
         if config.real:  # the IMU of a real Husky also publishes raw samples and the magnetic field
             advertise("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
@@ -147,17 +152,18 @@ class Publishers:
         scan as soon as it has these three. `on_clock` is called after the message on /clock was sent.
         """
         odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
-        is_tick = odometry is not None or snapshot.scan is not None  # whether this step has a /clock
+        is_tick = odometry is not None or snapshot.scan is not None  # true if this step publishes /clock
         if odometry is not None:
-            # The recorder of a graded run takes the time from the true state. So the true state comes before
-            # /clock, because nodes react to /clock, and their messages must not get an earlier time.
+            # The program that records a run for grading takes the time of other nodes' messages from the true
+            # state. So the true state is written before /clock, because nodes react to /clock.
             self.truth_log.write(snapshot)
         if is_tick:
             self.publish_clock(snapshot.stamp)
             on_clock()
         if odometry is not None:
             self._last_odometry = snapshot.stamp, odometry
-            # a robot_state_publisher sends the transforms of the wheels itself, from joint_states
+            # if a robot_state_publisher runs, it makes the transforms of the wheels from joint_states, so
+            # this node leaves them out
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
             if with_wheels or not self.leaves_filter:
                 publish_if_subscribed(
@@ -187,13 +193,15 @@ class Publishers:
         Call it in the thread that publishes: rospy has one buffer for all messages of a publisher.
         """
         publisher = self.transforms.impl
-        # rospy makes a new list whenever a connection is added or removed
+        # rospy makes a new list whenever a connection is added or removed, so the same list means no new
+        # subscribers
         connections = publisher.connections
         if connections is self._transform_connections or self._last_odometry is None:
             return
         self._transform_connections = connections
         stamp, odometry = self._last_odometry
-        # a robot_state_publisher sends no transforms at time 0
+        # a robot_state_publisher sends no transforms at time 0, so this node sends the transforms of the
+        # wheels
         with_wheels = stamp == 0.0 or not self._has_state_publisher()
         if with_wheels or not self.leaves_filter:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
@@ -302,8 +310,8 @@ class Publishers:
     def _set_time(self, now: rospy.Time) -> None:
         """Set rospy's time of this process, if the node uses simulated time."""
         if self.tells_time:
-            # rospy's own subscriber of /clock calls this function too. Subscribing to /clock would cost the
-            # simulator 3 % more CPU time in lockstep, and its time would lag behind its own messages.
+            # Private function of rospy, which rospy's own subscriber of /clock also calls. A subscription to
+            # /clock would cost the simulator 3 % more CPU time in lockstep, and its time would be late.
             rospy.rostime._set_rostime(now)
 
 
