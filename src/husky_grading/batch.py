@@ -58,17 +58,22 @@ from husky_grading.submission import SUBMISSION_FOLDER, WORKSPACE
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 
-DEADLINE = 3600.0  # [s] longest wall time for one submission, in addition to the time of its runs
+# [s] wall time; grading of one submission is stopped after this time plus the time limits of its runs
+DEADLINE = 3600.0
 PROGRAM = "husky_grading.mark"
-DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
-CLEANUP_DEADLINE = 10.0  # [s] wall time from Ctrl-C until the marking program is killed
-MAX_RETURNED = 50_000_000  # [bytes] largest size of a file that a worker of a cluster sends back
-SEED = "seed"  # file in the folder of results with the class's seed
-# number of possible seeds; seed plus number of a run must fit into a ROS parameter, which has 31 bits
+DPKG = "/var/lib/dpkg/info"  # folder in which Debian keeps a file NAME.list for each installed package
+# [s] wall time that the marking program has after Ctrl-C to end its programs; then it is killed
+CLEANUP_DEADLINE = 10.0
+# [bytes] a worker of a cluster does not send back files of the result that are larger than this
+MAX_RETURNED = 50_000_000
+SEED = "seed"  # name of the file that keeps the class's random seed, in the folder of results
+# the seed of a class is below this limit, because the sum of seed and run number is sent as a ROS parameter,
+# which is a 32-bit integer with a sign
 SEEDS = 2**30
-# folders with files from the submission, which a worker does not send back
+# folders that a worker of a cluster does not send back: the copied submission, its build, and files that it
+# wrote
 NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
-Files = Dict[str, bytes]  # content of each file, by its path in the folder of results
+Files = Dict[str, bytes]  # content of each file, by the path of the file in the folder of results
 
 
 @dataclass(frozen=True)
@@ -76,14 +81,16 @@ class Batch:
     """A class: its submissions, and the folder of results."""
 
     folder: Path  # folder of submissions
-    # folder with index.html, results.csv, junit.xml, and hand_ins/ with a folder for each submission
+    # folder of results: index.html, results.csv, junit.xml, and hand_ins/, which has a folder for each
+    # submission
     out: Path
     jobs: int = 1  # number of submissions that are marked in parallel
-    # names of submissions to mark again; defaults to all submissions without a result
+    # names of the only submissions to mark, even if they have a result; if empty, all submissions without a
+    # result are marked
     only: Tuple[str, ...] = ()
     setups: Tuple[str, ...] = ()  # setup.bash files that are sourced before submissions are built
-    cluster: str = ""  # address of a Dask scheduler whose workers mark; defaults to this machine
-    # [s] longest wall time for one submission; 0 means DEADLINE plus the time of its runs
+    cluster: str = ""  # address of a Dask scheduler whose workers grade; if empty, this machine grades
+    # [s] longest wall time for grading one submission; 0 means DEADLINE plus the time limits of its runs
     time_limit: float = 0.0
 
 
@@ -96,7 +103,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     Raises:
         HuskyError: there is no submission, marking.yaml is wrong, or marking was interrupted.
     """
-    # the folder of results may be in the folder of the class, and is not a submission
+    # the folder of results may lie in the folder of the class; it is not a submission, so it is left out
     hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
     names = [each.name for each in hand_ins]
     if not names:
@@ -106,14 +113,16 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             raise HuskyError(
                 f"--only {name} is not a submission in {batch.folder}; there are: {', '.join(names)}"
             )
-    overrides = _overrides(batch.folder, names)  # settings of marking.yaml, by the student's name
+    overrides = _overrides(batch.folder, names)  # settings from marking.yaml, by the student's name
     batch.out.mkdir(parents=True, exist_ok=True)
-    # a catkin workspace around this folder must not build the unpacked packages
+    # catkin ignores a folder with this file; otherwise, a catkin workspace around the folder would build the
+    # submissions' packages
     (batch.out / "CATKIN_IGNORE").touch()
-    # results that need no run, and jobs of the submissions that wait for one
+    # results that are already known, and jobs of the submissions that must be marked now
     results, waiting = _look_up_results(hand_ins, overrides, config, batch)
     jobs = batch.jobs
-    # without a private network, a submission could change the ROS graph of another submission
+    # without a private network, a submission could disturb the ROS nodes of another one, so only one runs at
+    # a time
     if jobs > 1 and not private_network.can_be_made():
         jobs = 1
         print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
@@ -125,7 +134,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
                 _report_progress(result, number, len(waiting))
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; run the same command again to continue") from None
-    # with `--only`, other submissions may have no result
+    # if `--only` names some submissions, the others may have no result yet, and get no row
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
     for result in ordered:
@@ -155,12 +164,14 @@ def _look_up_results(
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
         if hand_in.problem:
-            remove_tree(Path(job.out))  # the folder may have the result of another entry of this student
+            # an earlier result is removed, because now the student has two entries, such as bob and bob.zip
+            remove_tree(Path(job.out))
             results[job.name] = unmarked(job, hand_in.problem)
             continue
         kept_result = None
         if job.name in batch.only:
-            Path(job.out, WORKSPACE).unlink(missing_ok=True)  # makes marking build it again
+            # without this file, the submission is built again
+            Path(job.out, WORKSPACE).unlink(missing_ok=True)
         else:
             kept_result = _kept_result(job)
         if kept_result is not None:
@@ -229,12 +240,13 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
         override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)),
         time_limit=batch.time_limit,
     )  # fmt: skip
-    # settings of the student that change the build; the others are reset here
+    # only settings that change the build stay in `choices`; the student's other settings get their defaults
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
-    # the fingerprint includes our code, so that one version of the simulator marks the whole class
+    # our code is part of the fingerprint, so after an update the whole class is marked again by the same
+    # simulator
     digest = hashlib.sha256(repr(built).encode())
-    # errors are ignored here, because marking itself reports missing files and too many files
+    # errors are ignored here, because the marking program reports unreadable files and too many files later
     with contextlib.suppress(UnreadableFileError, OSError):
         for file in walk(path) if path.is_dir() else [path]:
             status = file.stat()
@@ -270,14 +282,15 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
     except PointsError:
         raise
     except Exception:
-        # after any error the submission is marked again, and the result of that attempt reports the error
+        # after any error the submission is marked again; if the error persists, the new result reports it
         return None
     try:
-        # new rules or points by hand have changed the result
+        # the result differs if the rubric or the points given by hand have changed since it was written
         if judged != result:
             write_result(judged, out)
-        write_whole(out / JOB, to_json(job))  # the job has new paths if the folder of the class was moved
-    except OSError:  # the submission is marked again
+        # the job is written again, because its paths change if the folder of the class is moved
+        write_whole(out / JOB, to_json(job))
+    except OSError:  # the result cannot be written, so the submission is marked again
         return None
     return judged
 
@@ -292,7 +305,7 @@ def _has_same_rules(job: Job) -> bool:
         return True
     try:
         before = load(Job, out / JOB)
-    except HuskyError:  # the rules of the earlier judgement are unknown
+    except HuskyError:  # the earlier job cannot be read, so its rules are unknown
         return False
     return (before.name, before.config, before.override) == (job.name, job.config, job.override)
 
@@ -312,7 +325,8 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
         """Return the files of a job that failed on its worker."""
         return {RESULT: to_json(_failed(packed[0], error)).encode()}
 
-    # `PackedPath` reads the submission's files when it is sent to a worker
+    # a `PackedPath` reads a submission's files only when it is sent to a worker, so the whole class is never
+    # in memory
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
     for number, files in workers.as_completed(run_there, packed, title, 1, True, failed):
         try:
@@ -343,13 +357,14 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     """
     out = Path(job.out)
     out.mkdir(parents=True, exist_ok=True)
-    # an earlier result must not be taken for the result of this run
+    # an earlier result is removed, because it could be taken for the result of this run
     (out / RESULT).unlink(missing_ok=True)
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / JOB, to_json(job))
-    # command that starts the marking program in a network of its own, and variables for its environment
+    # command that starts the marking program in a network of its own; environment variables for the program
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
-    # the working directory is /, because `python -m` would import the yaml.py of a student's folder
+    # the working directory is /, because `python -m` imports modules from it, and a student's folder may have
+    # a yaml.py
     process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
     deadline = job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
     try:
@@ -368,9 +383,9 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-            # without this file, the recorded runs of the unfinished submission are not judged
+            # without this file, `grade` does not judge the recorded runs of the unfinished submission
             (out / WORKSPACE).unlink(missing_ok=True)
-            # with this file, the next call keeps the result instead of marking the submission again
+            # with the fingerprint, the next call keeps this result and does not mark the submission again
             write_whole(out / FINGERPRINT, job.fingerprint)
         result = unmarked(job, problem)
         write_result(result, out)
@@ -404,6 +419,6 @@ def write_outputs(files: Files, job: Job) -> MarkingResult:
         path = out / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    # the job was written on another machine, so it is written again with the paths of this machine
+    # the worker's job has paths of the worker's machine, so the job of this machine replaces it
     write_whole(out / JOB, to_json(job))
     return load_result(out / RESULT)

@@ -34,13 +34,13 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """Return the options of a command line; argparse ends the program if an option is wrong."""
     parser = _make_parser()
     options = parser.parse_args(arguments)
-    if options.husky:  # earlier name of the option, which ends the program with the new name
+    if options.husky:  # earlier name of `--robot`; the error gives the new name
         parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
     if options.cluster and not options.all:
         parser.error(f"--cluster {options.cluster} needs --all")
     if options.time_limit and not options.all:
         parser.error(f"--time-limit {options.time_limit:g} needs --all")
-    # argparse cannot ask for two values or more
+    # argparse has no setting for "at least two values", so the number is checked here
     if options.launch and len(options.launch) < 2:
         parser.error("--launch needs a package and a file")
     if options.node and len(options.node) < 2:
@@ -148,7 +148,7 @@ def grade(options: argparse.Namespace) -> int:
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
     out = options.out.resolve()
     seed = options.seed
-    # a class gets a seed that no student knows; for a single submission the runs are always the same
+    # a class gets a random seed, so no student knows the start poses; a single submission always gets seed 0
     if seed is None:
         seed = class_seed(out) if options.all else 0
     config = MarkingConfig(
@@ -160,7 +160,7 @@ def grade(options: argparse.Namespace) -> int:
         batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
         batch = replace(batch, time_limit=options.time_limit or 0.0)
         results = mark_all(config, batch)
-        # `full` means full marks, and then the exit code is 0
+        # the exit code is 2 if a submission could not be graded, 0 if all have full marks, and otherwise 1
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
     kind = "launch" if options.launch else "node"
     package, name, *arguments = getattr(options, kind)

@@ -31,7 +31,7 @@ from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import load_robot
 
-PACE = 5.0  # maximum real-time factor of a run
+PACE = 5.0  # a run is at most this many times as fast as real time
 
 
 @dataclass(frozen=True)

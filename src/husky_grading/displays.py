@@ -13,7 +13,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 TF, ROBOT, SCAN, CLOUD = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan", "rviz/PointCloud2"
 MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
 BASE = "base_link"
-MAX_TEXT = 200  # largest number of characters of a topic, frame or namespace
+MAX_TEXT = 200  # longer names of topics, frames and namespaces are cut to this number of characters
 MAX_DISPLAYS = 500
 
 
@@ -21,10 +21,10 @@ MAX_DISPLAYS = 500
 class RvizDisplay:
     """Display that is switched on, and drawn large and opaque enough to be seen."""
 
-    kind: str  # class of the display
-    source: str = ""  # topic that the display shows, or parameter with the robot description
-    hidden: Tuple[str, ...] = ()  # namespaces of markers that are switched off
-    colouring: str = ""  # colouring of a point cloud: RViz's colour transformer, and axis
+    kind: str  # class of the display in RViz, such as rviz/LaserScan
+    source: str = ""  # topic that the display shows; for a robot model, name of the parameter with its URDF
+    hidden: Tuple[str, ...] = ()  # marker namespaces that are switched off in the display
+    colouring: str = ""  # colours of a point cloud: RViz's Color Transformer and Axis, such as "AxisColor Z"
     size: float = 0.0  # [m] size of the points of a point cloud
 
 
@@ -32,24 +32,27 @@ class RvizDisplay:
 class RvizConfig:
     """Configuration with which a submission would start RViz."""
 
-    source: str = ""  # name of `source` in sentences; empty if the display has no source
+    # origin of the configuration in words for the student, such as "its rviz node, my.rviz"; empty if the
+    # student handed in no configuration
+    source: str = ""
     fixed_frame: str = ""
     displays: Tuple[RvizDisplay, ...] = ()
-    off: Tuple[RvizDisplay, ...] = ()  # displays that are switched off, transparent, or without a size
+    # displays that nobody can see: switched off, transparent, or with size 0
+    off: Tuple[RvizDisplay, ...] = ()
     problem: str = ""  # reason why the configuration cannot be read; empty if it can be read
-    started: bool = False  # the launch file starts RViz
-    missing: str = ""  # path of an RViz file that the launch file names, but that was not handed in
+    started: bool = False  # true if the launch file starts RViz
+    missing: str = ""  # RViz file that the launch file uses, if this file was not handed in; otherwise empty
 
 
 @dataclass(frozen=True)
 class RvizView(RvizConfig):
     """A configuration, and the displays that the submission's RViz shows with it."""
 
-    topics: Tuple[str, ...] = ()  # topics of the visible displays of scans and markers
-    tf: bool = False  # frames are visible
-    robot: bool = False  # the robot model is visible
-    scan: bool = False  # the laser's points are visible
-    hidden: Tuple[Tuple[str, str], ...] = ()  # topic and namespace of markers that are switched off
+    topics: Tuple[str, ...] = ()  # topics of all visible displays of laser scans and markers
+    tf: bool = False  # true if frames are visible
+    robot: bool = False  # true if the robot model is visible
+    scan: bool = False  # true if the laser's points are visible
+    hidden: Tuple[Tuple[str, str], ...] = ()  # pairs of topic and marker namespace that RViz does not show
 
     @property
     def clouds(self) -> Tuple[RvizDisplay, ...]:
@@ -61,8 +64,10 @@ class RvizView(RvizConfig):
 class FrameTree:
     """Frames and robot descriptions of a run."""
 
-    parents: Mapping[str, str] = field(default_factory=dict)  # parent of each frame
-    descriptions: Tuple[str, ...] = ()  # parameters with a robot description whose links are frames of TF
+    # name of the parent frame, by the name of each frame
+    parents: Mapping[str, str] = field(default_factory=dict)
+    # names of the parameters with a URDF that has frames of this run as links
+    descriptions: Tuple[str, ...] = ()
 
     def connects(self, frame: str) -> bool:
         """Return whether transforms connect a frame with base_link."""
@@ -76,7 +81,7 @@ class FrameTree:
         return frame
 
 
-# frames that the simulator alone publishes, for a submission that was not started
+# frames while only the simulator runs; they are used if the submission was not started
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 
@@ -176,17 +181,18 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
         frame = config.fixed_frame
         problem = f"no transform connects the fixed frame '{frame}' with {BASE}, so nothing is shown"
         return replace(view, problem=problem)
-    # visible displays of frames, robot models and scans
+    # visible displays of each of these three kinds
     by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
-        # the SMB's launch file sets this parameter; our replacement sets only /robot_description
+        # the SMB's own launch file sets /smb_description, but our simulator sets only /robot_description, so
+        # an RViz display of /smb_description counts as visible, too
         descriptions.add("/smb_description")
     topics = []  # topics of markers
     for each in markers:
         topics.append(each.source)
-        # a Marker display of RViz also subscribes to arrays, on a second topic
+        # a Marker display with topic NAME also shows the MarkerArray messages on NAME_array
         if each.kind == "rviz/Marker":
             topics.append(f"{each.source}_array")
     return replace(

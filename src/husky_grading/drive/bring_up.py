@@ -16,8 +16,9 @@ from husky_highlevel_controller.paths import share_folder
 
 SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 START_PERIOD = 0.05  # [s] wall time between two checks whether a started program is ready
-SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that the simulator offers
-# parameters and arguments of the simulator for each tuple of launch arguments that was used before
+# the simulator offers this service last, so the simulator is ready when the service exists
+SIMULATOR_IS_UP = "/husky_simulator/step"
+# cache: parameters and command-line arguments of the simulator, by the launch arguments from which they come
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
 
 
@@ -40,20 +41,22 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
     """
     file = network.folder / "drive.world"
     file.write_text(trial_world(trial, config.robot_name))
-    # parameters from which a submission could infer the pillar's position
+    # a submission could infer the pillar's position from these parameters, so they are set to 0 after the
+    # start
     start = {
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
         "seed": trial.seed,
     }  # fmt: skip
     # in lockstep, simulated time stops after each scan until a command has come
     values = {**start, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
-    # the same parameters by their full names
+    # the same values, by the full names of the parameters
     simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
     arguments = set_robot_parameters(network, config)
     set_parameters(network.uri, simulator_values)
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
     once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
-    # set to 0, because a submission could infer the pillar's position from the start pose
+    # the simulator has read these parameters; now they are set to 0, because they would help a submission to
+    # find the pillar
     set_parameters(network.uri, {f"{SIMULATOR_NODES[0]}/{name}": 0 for name in start})
     return simulator
 
@@ -68,14 +71,14 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
     """
     launch_arguments = config.simulator_arguments
     if launch_arguments not in _SETUPS:
-        # no RViz, and a lidar on the tower, whatever the environment variables of the launch file are
+        # these arguments replace the defaults from environment variables: no RViz, and the lidar on its tower
         fixed = ["rviz:=false", "laser_enabled:=true", "laser_tower:=true"]
         process = network.start(
             "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *launch_arguments]
         )
         wait_and_kill(process, START_DEADLINE)
         try:
-            # last line of the output; other lines may come from ROS
+            # the result is the last line of the output; ROS may print other lines before it
             setup = json.loads(process.output.splitlines()[-1])
         except (ValueError, IndexError):
             raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None

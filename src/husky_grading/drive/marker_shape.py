@@ -18,8 +18,8 @@ ARROW, LINE_STRIP, LINE_LIST, CUBE_LIST, SPHERE_LIST, POINTS = 0, 4, 5, 6, 7, 8
 TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
-MAX_POINTS = 1000  # largest number of points of one marker that are evaluated
-# [m] largest median distance of a marker's points from their mean; above it, the mean is not used as position
+MAX_POINTS = 1000  # only the first points of a marker are evaluated, at most this number
+# [m] if the median distance of a marker's points from their mean is larger, the mean is not its position
 MAX_SPREAD = 0.5
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
@@ -52,7 +52,7 @@ def draw(
         points: points of a list or an arrow, relative to the pose [m].
         axis: vertical axis from which `reach` is measured, x and y in the world [m].
     """
-    # points that can count as the position, and points whose convex hull the marker covers
+    # points that can count as the marker's position; corners of the shape that the marker covers
     references, corners = _references_and_outline(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
     position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
@@ -71,17 +71,18 @@ def _references_and_outline(
     """
     if kind == ARROW and len(points) >= 2:
         return [points[1]], [points[1]]
-    if kind == ARROW:  # an arrow points along the x axis of its pose, and has the length scale.x
+    # without points, the arrow begins at the marker's pose and points along x; its length is scale.x
+    if kind == ARROW:
         tip = (float(scale[0]), 0.0, 0.0)
         return [tip], [tip]
     if kind in LISTS and len(points):
         measured = list(points[:MAX_POINTS])
-        # a line may lead from the robot to the pillar, so its ends count, too
+        # a student may draw a line from the robot to the pillar, so each end of a line can be its position,
+        # too
         ends = [measured[0], measured[-1]] if kind in LINES else []
         middle = _middle(np.array(measured, dtype=float))
         return [middle, *ends], [middle, *ends]
-    # a text always faces the camera, and the size of a mesh is known only from its file,
-    # so only their origin counts
+    # a text turns with the camera, and the size of a mesh is only in its file, so only their origin counts
     if kind in (TEXT, MESH):
         return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
     return [(0.0, 0.0, 0.0)], (_CORNERS * np.asarray(scale, dtype=float)).tolist()
@@ -102,7 +103,7 @@ def hull_distance(points: np.ndarray) -> float:
     gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
     if len(points) > 2 and gaps.max() < pi - 1e-9:
         return 0.0
-    # if the axis is outside of the shape, the nearest point lies on a segment between two of the points
+    # the origin is outside of the convex hull, so the nearest point lies on a line between two of the points
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
     length = np.maximum((along**2).sum(axis=1), 1e-12)

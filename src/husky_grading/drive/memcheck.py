@@ -34,14 +34,16 @@ from husky_grading.isolation.ros_network import Network
 from husky_grading.submission import SIMULATOR_NODES, Submission
 
 VALGRIND = "valgrind"
-LOG = "memcheck."  # name of valgrind's log, before the process id; `nodes/submission.py` uses the same name
-# [s] CPU time for which a node runs under valgrind after it has subscribed; longest wall time for this test
+LOG = "memcheck."  # beginning of the name of valgrind's log; `nodes/submission.py` uses the same name
+# [s] after a node has subscribed to the scans, it runs under valgrind for this CPU time, but at most for this
+# wall time
 CPU, WALL = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # nested parentheses
-IN_PARENTHESES = "\0"  # character that replaces parentheses and their content
-DEPTH = 4  # largest number of stack frames of the standard library above the submission's own frame
+IN_PARENTHESES = "\0"  # replaces each pair of parentheses with its content, before C++ code is searched
+# a fault counts only if at most this number of calls lies between it and the submission's own code
+DEPTH = 4
 
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
 _PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
@@ -49,7 +51,8 @@ _TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?s
 _DECLARED = re.compile(
     rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
 )
-# pattern of declarations of scalars, and of types whose constructor leaves the members unwritten
+# pattern of C++ declarations that may leave a variable without a value: numbers, pointers, and classes such
+# as tf::Vector3
 _VARIABLE = re.compile(
     rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
     r"(?P<names>.*)$",
@@ -69,9 +72,9 @@ class Place(NamedTuple):
 class Read(NamedTuple):
     """Read of a value that was never written."""
 
-    # line of the submission that reads the value; None if the value is sent in a message without such a line
+    # line of the submission that reads the value; None if only ROS reads the value, to send it in a message
     line: Optional[Place]
-    origin: Optional[Place]  # line that made the memory of the value; None if unknown
+    origin: Optional[Place]  # line of the submission that allocated the memory of the value; None if unknown
 
 
 def is_worth_checking(submission: Submission) -> bool:
@@ -82,7 +85,7 @@ def is_worth_checking(submission: Submission) -> bool:
     root = submission.root
     return (
         root is not None
-        # with packages in `by_submission`, the nodes of the submission are not the student's own code
+        # if packages of the robot are graded (`by_submission`), their nodes are not the student's own code
         and not submission.parts.by_submission
         and shutil.which(VALGRIND) is not None
         and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
@@ -105,7 +108,8 @@ def find_unwritten_variable(
         MarkingError: the network or the simulator does not start.
     """
     with Network(folder) as network:
-        # without a socket for true poses, the simulator does not wait for the slow submission
+        # without a socket for true poses, the simulator does not use lockstep, so it does not wait for slow
+        # valgrind
         simulator = simulate(network, trial, replace(robot.config, pace=1.0))
         process, _ = start(network, submission, "memcheck")
 
@@ -117,20 +121,20 @@ def find_unwritten_variable(
             return seconds
 
         nodes = len(submission.nodes)
-        # the submission has subscribed to the scans before it came to rest or ended
+        # true if the submission subscribes to the scans; false if it first ends or has nothing more to do
         gets_scans = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
-        heard = robot  # choice of the robot after the submission has subscribed
+        heard = robot  # choice of the robot, now that the submission's subscriptions are known
         if robot.is_guess:
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
         if heard.config != robot.config:
             simulator.kill()
             simulate(network, trial, replace(heard.config, pace=1.0))
             gets_scans = process.running
-        if gets_scans:  # now the callbacks run, for CPU seconds of CPU time
+        if gets_scans:  # the callbacks run until they have used CPU seconds of CPU time
             start_of_callbacks = cpu_seconds()
             wait(lambda: not process.running or cpu_seconds() - start_of_callbacks > CPU, WALL)
-        # the logs are read while the node runs, because an interrupted `getParam` leaves its variable
-        # unwritten
+        # the logs are read before the node is ended, because an interrupted `getParam` leaves its variable
+        # without a value
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
     sources = (submission.root or folder) / "src"
@@ -175,14 +179,14 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     found: List[Read] = []
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
-        # stack of the read, and stack of the place that made the memory of the value
+        # call stack of the read; call stack of the allocation of the memory
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
         origin = _first_own(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
             line = _first_own(reading_stack, own_files)
             if line is not None:
                 found.append(Read(line, origin))
-        # a message was sent with such a value
+        # such a stack means that ROS has sent a value that was never written
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
             found.append(Read(None, origin))
     return found
@@ -207,8 +211,8 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
     if not reads:
         return ""
     texts = _texts(sources)
-    declarations = _declared(texts)  # places of declarations by the variable's name
-    # the first read whose line of code names a declared variable
+    declarations = _declared(texts)  # file and line of declarations without a value, by the variable's name
+    # the first read whose line of code names a variable that was declared without a value
     for line, _ in reads:
         if line is not None:
             code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]

@@ -20,7 +20,7 @@ from husky_grading.recording import RECORDING, recording_to_json
 from husky_grading.records import MarkingConfig
 from husky_grading.submission import Submission
 
-# name of each run's folder during the run, without a number, because the submission can see this name
+# name of a run's folder while the run lasts; the submission sees this name, so it has no number of the run
 DRIVE = "drive"
 BAR = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
 
@@ -44,12 +44,12 @@ def observe(
     if submission.problem:  # no node of the submission can be started
         _write_no_run(submission, trials[0], robot, out)
         return
-    chance = ""  # sentence on a variable that is read before it is written; empty if there is none
+    chance = ""  # sentence for the student if a variable is read before it is written; otherwise empty
     if is_worth_checking(submission):
         chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
-        # progress in simulated seconds, up to the deadline; the run may end earlier
+        # bar in simulated seconds, which is full at the deadline; the run may end earlier
         bar = tqdm(
             total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,
             disable=None, leave=False,
@@ -61,14 +61,16 @@ def observe(
             )  # fmt: skip
             try:
                 driven = drive(robot=robot)
-                if driven.recording is None:  # the submission listens to another robot's scans
+                # if the submission listens to another robot's scans, the run starts again with that robot
+                if driven.recording is None:
                     driven = drive(robot=driven.robot)
             finally:
                 if folder.exists():
                     folder.rename(out / f"drive_{trial.number}")
         if not driven.moved and trial is trials[0]:
             break
-        robot = driven.robot.settled()  # the next recordings do not repeat the reason for the robot
+        # the first recording has the reason for the choice of the robot, so the next recordings have none
+        robot = driven.robot.settled()
 
 
 def _write_no_run(submission: Submission, trial: Trial, robot: RobotChoice, out: Path) -> None:

@@ -12,17 +12,19 @@ from husky_grading.isolation.process import Process, wait
 
 POLL_PERIOD = 0.1  # [s] wall time
 LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
-# [s] wall time without a running thread after which a program counts as idle: for a program that has
-# subscribed to the scans, and for another one
+# [s] a program is idle if none of its threads has run for this wall time; IDLE holds after it has subscribed
+# to a topic, IDLE_BEFORE holds before
 IDLE, IDLE_BEFORE = 2.0, 12.0
-# A program that publishes in a loop is never idle for long. Such a program has settled if it has computed or
-# slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of these seconds.
-# Time in which the program waits for a CPU does not count. If a node has not registered yet, both times are
-# NODE_MISSING times as long.
+# A program that publishes in a loop is never idle. It has settled, so nothing new is expected from it, if it
+# has computed or slept for SETTLED [s] since its last registration with the ROS master, and has computed for
+# SETTLED_CPU [s] of this time. Time in which the program waits for a CPU does not count. As long as one of
+# its nodes has not registered, both times are NODE_MISSING times as long.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
-CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] CPU and wall time for a program that is never idle
+# [s] a program that is neither idle nor settled is waited for until it has used this CPU time, but at most
+# for this wall time
+CPU_LIMIT, WALL_LIMIT = 50.0, 300.0
 _TICKS = os.sysconf("SC_CLK_TCK")
-_RUNNING = {"R", "D"}  # states of a thread: running or runnable, and waiting for a disk
+_RUNNING = {"R", "D"}  # letters for the state of a thread: R runs or is ready to run, D waits for a disk
 
 
 def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Callable[[], Registered]) -> bool:
@@ -54,11 +56,13 @@ class _Activity:
 
     def __init__(self, process: Process, nodes: int, graph: Callable[[], Registered]) -> None:
         self._process, self._nodes, self._graph = process, nodes, graph
-        self.cpu_seconds = 0.0  # [s] CPU time since the start
+        self.cpu_seconds = 0.0  # [s] CPU time that the program has used since its start
         self._registered = Registered()
-        self._slept = 0.0  # [s] wall time without a running thread since the last change of registrations
-        self._cpu_at_change = 0.0  # [s] CPU time at this change
-        # [s] wall times of the last measurement, the last running thread, and the last look at the graph
+        # [s] wall time without a running thread, counted from the last change of the registrations
+        self._slept = 0.0
+        # [s] CPU time that the program had used at the last change of the registrations
+        self._cpu_at_change = 0.0
+        # [s] wall times: last measurement, last moment with a running thread, last query of the ROS graph
         self._measured_at = self._ran_at = self._looked_at = time.monotonic()
 
     def measure(self) -> None:

@@ -19,11 +19,11 @@ from husky_grading.recording import Recording
 class Assignment:
     """First message to the recorder: its task."""
 
-    recording: Recording  # recording with the facts that are known before the run
-    truth_socket: str  # path of the socket to which the simulator connects
-    exercise: int  # number of the exercise, whose watch follows the run
+    recording: Recording  # recording that has only facts from before the run, such as the start pose
+    truth_socket: str  # path of the socket on which the simulator sends true poses
+    exercise: int  # number of the exercise; its `Watch` decides when the run is over
     ours: Tuple[str, ...]  # names of nodes that do not belong to the submission
-    packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
+    packages: Tuple[str, ...] = ()  # folders of the submission's packages, which may have meshes for markers
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ class Now:
     """Message of the recorder, several times per second."""
 
     at: float  # [s] simulated time
-    subscribed: bool  # the submission subscribes to the input topic of the exercise
+    # true if the submission subscribes to the topic that the exercise needs, usually the scans
+    subscribed: bool
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class RecorderChannel:
         self._connection, recorder_end = Pipe()
         with recorder_end:
             self.process = network.start("recorder", [RECORDER], handed=(recorder_end,))
-        self.is_open = True  # true while more messages of the recorder may come
+        self.is_open = True  # false if the recorder has ended, so that no more messages come
         self.ready = self.joined = self.subscribed = self.over = False
         self.now = 0.0  # [s] simulated time
         self.recording: Optional[Recording] = None

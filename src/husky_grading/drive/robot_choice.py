@@ -18,8 +18,8 @@ from husky_grading.submission import Submission
 class RobotChoice:
     """Robot of a run, and the reason for its choice."""
 
-    config: MarkingConfig  # settings, with the chosen robot
-    # reason of the choice, as a sentence for the student; empty if the teacher has chosen the robot
+    config: MarkingConfig  # settings of the run; `config.robot` is the chosen robot
+    # reason for the choice, in a sentence for the student; empty if the teacher has chosen the robot
     why: str = ""
     is_guess: bool = False
 

@@ -20,12 +20,14 @@ from typing import (
 from husky_grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
 from husky_highlevel_controller.xml_rpc import ask
 
-# [s] longest wait for the master, because a submission may end the master and listen on its port
+# [s] longest wait for an answer of the ROS master; a submission may have replaced the master by a program
+# that never answers
 ANSWER_DEADLINE = 20.0
 CALLER = "/marking"
-MAX_CALLERS = 5  # largest number of callers of a service that are reported
+MAX_CALLERS = 5  # at most this number of nodes that call a service is reported
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
-# topic of the true poses; namespace of the topics with the objects' markers
+# topics with true positions, which a submission must not read: pose of the robot, and beginning of the topics
+# of objects
 TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # nodes by topic
@@ -41,7 +43,7 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
 
     Each call of a service looks it up once.
     """
-    # not trusted, because a submission may end the master and answer on its port
+    # the answer is checked, because a submission may have ended the master and may answer in its place
     answer = _ask(uri, "countLookups", service)
     counts = answer if isinstance(answer, dict) else {}
     of_others = {
@@ -66,7 +68,8 @@ class Registered(NamedTuple):
 
 def registered(uri: str, our_nodes: Collection[str]) -> Registered:
     """Return the registrations of the nodes that are not ours."""
-    # publishers by topic, subscribers by topic, and providers by service; none if the master does not answer
+    # nodes that are not ours: publishers by topic, subscribers by topic, providers by service; empty if the
+    # master does not answer
     state = [
         {name: set(nodes) - set(our_nodes) for name, nodes in part}
         for part in _ask(uri, "getSystemState") or ((), (), ())
@@ -100,11 +103,12 @@ def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfi
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:
         return config
-    # the SMB has the topic of the older Husky, so its topic alone does not mean an SMB
+    # the SMB and the older Husky use the same topic, so a subscription to this topic does not mean an SMB
     for version, (topic, _) in ROBOT_VERSIONS.items():
         if version != SMB and topic in topics:
             return replace(config, robot=version)
-    # a single topic of scans with any other name gets the scans of a Husky
+    # if the submission subscribes to one topic of scans, and its name is unknown, a Husky sends its scans
+    # there
     types = dict(_ask(uri, "getTopicTypes") or ())
     scans = [topic for topic in topics if types.get(topic) == SCAN]
     return replace(config, robot="husky", scans=scans[0]) if len(scans) == 1 else None

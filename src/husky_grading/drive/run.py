@@ -36,19 +36,19 @@ from husky_grading.submission import (
 )
 
 STALL_DEADLINE = 90.0  # [s] a run ends if simulated time has not advanced for this wall time
-# [s] wall time between two checks of a run; a check costs the ROS master some milliseconds
+# [s] wall time between two checks whether a run is over
 PROGRESS_PERIOD = 0.2
-KEPT_OUTPUT = 20000  # largest number of characters of the submission's output that are kept
-RECORDER_NODE = "marking_recorder"  # name of the recorder's node
+KEPT_OUTPUT = 20000  # longer output of a submission is cut in the middle to this number of characters
+RECORDER_NODE = "marking_recorder"
 
 
 @dataclass(frozen=True)
 class Driven:
     """Result of a run."""
 
-    # robot that was simulated; if `recording` is None, the robot to simulate in the next attempt
+    # robot that was simulated; if `recording` is None, robot that must be simulated in the next attempt
     robot: RobotChoice
-    recording: Optional[Recording] = None  # None if the submission listens to another robot's scans
+    recording: Optional[Recording] = None  # None if the wrong robot was simulated
 
     @property
     def moved(self) -> bool:
@@ -93,16 +93,19 @@ def drive_submission(
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start(network, submission)
-        # settings of the robot to whose scans the submission listens
+        # settings with the robot whose scans the submission reads
         heard_config = _await_joining(network, recorder, submission, submitted, robot)
         if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
             return Driven(robot.after_hearing(heard_config))
-        # reason why the run must be cut off; None if the recorder has ended it
+        # reason why the run must be cut off; None if the recorder itself has ended the run
         cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
-        if recorder.subscribed:  # the subscription confirms the robot, and is a better reason for the choice
+        # if the submission reads the robot's scans, this is a better reason for the choice than its files
+        if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
         closing = _closing(submission, submitted, events_file, robot, cut_off)
-        if cut_off:  # otherwise the recorder sends its recording without this message
+        # the recorder must be asked only for a run that is cut off; otherwise it sends its recording by
+        # itself
+        if cut_off:
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
     if recorder.recording is None:
@@ -124,13 +127,13 @@ def _closing(
         robot: robot that was simulated.
         cut_off: reason why the run was cut off; None if the recorder has ended it.
     """
-    # packages whose nodes count as the student's; empty if unknown
+    # packages whose nodes count as the student's work; empty if the student's packages are unknown
     own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
     output = submitted.output
     notes = notes_on(read_events(events_file), output, own_packages)
     if robot.why:
         notes.insert(0, Note(Kind.ROBOT, robot.why))
-    # a limit, such as that of memory, has ended the submission
+    # a problem means that a limit, such as the limit of memory, has ended the submission
     if submitted.problem:
         notes.append(Note(Kind.LIMIT, submitted.problem))
     if len(output) > KEPT_OUTPUT:
@@ -172,7 +175,8 @@ def _await_joining(
         heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
         if heard_config is not None and heard_config != robot.config:
             return heard_config
-    recorder.send(GoOn())  # the recorder takes part in place of the submission
+    # lockstep waits for the submission, so the recorder takes part in its place
+    recorder.send(GoOn())
     return robot.config
 
 
@@ -189,8 +193,9 @@ def _follow(
     the simulator ends. `on_time` gets the simulated times [s]. If the submission ends, the recorder gets a
     message.
     """
-    latest, advanced_at = 0.0, time.monotonic()  # [s] simulated time; wall time at which it last advanced
-    # true if the recorder has got the message that the submission has ended
+    # [s] latest simulated time; wall time at which simulated time last advanced
+    latest, advanced_at = 0.0, time.monotonic()
+    # true if the recorder was already informed that the submission has ended
     is_end_reported = False
 
     def is_over() -> bool:

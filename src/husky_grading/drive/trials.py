@@ -11,8 +11,10 @@ import numpy as np
 from husky_highlevel_controller.course import PILLAR_POSITION, PILLARS, course_world
 from husky_highlevel_controller.datatypes import Pose2D
 
-NEAREST, FARTHEST = 8.0, 20.0  # [m] distance from base_link to the pillar's centre at the start
-SIDE = 1.0  # [rad] largest bearing of the pillar, because exercise 3 does not ask for a search
+# [m] smallest and largest distance between base_link and the pillar's centre at the start
+NEAREST, FARTHEST = 8.0, 20.0
+# [rad] at the start, the pillar is at most this far to the side, so the robot need not search for it
+SIDE = 1.0
 _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
 
 
@@ -21,9 +23,9 @@ class Trial:
     """Start, pillar and seed of one run."""
 
     number: int
-    start: Pose2D  # pose of base_link in the world
-    pillar: Tuple[float, float]  # [m] centre in the world
-    seed: int  # random seed for all noise
+    start: Pose2D  # pose of base_link in the world at the start
+    pillar: Tuple[float, float]  # [m] x and y of the pillar's centre in the world
+    seed: int  # random seed of the simulated noise
 
 
 def draw_trials(count: int, seed: int) -> List[Trial]:

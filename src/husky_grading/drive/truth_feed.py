@@ -12,7 +12,8 @@ from typing import Callable, Optional
 from husky_highlevel_controller.datatypes import TrueState
 
 BUFFER = 1 << 16  # [bytes]
-# answer to "ready" and to each state; the simulator waits for this answer, so that markers get the right time
+# answer to "ready" and to each true state; the simulator waits for it, so simulated time stands still while a
+# state is recorded
 READ = b"."
 
 
@@ -24,7 +25,8 @@ class TruthFeed:
     ) -> None:
         """Listen on a socket, which is removed when the simulator connects; events are kind and text."""
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
-        self.failure: Optional[Exception] = None  # first exception of a callback; reading continues
+        # first exception of a callback, after which reading goes on; None if there is none
+        self.failure: Optional[Exception] = None
         self._begins = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
