@@ -25,7 +25,7 @@ Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 class Exercise:
     """Exercise of the course."""
 
-    items: Tuple[str, ...]  # names of the items, as a rubric file uses them
+    items: Tuple[str, ...]  # names of the graded items; rubric files use the same names
     judge: Judge
     pace: float  # maximum real-time factor
     deadline: float  # [s] longest simulated time of a run

@@ -30,12 +30,16 @@ ITEMS = (
     "parameters: topic name and queue size",
     "RViz shows the laser scan in odom",
 )
-SAME = 0.02  # [m] tolerance between a printed number and the measured ranges
-LEAST_LINES = 5  # least number of printed lines with a number that was the smallest range
-SPAN = 0.5  # least ratio of the change of the printed numbers to the change of the smallest range
-# motion of the robot, which the grader drives: speed [m/s], begin [s], duration [s]
+# [m] tolerance when a printed number is compared with the smallest ranges that the lidar measured
+SAME = 0.02
+# at least this number of printed lines must have a smallest range of the lidar; otherwise there are no points
+LEAST_LINES = 5
+# all points are given only if the printed numbers change by at least this fraction of the change of the
+# smallest range
+SPAN = 0.5
+# `grade` drives the robot straight ahead: speed [m/s], begin and duration in simulated time [s]
 SPEED, BEGIN, SECONDS = 0.5, 2.0, 10.0
-STANDS_BY = BEGIN + SECONDS + 1.0  # [s] simulated time at which the robot stands again
+STANDS_BY = BEGIN + SECONDS + 1.0  # [s] simulated time at which the robot has stopped, so the run ends
 # hints
 PRINT = (
     "print the smallest range in the callback of the scans, by ROS_INFO or rospy.loginfo, with output=screen"
@@ -45,7 +49,8 @@ PARAMETERS = "read both as private parameters of the node, from the launch file 
 
 _QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
-# prefix of a line of a ROS log, with the level and the times
+# pattern of the beginning of a line in a ROS log, such as "[ INFO] [17.5, 2.0]:", whose numbers are not
+# ranges
 _PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?:?")
 
 
@@ -53,8 +58,9 @@ _PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?
 class ReadParameters:
     """Parameters of the submission that the exercise asks for, by their full names."""
 
-    topics: Tuple[str, ...] = ()  # private parameters whose value is the topic of the scans
-    queues: Tuple[str, ...] = ()  # private parameters with a whole number whose names contain "queue"
+    topics: Tuple[str, ...] = ()  # names of private parameters whose value is the topic of the scans
+    # names of private parameters that have "queue" in their name and a whole number as their value
+    queues: Tuple[str, ...] = ()
 
 
 class StraightDrive(Watch):
@@ -92,22 +98,24 @@ class StraightDrive(Watch):
 def judge_output(recording: Recording) -> Item:
     """Grade whether the smallest range is printed: 40 points, or 20 if it does not follow the run."""
     item = Item(ITEMS[0], 0.0, 40.0, "")
-    # (N,) [m] smallest range of each scan with a return
+    # (N,) [m] smallest range of each scan; scans without a return are left out
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
         return with_cause(item, "nothing to print", (causes(recording) or [NO_SCANS])[0])
     low, high = float(truth.min()), float(truth.max())
     lines = [_PREFIX.sub("", line) for line in recording.output.splitlines()]
-    # numbers of each line, and those among them that can be the smallest range of a scan
+    # all numbers of each line; then only the numbers of each line that can be the smallest range of a scan
     numbers = [[float(word) for word in _NUMBER.findall(line)] for line in lines]
     ranges = [[number for number in line if low - SAME <= number <= high + SAME] for line in numbers]
-    printed = [line[0] for line in ranges if line]  # [m] first such number of each line
+    # [m] first number of each line that can be a smallest range
+    printed = [line[0] for line in ranges if line]
     if len(printed) < LEAST_LINES:
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
         return replace(item, evidence=evidence, hint=MINIMUM if any(numbers) else PRINT)
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
-    # the robot drives towards the pillar, so the smallest range decreases, and the numbers must, too
+    # the robot drives towards the pillar, so the smallest range decreases; the printed numbers must decrease,
+    # too
     follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
     return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
 

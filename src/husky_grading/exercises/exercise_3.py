@@ -40,20 +40,29 @@ from husky_grading.rubrics.rviz_view import (
 from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
-HALF_WAY = 0.5  # fraction of the way to the pillar that gives all points for the approach
-# a robot that passes the pillar at a distance above both limits gets half of the points: fraction of the way,
-# and [m]
+HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
+# a robot that passes the pillar gets half of the points for the approach if its distance from the pillar is
+# larger than PAST (a fraction of the way) and larger than MIN_PAST [m]
 PAST, MIN_PAST = 0.1, 1.0
-FIRST_STEPS = 0.1  # fraction of the way that gives half of the points for the approach
-# sine of the bearing above which the robot must turn; fraction of its turns that must have the sign of the
-# bearing
+# a robot that covers only this fraction of the way gets half of the points for the approach
+FIRST_STEPS = 0.1
+# the robot should turn towards the pillar while the sine of the pillar's bearing is above ASIDE. If more than
+# the fraction MOSTLY of its turns then leads towards the pillar, the sign of the turns is right. If at most 1
+# - MOSTLY does, the sign is wrong.
 ASIDE, MOSTLY = 0.1, 0.6
-# [rad/s] least rate of a turn; fraction of turns to the same side above which the robot only turns in circles
+# turns slower than TURNS_ON [rad/s] do not count; the robot turns in circles if the fraction ONE_WAY of its
+# other turns goes to the same side
 TURNS_ON, ONE_WAY = 0.05, 0.9
-STOPPED = 1.0  # [s] time at rest at the end of a run after which the robot has stopped
-PERIOD, LATELY = 0.1, 1.0  # [s] longest time between two scans; time over which the last approach is measured
-SILENT = 2.0  # [s] simulated time in which a submission that reads scans must advertise its commands
-NEARLY = 0.1  # [m] tolerance for "at the nearest point of the run"
+STOPPED = 1.0  # [s] a robot has stopped if it has been at rest for at least this time at the end of the run
+# [s] if a run lasts until PERIOD before the deadline, the deadline has ended it; the speed at the end of a
+# run is measured over its last LATELY seconds
+PERIOD, LATELY = 0.1, 1.0
+# [s] simulated time from the start; the run ends if a submission that reads topics has no publisher of
+# velocity commands by then
+SILENT = 2.0
+# [m] the robot has driven away if, at the end, it is farther from the pillar than at its nearest point by
+# more than this
+NEARLY = 0.1
 ITEMS = (
     "drives towards the pillar",
     "reaches the pillar",
@@ -105,7 +114,7 @@ class PillarWatch(Watch):
 class Explanation(NamedTuple):
     """Probable mistake behind a loss of points."""
 
-    ending: str  # last words of the sentence of the evidence; may be empty
+    ending: str  # end of the sentence in the report, such as "; it drives backwards"; may be empty
     hint: str
 
 
@@ -116,12 +125,13 @@ def judge_approach(recording: Recording) -> Item:
     if it drives past the pillar. The hint names the most probable mistake.
     """
     item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
-    # gaps between footprint and pillar (N,) [m] at the times (N,) [s]
+    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
         return with_cause(item, "the robot never moves", first_cause(recording))
-    first_gap = max(gaps[0], 1e-6)  # [m] length of the way to the pillar; above 0 in any case
-    nearest = int(np.argmin(gaps))  # row at which the robot is nearest to the pillar
+    # [m] gap at the start, which is the length of the way to the pillar; never 0
+    first_gap = max(gaps[0], 1e-6)
+    nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     covered = first_gap - gaps[nearest]  # [m] part of the way that the robot has covered
     if covered >= HALF_WAY * first_gap:
         half_time = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * first_gap)])
@@ -148,7 +158,7 @@ def judge_approach(recording: Recording) -> Item:
         evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
         evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
-    # note that the node has ended early, has raised an exception, or has stopped publishing; otherwise None
+    # finding that explains why the robot stopped, such as an exception in the node; None if there is none
     cause = cause_of_stop(recording)
     if cause:
         ending, hint = behind(cause), hint_on(cause)
@@ -177,13 +187,15 @@ def _explain_steering(recording: Recording) -> Explanation:
     bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
     is_aside = np.abs(np.sin(bearings)) > ASIDE
     turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
-    # fraction of the moments with the pillar aside in which the robot turns towards it
+    # fraction of moments at which the robot turns towards the pillar, among moments with the pillar to the
+    # side
     right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
     if right_fraction > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
         hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
         return Explanation("", hint + "while the angle is large")
-    if right_fraction <= 1.0 - MOSTLY:  # most turns lead away from the pillar, so the sign is wrong
+    # if most turns lead away from the pillar, the sign of angular.z is wrong
+    if right_fraction <= 1.0 - MOSTLY:
         return Explanation("", TURNS)
     large_turns = turns[np.abs(turns) > TURNS_ON]
     if len(large_turns) and max(np.mean(large_turns > 0.0), np.mean(large_turns < 0.0)) >= ONE_WAY:
@@ -206,11 +218,12 @@ def judge_arrival(
         approach: item of `judge_approach` for this run. If it lost points, its hint is used here, too.
     """
     item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
-    if not len(recording.times):  # the recording of a run that has not begun
+    if not len(recording.times):  # a run that has not begun has no poses
         return with_cause(item, NO_RUN, first_cause(recording))
     if recording.hull_gaps.min() > rules.reached:
         return _judge_miss(item, recording, rules, approach)
-    touch_time = first_touch(recording)  # [s]; inf if the robot never touches the pillar
+    # [s] time of the first touch; inf if the robot never touches the pillar
+    touch_time = first_touch(recording)
     if touch_time < np.inf:
         return _judge_touch(item, recording, rules, touch_time)
     return _judge_stop(item, recording, rules)
@@ -222,20 +235,21 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     The arguments are those of `judge_arrival`, and its item without evidence.
     """
     gaps = recording.hull_gaps
-    nearest = int(np.argmin(gaps))  # row at which the robot is nearest to the pillar
+    nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     at = float(recording.times[nearest])
     if _runs_out_of_time(recording):
         why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
     evidence += f", at most {rules.reached:g} m is needed"
-    # the robot drove, but not after the nearest point
+    # the robot stops short if it has driven, but not after its nearest point
     if recording.driving.any() and not recording.driving[nearest + 1 :].any():
         evidence = f"stops short: {evidence}"
     cause = cause_of_stop(recording)
     if not recording.moving.any():
         ending, hint = "", hint_on(first_cause(recording))
-    elif approach is not None and not approach.full:  # the approach names the same mistake already
+    # if the item for the approach lost points, its hint names the same mistake
+    elif approach is not None and not approach.full:
         ending, hint = "", approach.hint
     elif cause:
         ending, hint = behind(cause), hint_on(cause)
@@ -281,7 +295,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
         return with_cause(item, NO_RUN, first_cause(recording))
-    # note on the reason why no marker comes; None if unknown
+    # finding that explains why no marker came; None if unknown
     cause = cause_of_silence(recording)
     if not recording.marker_topics:
         evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{behind(cause)}"
@@ -292,7 +306,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     if not placements:
         evidence = f"nothing came on {', '.join(recording.marker_topics)}{behind(cause)}"
         return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
-    # the namespace with the most points counts, as docs/rubrics.md says
+    # the marker namespace with the most points counts, as docs/rubrics.md says
     best = max(placements, key=lambda placement: placement.score)
     hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
     return replace(item, points=round(20.0 * best.score, 1), evidence=best.evidence, at=best.at, hint=hint)
@@ -332,7 +346,7 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         return without_config(item, view, rules)
     if view.problem:  # RViz shows nothing, for example because the fixed frame does not exist
         return replace(item, evidence=f"{view.source}: {view.problem}", hint=hint_on_view(view))
-    # points of each display, and whether RViz shows it
+    # for each display: its points, and true if RViz shows it
     parts = {
         TF: (6.0, view.tf),
         ROBOT: (7.0, view.robot),
@@ -372,7 +386,7 @@ def judge_shown(
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
-    # a topic is visible if RViz shows one of its namespaces
+    # a topic is visible if at least one of its marker namespaces is switched on in RViz
     visible_topics = {
         marker.topic for marker in markers if (marker.topic, marker.namespace) not in view.hidden
     }
@@ -428,6 +442,7 @@ EXERCISE = Exercise(
     pace=5.0,
     deadline=120.0,
     random_starts=True,
-    facts=Facts(by_content=True),  # the launch file of exercise 3 names the world with the pillar
+    # in exercise 3, a launch file is chosen by its content, because it names the world with the pillar
+    facts=Facts(by_content=True),
     watch=PillarWatch,
 )

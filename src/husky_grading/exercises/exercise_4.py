@@ -38,26 +38,33 @@ from husky_grading.submission import NamedRobot, Parts, Plan
 from husky_highlevel_controller.robot import load_robot
 
 FILTERED, ODOMETRY = "/odometry/filtered", "nav_msgs/Odometry"  # topic of the filter's estimate, and its type
-PLAYER = "rosbag/play"  # node of a launch file that plays a bag
+PLAYER = "rosbag/play"  # package/type of the node that plays a bag
 TOP_VIEW_FRAME = "smb_top_view"
-MAX_FILE = 1_000_000  # [bytes] largest size of a configuration file of rqt_multiplot
-# largest number of curves of a package; largest length of the name of a topic or field
+MAX_FILE = 1_000_000  # [bytes] larger configuration files of rqt_multiplot are not read
+# at most MAX_CURVES curves of a package are read; longer names of topics and fields are cut to MAX_NAME
+# characters
 MAX_CURVES, MAX_NAME = 100, 200
 MAX_ESTIMATES = 50_000
-BAG_MARGIN = 0.1  # [s] simulated time before the end of a bag at which the last true pose may come
-LAST = 1.0  # [s] an estimate within this time before the bag's end counts as one of the last
-SILENCE = 10.0  # [s] wall time without an estimate after which the run ends, counted from the bag's end
-# packages that only the SMB's sheet uses; /rslidar_points and smb_top_view may also occur for the Husky
+# [s] simulated time; the bag counts as played this time before its end, because the last true pose may come
+# before the end
+BAG_MARGIN = 0.1
+# [s] the path is complete if the stamp of its last estimate is at most this time before the bag's end
+LAST = 1.0
+SILENCE = 10.0  # [s] after the bag's end, the run ends if no estimate has come for this wall time
+# a package that names smb_control or smb_description is for the SMB; /rslidar_points and smb_top_view are not
+# enough, because a package for the Husky may name them, too
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
-# topics of the point cloud in our bags and on the sheet of 2018
+# topics of the point cloud, in our bags and on the exercise sheet of 2018
 CLOUD_TOPICS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}
 MIN_ESTIMATES = 10
-# [s] estimates must come from this time after the bag's begin to this time before its end
+# [s] the estimates must begin at most BEGIN after the bag's begin, and go on until at most END before the
+# bag's end
 BEGIN, END = 5.0, 2.0
-GAP = 5.0  # [s] longest time between two estimates, by their stamps
-# largest error of the path: [m], and as a fraction of its length; the larger of the two counts
+GAP = 5.0  # [s] longest allowed time between the stamps of two estimates
+# largest allowed error of the path: TOLERANCE [m], or this fraction of the path's length if that is more
 TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02
-ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m] position of the top view in base_link, and its tolerance
+# [m] required position of the frame smb_top_view in base_link; its tolerance
+ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1
 # required colouring of the point cloud; required size of its points [m]; tolerance of this size [m]
 COLOURING, SIZE, SAME_SIZE = (
     "AxisColor Z",
@@ -76,7 +83,8 @@ STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Si
 RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
 PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
-_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # pattern of the folders in a file's path
+# pattern of the folders in a path, which are left out of the report
+_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")
 _POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
 
 
@@ -94,9 +102,10 @@ class Playback:
 
     top_view: np.ndarray = table("[s, m, m, m] times and positions of the frame in base_link", 4)
     players: Tuple[str, ...] = ()  # arguments of each `rosbag play` in the launch file of the submission
-    # curves in the rqt_multiplot files of the submission: /topic/field of x and of y
+    # curves in the submission's rqt_multiplot files: quantity along x and quantity along y, each as
+    # /topic/field
     curves: Tuple[Tuple[str, str], ...] = ()
-    # [m] position of every frame in base_link at the end of the run; empty if TF has had `smb_top_view`
+    # [m] positions of all frames in base_link at the end of the run; empty if there was a frame smb_top_view
     places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
 
 
@@ -156,7 +165,7 @@ def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: st
     set_robot_parameters(network, config)
     command = [BAG_PLAYER, config.robot_name, *map(str, (trial.seed, config.pace, config.deadline))]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
-    # the bag player advertises /clock after all other topics
+    # the bag player advertises /clock after all other topics, so it is ready when /clock is there
     return once_up(player, lambda: is_published(network.uri, "/clock"))
 
 
@@ -170,7 +179,7 @@ class FilterWatch(Watch):
         super().__init__(initial, ros)
         # [s, m, m] stamp, x and y of each estimate, by topic
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
-        # [s, m, m, m] simulated time, and position of the top view in base_link
+        # [s, m, m, m] simulated time, and position of the frame smb_top_view in base_link
         self._top_view: List[Tuple[float, ...]] = []
         self._came_at = time.monotonic()  # [s] wall time of the last estimate
 
@@ -230,7 +239,7 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
     """
     if not playback.curves:
         return Verdict(None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT)
-    # the path is the curve of one topic's y over the x of the same topic
+    # a curve shows the path if it draws y of a topic's position over x of the same topic's position
     matches = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
     topics = [match["topic"] for match in matches if match]
     evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in playback.curves[:3])
@@ -245,14 +254,14 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     With fewer than MIN_ESTIMATES estimates there are no points.
     """
     estimate = recording.estimate or EstimatedPath()
-    # (N, 3) [s, m, m] stamp, x and y of each estimate, without estimates that are not numbers
+    # (N, 3) [s, m, m] stamp, x and y of each estimate; estimates with NaN or infinity are left out
     path = estimate.points[np.isfinite(estimate.points).all(axis=1)]
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
         return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS)
     stamps, end = path[:, 0], float(recording.times[-1])
-    true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y
+    true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
     true_at_stamps = [np.interp(stamps, recording.times, column) for column in true_positions.T]
     largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
@@ -296,7 +305,7 @@ def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> V
 
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the top view is 2 m above base_link at three moments of the run."""
-    rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of the frame in base_link
+    rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of smb_top_view in base_link
     if len(rows) < 3:
         frames_above = [frame for frame, place in sorted(playback.places.items()) if _is_above(place)]
         evidence = "no transform from base_link to smb_top_view"
@@ -304,9 +313,9 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
             evidence += f", but {frames_above[0]} is 2 m above it"
             return Verdict(0.0, evidence, RENAME.format(frames_above[0]))
         return Verdict(0.0, evidence, TOP_VIEW)
-    # rows at the begin, at three moments in between, and at the end of the run
+    # indices of the first row, of three rows in between, and of the last row
     quarters = np.linspace(0, len(rows) - 1, 5).astype(int)
-    moments = rows[quarters[1:4]]  # rows without the first and the last one
+    moments = rows[quarters[1:4]]  # the three rows in between
     is_there = all(_is_above(place) for place in moments[:, 1:])
     places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
     return Verdict(float(is_there), f"in base_link: {places}", TOP_VIEW)
@@ -334,7 +343,8 @@ def leave_to_teacher(_recording: Recording, _playback: Playback, _view: RvizView
     return Verdict(None, by_hand(), "")
 
 
-# items with their points on the Husky's sheet and on the SMB's sheet
+# for each item: points on the Husky's and on the SMB's exercise sheet, subject, and function that gives the
+# points
 SHEETS: Dict[str, Tuple[float, float, Subject, Callable[[Recording, Playback, RvizView], Verdict]]] = {
     "explains the filter": (0.0, 10.0, Subject.CODE, leave_to_teacher),
     "explains its topics": (0.0, 10.0, Subject.CODE, leave_to_teacher),

@@ -30,18 +30,23 @@ ITEMS = (
     "bonus: stops before a crash",
     "bonus: stops after a crash",
 )
-BEFORE = 0.5  # [s] the speed before a call is measured in this simulated time before the call
-# [s] the speed after a call is measured between these simulated times after the answer
+BEFORE = 0.5  # [s] the speed before a call is the highest speed within this simulated time before the call
+# [s] the speed after a call is the highest speed between these two simulated times after the answer
 SETTLED, CALM = 1.5, 4.0
-# a node with this number of lookups calls the service; a node that only waits for it makes fewer lookups
+# a node that has looked the service up at least this often calls it; a node that only waits for the service
+# makes fewer lookups
 MANY = 5
-SLOW, FAST = 0.05, 0.1  # [m/s] speeds below which the robot stands, and above which it drives
+SLOW, FAST = 0.05, 0.1  # [m/s] the robot stands up to the speed SLOW, and drives from the speed FAST on
 SET_BOOL = "std_srvs/SetBool"
-CALLS = (False, True, False, True)  # values of the calls; False stops and True starts, or the other way round
-DRIVES = 0.1  # [m/s] speed of a robot that has begun to drive
-# [s] time between the first motion and the first call; time of the first call if the robot never moves
+# values of the four calls; a submission may stop at False and start at True, or the other way round
+CALLS = (False, True, False, True)
+DRIVES = 0.1  # [m/s] the robot has begun to drive if its speed is above this
+# [s] the first call comes FIRST_CALL after the robot has begun to drive, but at the latest at the simulated
+# time LATEST_FIRST_CALL
 FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
-OBEYED = 0.5  # [s] a submission that a call has stopped may still send commands for this simulated time
+# [s] simulated time; a call has silenced the submission if the submission's last command came at most this
+# long after the call
+OBEYED = 0.5
 NO_SERVICE = 25.0  # [s] the run is over if the submission has offered no service by this simulated time
 # hints
 SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {MEMBER}"
@@ -63,7 +68,8 @@ class Call:
     data: bool  # value of the request
     success: bool
     answer: str  # text of the service's answer, or the error of the call
-    # [s] simulated time of the answer; on a busy machine, it may be more than a second after the call
+    # [s] simulated time of the answer; on a busy machine, the answer may come more than a second after the
+    # call
     answered_at: float
 
 
@@ -71,10 +77,11 @@ class Call:
 class ServiceCalls:
     """Services that the submission offers, and the calls of them."""
 
-    services: Tuple[str, ...] = ()  # services of type std_srvs/SetBool
+    services: Tuple[str, ...] = ()  # names of the services of type std_srvs/SetBool
     other_services: Tuple[str, ...] = ()  # services of other types, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
-    # number of times that each node of the submission has looked the service up; each call looks it up once
+    # number of lookups of the service by each node of the submission; each call of the service looks it up
+    # once
     callers: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -83,8 +90,9 @@ class CallPlan:
     """Plan of the calls of one run."""
 
     made: int = 0
-    answered_at: float = -inf  # [s] simulated time of the last answer; inf while an answer is awaited
-    drove_at: float = inf  # [s] time at which the robot first drove
+    # [s] simulated time of the last answer; inf while an answer is awaited, -inf before the first call
+    answered_at: float = -inf
+    drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
 
     def due(self, now: float, speed: float) -> Optional[bool]:
         """Return the value of the call that is due now [s], or None; `speed` in m/s."""
@@ -126,11 +134,11 @@ class ServiceWatch(Watch):
 
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
         """Take the answer of the last call, or make the next one; return why the plan is done, if it is."""
-        # a type may be unknown at first, so the types are asked for at each look
+        # the type of a new service may be unknown at first, so the types are asked for each time
         self._types.update(self._ros.service_types(state.services))
         if self._waiting_call:
             answer = self._ros.answer()
-            if answer is None:  # the call still waits, so the run goes on
+            if answer is None:  # the answer has not come yet, so the run goes on
                 return None
             self._calls.append(
                 replace(self._waiting_call, success=answer.success, answer=answer.text, answered_at=state.now)
@@ -142,9 +150,10 @@ class ServiceWatch(Watch):
         value = self._plan.due(state.now, state.speed) if names else None
         if value is None:
             return self._plan.reason(state.now, bool(names))
-        # success, answer and time of the answer are not known yet
+        # the last three values are placeholders until the answer comes
         self._waiting_call = Call(state.now, value, False, "", state.now)
-        self._ros.call(min(names), value)  # the first name, so that all calls go to the same service
+        # the first name, so that all calls go to the same service if there are several
+        self._ros.call(min(names), value)
         return None
 
     def has_silenced(self, last_command: float) -> bool:
@@ -167,7 +176,7 @@ class Effect:
 
     call: Call
     before: float  # [m/s] highest speed just before the call
-    after: float  # [m/s] highest speed after the call, when the robot had time to react
+    after: float  # [m/s] highest speed after the call, when the robot has had time to react
 
     @property
     def drove_before(self) -> bool:
@@ -188,10 +197,11 @@ def judge_calls(recording: Recording) -> List[Item]:
     """
     stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
     start = replace(stop, name=ITEMS[1], hint=START)
-    offered = recording.watched_as(ServiceCalls)  # the services, and our calls of them
+    # services of the submission, and the calls that `grade` made
+    offered = recording.watched_as(ServiceCalls)
     if not offered.calls:
         return _judge_no_calls([stop, start], recording, offered)
-    service = offered.services[0] if offered.services else "its service"  # name for the sentences
+    service = offered.services[0] if offered.services else "its service"  # name of the service in the report
     effects = _effects(recording, offered.calls)  # speeds before and after each call
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
@@ -203,7 +213,7 @@ def judge_calls(recording: Recording) -> List[Item]:
     stop = _judge_stops(stop, service, [effect for effect in effects if effect.call.data is stop_value])
     if not calls_while_driving:
         return [stop, _judge_starts_from_rest(start, service, recording, effects)]
-    # a start counts only if the robot stood because the call before had stopped it
+    # a call that starts the robot counts only if the call before it had stopped the robot
     starts = [
         effect
         for previous, effect in zip(effects, effects[1:])
@@ -241,10 +251,10 @@ def _judge_no_stop(
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
     evidence, hint = f"{service}: neither value stops it: {', '.join(speeds)}", NEITHER
     first_call = effects[0].call
-    # the service may say itself why it has not obeyed
+    # the text of the answer may say why the service has not obeyed
     if first_call.answer and not first_call.success:
         evidence += f" ({first_call.answer})"
-    # a node of the submission that calls the service too may undo the calls of the grader
+    # another node of the submission may call the service, too, and undo the calls of `grade`
     other_callers = [
         f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY
     ]
@@ -263,8 +273,8 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
     for effect in effects:
         if effect.drove_before:
             speeds_after[effect.call.data].append(effect.after)
-    # a value that was never sent to a driving robot has no mean, so the other value counts as the one that
-    # stops
+    # if a value was never sent to a driving robot, its mean speed is inf, so the other value counts as the
+    # one that stops the robot
     means = {value: np.mean(speeds or [np.inf]) for value, speeds in speeds_after.items()}
     return bool(means[True] < means[False])
 

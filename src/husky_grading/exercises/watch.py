@@ -57,19 +57,20 @@ class DriveState:
 
     now: float  # [s] simulated time
     speed: float  # [m/s] true speed
-    subscribed: bool = False  # the submission subscribes to the `input_topic` of the watch
-    listens: bool = False  # the submission subscribes to any topic that is not part of every ROS node
-    advertises: bool = False  # the submission has a publisher of velocity commands
-    commands: int = 0  # number of velocity commands so far
-    abandoned: bool = False  # no node of the submission runs any more
-    services: Tuple[str, ...] = ()  # services that the submission offers
+    subscribed: bool = False  # true if the submission subscribes to the topic that the exercise needs
+    listens: bool = False  # true if the submission subscribes to a topic that not every ROS node has
+    advertises: bool = False  # true if the submission has a publisher of velocity commands
+    commands: int = 0  # number of velocity commands that the submission has sent so far
+    abandoned: bool = False  # true if no node of the submission runs any more
+    services: Tuple[str, ...] = ()  # names of the services that the submission offers
 
 
 class Watch:
     """Watch of a submission that drives by the scans up to the deadline; base class of all other watches."""
 
-    follows: FrozenSet[str] = frozenset()  # types of the submission's messages that `on_message` gets
-    reads_scans = True  # the recorder subscribes to the scans, too
+    # message types; the submission's messages of these types are passed to `on_message`
+    follows: FrozenSet[str] = frozenset()
+    reads_scans = True  # true if the recorder must subscribe to the scans, too
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         """Prepare for a run; `initial` is its recording before it begins, with pillar, robot and deadline."""
