@@ -17,10 +17,11 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.xml_rpc import ask
 
 NOTICE_TIME = 6.0  # [s] time for which a notification is shown
-# [s] longest wall time of a service call, and of a call that takes long
+# [s] longest wall time of a service call; LONG_TIMEOUT is for services that may take long, such as load_world
 CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0
 MASTER_DEADLINE = 2.0  # [s] longest wall time for an answer of the ROS master
-Work = Callable[[], Optional[str]]  # work of a button; it returns a sentence for the page, or None
+# function that does the work of a button; it returns a sentence for the page, or None
+Work = Callable[[], Optional[str]]
 
 
 class Actions:
@@ -47,7 +48,7 @@ class Actions:
                 sentence, is_good = f"{type(error).__name__}: {error}", False
                 rospy.logwarn(f"{title}: {traceback.format_exc()}")
             if sentence and client is not None:  # the client is None if no page waits for the result
-                with contextlib.suppress(Exception):  # the page may have been closed
+                with contextlib.suppress(Exception):  # a page that has been closed meanwhile causes an error
                     notify(client, title, sentence, is_good)
 
 
@@ -70,7 +71,7 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     Raises:
         HuskyError: the service does not exist, fails, or does not answer in time.
     """
-    # rospy has no deadline for a call, so a thread calls, and this one waits for its answer
+    # rospy has no deadline for a call, so another thread makes the call, and this thread waits for the answer
     answer: futures.Future[Any] = futures.Future()
 
     def ask() -> None:
@@ -84,7 +85,7 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     try:
         return answer.result(seconds)
     except futures.TimeoutError:
-        # the thread goes on, because a call cannot be cancelled
+        # the other thread goes on, because a call cannot be cancelled
         raise HuskyError(f"{service} has not answered for {seconds:g} s; it may still act") from None
     except Exception as error:
         raise HuskyError(f"{service}: {error}") from None

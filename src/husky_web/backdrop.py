@@ -16,20 +16,25 @@ import viser
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.viser_private import place, show_in_page
 
-SIDES = 48  # number of sides of the ground's rim and of the sky's dome
+SIDES = 48  # number of straight sides with which the round rim of the ground and the sky's dome are drawn
 RADIUS = 400.0  # [m] distance from the robot to the horizon
-# [m] distance from the robot to the end of the checker pattern; distance between two lines; half the width of
-# a line
+# [m] up to CHECKER from the robot, the ground has a checker pattern; it has a line every SECTION, and LINE is
+# half the width of a line
 CHECKER, SECTION, LINE = 25, 5, 0.03
-# contrast between the 1 m squares of the checker pattern and the ground's colour, near the robot
+# near the robot, a square of the checker pattern is brighter or darker than the ground's colour by this
+# fraction
 CONTRAST = 0.09
-# [m] step with which the checker pattern follows the robot; the pattern repeats after this length
+# [m] the ground follows the robot in steps of this length; a step is not visible, because the pattern repeats
+# after this length
 STEP = 2 * SECTION
 SHADOW_HEIGHT = 0.004  # [m] height of the shadow above the ground
-# shadow of the robot: rim beyond the footprint [m], side of its picture [px], largest opacity
+# shadow of the robot or an object: width beyond its outline [m], side of the shadow's picture [px], largest
+# opacity (0 to 1)
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
 UNLIT = "KHR_materials_unlit"
-Colour = Tuple[float, float, float]  # colour with linear components, before the browser's tone mapping
+# linear red, green and blue; they may exceed 1, because the browser's tone mapping makes screen colours of
+# them
+Colour = Tuple[float, float, float]
 
 
 class Look(NamedTuple):
@@ -39,7 +44,8 @@ class Look(NamedTuple):
     haze: Colour  # colour of the ground at the horizon
     horizon: Colour  # colour of the sky at the horizon
     zenith: Colour
-    line: float  # fraction by which a line on the ground is brighter than the ground
+    # fraction by which a line on the ground is brighter than the ground; negative if it is darker
+    line: float
     sun: float  # intensity of the directional light
     sky: float  # intensity of the light from above and below
 
@@ -101,12 +107,13 @@ def _fade(length: float) -> np.ndarray:
 def scenery(look: Look) -> bytes:
     """Return ground, with a checker of 1 m and lines every SECTION, and sky as a binary glTF."""
     parts = (checker(look), _surroundings(look))
-    # corners (N, 4, 3) [m] and their colours (N, 4, 3)
+    # (N, 4, 3) each: corners [m] of N quads, which have four corners, and the colours of the corners
     quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))
-    # the colours are divided by the largest one, because the colours of glTF end at 1
+    # glTF allows colours up to 1, so all colours are divided by the largest value; `make_unlit` lets the
+    # browser multiply them by it again
     brightness = float(colors.max())
     rgb = np.round(255.0 * colors / brightness).astype(np.uint8).reshape(-1, 3)
-    # (N, 2, 3) each quad is two triangles, which are given by the rows of its corners
+    # (N, 2, 3) two triangles for each quad; a triangle has the indices of its three corners
     faces = 4 * np.arange(len(quads))[:, None, None] + np.array([(0, 1, 2), (0, 2, 3)])
     mesh = trimesh.Trimesh(quads.reshape(-1, 3), faces.reshape(-1, 3), vertex_colors=rgb, process=False)
 
@@ -125,22 +132,26 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
     Farther away a checker would flicker.
     """
-    edges: List[float] = []  # [m] x or y of the quads' sides; a line is a narrow quad
+    # [m] positions of the quads' sides along x, and also along y; a line on the ground is a row of narrow
+    # quads
+    edges: List[float] = []
     for metre in range(-CHECKER, CHECKER + 1):
         edges += [metre] if metre % SECTION else [metre - LINE, metre + LINE]
-    low, high = np.array(edges[:-1]), np.array(edges[1:])  # limits of the columns, and of the rows
-    # corner with the smallest x and y, and opposite corner, of each of the N quads
+    # [m] lower and upper limits of the columns of quads; the rows have the same limits
+    low, high = np.array(edges[:-1]), np.array(edges[1:])
+    # (x0, y0) is the corner of each quad with the smallest x and y, and (x1, y1) is the opposite corner
     x0, y0 = np.reshape(np.meshgrid(low, low), (2, -1))
     x1, y1 = np.reshape(np.meshgrid(high, high), (2, -1))
     x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
     is_odd = (np.floor(x) + np.floor(y)) % 2.0
     is_line = np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE
     shade = np.where(is_line, look.line, CONTRAST * (1.0 - 2.0 * is_odd))
-    # 1 at the robot, 0 from the end of the pattern on
+    # strength of the pattern at each quad: 1 at the robot, 0 at the end of the pattern and beyond
     fade = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
     colors = (1.0 + shade * fade)[:, None] * np.array(look.ground)
     corners = np.array([(x0, y0, 0.0 * x), (x1, y0, 0.0 * x), (x1, y1, 0.0 * x), (x0, y1, 0.0 * x)])
-    # from (corner, coordinate, quad) to (quad, corner, coordinate); the corners have the colour of their quad
+    # the axes (corner, coordinate, quad) become (quad, corner, coordinate); the four corners of a quad get
+    # the colour of the quad
     return corners.transpose(2, 0, 1), np.repeat(colors[:, None], 4, axis=1)
 
 
@@ -151,17 +162,18 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     """
     angles = np.linspace(0.0, 2.0 * pi, SIDES + 1)
     circle = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
-    # the innermost ring is a square below the checker's rim, so no gap is visible
+    # the innermost ring is a square that lies a little inside and below the rim of the checker, so no gap is
+    # visible
     square = circle / np.abs(circle).max(axis=1, keepdims=True)
     rings = [((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground)]
     rings.append((120.0 * circle, _mix(look.ground, look.haze, 0.75)))
     rings.append((RADIUS * circle, look.haze))
-    # elevation [deg] of a ring of the sky, and the zenith's share of its colour
+    # elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
         ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))
         rings.append((ring, _mix(look.horizon, look.zenith, share)))
-    # (rings, SIDES + 1, 3), where the last point of a ring is the first one again
+    # (rings, SIDES + 1, 3); the last point of each ring is its first point again, so that the ring is closed
     points = np.array([ring for ring, _ in rings])
     colors = np.array([np.broadcast_to(color, ring.shape) for ring, color in rings])
     return _quads_between(points), _quads_between(colors)
@@ -169,7 +181,8 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 def _quads_between(rings: np.ndarray) -> np.ndarray:
     """Return the values at the corners of the quads between rings (R, P, 3) of points, (N, 4, 3)."""
-    inner, outer = rings[:-1], rings[1:]  # the rings on both sides of each band of quads
+    # ring at the inner side and ring at the outer side of each band of quads
+    inner, outer = rings[:-1], rings[1:]
     corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
 

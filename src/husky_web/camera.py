@@ -14,14 +14,21 @@ from husky_web.viser_private import look
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
 FIELD_OF_VIEW = radians(34.0)  # vertical field of view; with a wider angle, upright objects seem to lean
-# [m] offsets of the camera from its target; for FOLLOW, x is along the robot's heading
+# [m] position of the camera relative to the point at which it looks; for FOLLOW, x is along the robot's
+# heading
 OFFSETS = {FOLLOW: (-5.5, 1.75, 0.45), PILLAR: (-6.4, -7.1, 1.6), ABOVE: (-0.01, 0.0, 34.0)}
-# [m] height of the camera's target above the robot or pillar; with a lower target, upright objects would lean
+# [m] the camera looks at a point this high above the robot or the pillar; with a lower point, upright objects
+# would seem to lean
 AIM = 0.75
-JUMP = 1.0  # [m] the robot was moved by a service if it has moved farther than this between two updates
+# [m] if the robot has moved farther than this between two updates, a service has moved it, so the camera
+# jumps
+JUMP = 1.0
 TURN_SHARE = 0.08  # fraction of the heading error that the camera corrects in each update
-STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad] motion of the camera below which no message is sent
-# number of sent positions that are remembered; [m] positions nearer to each other than this count as equal
+# [m], [rad] if the camera would move less than STILL and turn less than STILL_ANGLE, no message is sent to
+# the page
+STILL, STILL_ANGLE = 0.002, 0.001
+# the last SENT positions that were sent to the page are kept; if the page reports a position that is nearer
+# than SAME [m] to one of them, the mouse has not moved the camera
 SENT, SAME = 100, 0.01
 
 
@@ -31,10 +38,14 @@ class Camera:
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
         self._name = FOLLOW
-        self._is_placed = False  # the camera is at the offset of its name
-        self._is_settled = False  # the page has reported a position that was sent to it after the last jump
+        self._is_placed = False  # true if the camera has been moved to the offset of the chosen name
+        # true if the page has reported a position that was sent after the last jump; before that, its reports
+        # are too old
+        self._is_settled = False
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
-        self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]  # [rad], [m] from the target, in a frame turned by yaw
+        # yaw [rad] of the frame that turns with the robot; offset [m] of the camera from its target, in this
+        # frame
+        self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]
         self._sent: Deque[Vector3] = deque(maxlen=SENT)  # [m] last positions that were sent to the page
 
     def choose(self, name: str) -> None:
@@ -46,12 +57,12 @@ class Camera:
         robot = None if base is None else base.position
         subject = pillar if self._name == PILLAR else robot  # position that the camera follows
         camera = self._client.camera
-        # a camera cannot be moved before its page has reported it for the first time
+        # viser cannot move the camera of a page before the page has reported its camera for the first time
         has_reported = camera.update_timestamp != 0.0
         if subject is None or self._name == FREE or not has_reported:
             return
         target = (subject[0], subject[1], subject[2] + AIM)
-        # only the camera that follows the robot also turns with it
+        # only the camera FOLLOW turns with the robot
         yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
         if self._is_placed and dist(target, self._target) < JUMP:
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
@@ -59,7 +70,7 @@ class Camera:
                 return
             self._yaw += turn
             self._take_over(camera)
-        else:  # a new camera, or a robot that a service has moved; the camera jumps
+        else:  # the camera jumps, because another camera was chosen, or a service has moved the robot
             self._yaw, self._is_settled = yaw, False
             self._sent.clear()
         if not self._is_placed:
@@ -85,7 +96,8 @@ class Camera:
             self._is_settled |= is_sent
             return
         w, x, y, z = camera.wxyz.tolist()
-        from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))  # direction, because a camera looks along its z
+        # direction from the target to the camera, because a camera looks along its own z axis
+        from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))
         distance = dist(position, camera.look_at.tolist())
         x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), from_target)
         self._offset = (distance * x, distance * y, distance * z)

@@ -14,10 +14,12 @@ from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, solids_of
 from husky_web.viser_private import wxyz
 
-# scale of a text marker, which is 12 px high for every size of the marker, and sharp at any distance
+# scale of the text of a marker; the text is always 12 px high, whatever size the marker has, so it is sharp
+# at any distance
 LETTER_SCALE = 1.0
 LINE_WIDTH = 0.01  # [m] width of a line whose marker gives no width
-DASH, MAX_DASHES = 0.25, 100.0  # [m] length of a dash and of a gap; largest length of all dashes
+# [m] length of each dash and of each gap; length of a dashed line after which no more dashes are drawn
+DASH, MAX_DASHES = 0.25, 100.0
 MIN_OPACITY = 0.02  # a piece with less opacity is not drawn, as in RViz
 _warned: Set[str] = set()  # sources whose first error has been logged
 
@@ -31,7 +33,7 @@ def on_error_log_and_skip(source: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # the page continues after any error of a marker
+    except Exception as error:  # the page continues, whatever error a single item causes
         warn_left_out(source, f"{type(error).__name__}: {error}")
 
 
@@ -69,7 +71,8 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
     return True
 
 
-_KINDS: Any = {  # function that adds each kind of piece to the scene, and the type that the function returns
+# for each kind of piece: function of viser that adds it to the scene, and the type that this function returns
+_KINDS: Any = {
     Solid: (viser.SceneApi.add_mesh_simple, viser.MeshHandle),
     Lines: (viser.SceneApi.add_line_segments, viser.LineSegmentsHandle),
     Points: (viser.SceneApi.add_point_cloud, viser.PointCloudHandle),
@@ -127,6 +130,7 @@ def dashes(start: Vector3, end: Vector3) -> np.ndarray:
     line = np.array(end) - np.array(start)
     length = float(np.linalg.norm(line))
     count = int(min(length, MAX_DASHES) / DASH + 1.0) // 2
-    distances = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)  # [m] begin and end of each dash
+    # [m] distances from `start` to the begin and to the end of each dash
+    distances = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
     segments: np.ndarray = (np.array(start) + distances * line / max(length, DASH)).astype(np.float32)
     return segments

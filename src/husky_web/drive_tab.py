@@ -31,22 +31,23 @@ PAD = """<div class="husky-block husky-drive">
 <div>Drag the pad<span class="husky-has-keys">,
 or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to stop.<br>
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
-# sliders: label, limit in `Teleop` that the slider sets, highest value [m/s] or [rad/s]
+# sliders: label, name of the limit in `Teleop` that the slider sets, and highest value [m/s] or [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
 # name, unit and digits of each number below the lights; the state bar has the other numbers
 READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("scans", "Hz", 1))
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
 BACK = "Back to the start"
-# service of the simulator for each button: name, deadline [s], type, and arguments of the request, here the
-# number of physics steps of 5 ms
+# service of the simulator for each button: name, deadline [s], type, and arguments of the request; STEP
+# requests 20 physics steps of 5 ms
 SERVICES: Dict[str, Any] = {
     PAUSE: ("pause", CALL_TIMEOUT, Trigger),
     STEP: ("step", LONG_TIMEOUT, StepWorld, 20),
     RESUME: ("resume", CALL_TIMEOUT, Trigger),
     BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
-# [s] wall time after a request in which a contradicting status counts as older than the request
+# [s] wall time after a request to start or stop the controller; a status that contradicts the request within
+# this time is older than the request, so it does not count
 STALE_STATUS = 1.0
 # largest number of diagnostics that are shown; largest number of characters of a name or a message
 MAX_LIGHTS, MAX_LETTERS = 50, 200
@@ -86,7 +87,7 @@ class DriveTab:
         self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
-        # both buttons while the controller's state is unknown, later the one that changes the state
+        # Start and Stop while the controller's state is unknown; later only the button that changes the state
         self._start: Any = gui.add_button_group("Controller", (START, STOP))
         self._start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
@@ -114,8 +115,8 @@ class DriveTab:
                 if name.startswith(self._controller.strip("/")):
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
-                    # the request is forgotten as soon as the state agrees; a state that contradicts it
-                    # may come from a message that was sent before the service answered
+                    # the request is forgotten as soon as the state agrees with it; a state that contradicts
+                    # the request may come from a message that was sent before the service answered
                     if (self._state != STOPPED) is self._request or now - self._requested_at > STALE_STATUS:
                         self._request = None
 
@@ -129,7 +130,8 @@ class DriveTab:
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
         activity, _, _ = self.activity()
-        # a stopped controller can be started, another one can be stopped, and an unknown one both
+        # Start is shown if the controller is stopped, Stop if it is not stopped, and both if its state is
+        # unknown
         self._start.options = (START if activity == STOPPED else STOP,) if activity else (START, STOP)
         self._time.options = (RESUME if is_paused else PAUSE, STEP)
 
@@ -166,7 +168,7 @@ class DriveTab:
         level, sentence = next(
             (light for key, light in self._lights.items() if key.startswith(name)), (0, "")
         )
-        # a request that the diagnostics do not show yet counts, so that the page changes at once
+        # a request counts even before the diagnostics show its effect, so that the page changes at once
         if self._request is False:
             return STOPPED, 0, ""
         if self._request and self._state == STOPPED:
@@ -182,7 +184,8 @@ class DriveTab:
         if starts and self._teleop.is_locked:
             raise HuskyError("the emergency stop is on; release it first")
         name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
-        # "~" stands for the namespace of the controller, which rospy would replace by this node's
+        # "~" stands for the controller's own namespace, but rospy would replace it by the namespace of this
+        # node
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         sentence = call(service, SetBool, starts)
         self._requested_at, self._request = monotonic(), starts
@@ -194,7 +197,8 @@ class DriveTab:
         service = f"{self._simulator}/{name}"
 
         def work() -> str:
-            # only the reset moves something
+            # only the reset moves the robot and objects, so only then the state bar shows that they are being
+            # moved
             with self._moves("robot and world") if name.startswith("reset") else nullcontext():
                 return call(service, *request, timeout=timeout)
 

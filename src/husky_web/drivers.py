@@ -11,11 +11,12 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT
 from husky_web.topics import INPUTS, Received
 
-# [s] wall time for which a command counts, because nodes for driving by hand repeat commands in wall-clock
-# time
+# [s] a command counts at least for this wall time, even if simulated time is faster, because nodes for
+# driving by hand repeat their commands in wall-clock time
 MIN_WALL_TIME = 0.25
-MAX_SENDERS = 100  # largest number of senders that are kept
-_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")  # end of the name of an anonymous node: process and time
+MAX_SENDERS = 100  # largest number of senders whose last command is kept
+# numbers of process and time, with which the name of an anonymous node ends
+_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 
 
 class Command(NamedTuple):
@@ -46,7 +47,8 @@ class Drivers:
     """The last command of each sender."""
 
     def __init__(self) -> None:
-        self._last_commands: Dict[Tuple[str, str], Command] = {}  # key: input and sender; newest last
+        # last command by input and sender, the newest last
+        self._last_commands: Dict[Tuple[str, str], Command] = {}
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:
         """Take in commands by input, which came at `time` and `now`, see `Command`."""
@@ -61,7 +63,8 @@ class Drivers:
     def command(self, time: Optional[float], now: float) -> Optional[Command]:
         """Return the newest command of the strongest input that counts at `time` and `now`, if any."""
         obeyed = [command for command in self._last_commands.values() if command.counts(time, now)]
-        # `min` returns the first one of equals, so the newest command comes first
+        # if several commands have the same input, `min` returns the first one, so the newest command must
+        # come first
         return min(reversed(obeyed), key=lambda command: INPUTS.index(command.name), default=None)
 
     def forget(self) -> None:

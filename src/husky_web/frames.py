@@ -12,7 +12,7 @@ from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 
 MEMORY = 100  # number of poses that are kept for each frame, which is 2 s at the 50 Hz of a Husky's odometry
-MAX_DEPTH = 100  # a longer chain of frames must be a circle
+MAX_DEPTH = 100  # largest number of frames from a frame up to the root; a longer chain must be a circle
 
 
 class Frames:
@@ -20,7 +20,7 @@ class Frames:
 
     def __init__(self) -> None:
         self._parents: Dict[str, str] = {}
-        # stamps and poses in the parent frame, oldest first, by frame
+        # stamps [s] and poses of each frame in its parent frame, the oldest first
         self._poses: Dict[str, Deque[Tuple[float, Pose]]] = {}
 
     @property
@@ -50,7 +50,7 @@ class Frames:
         top_of_child, child_in_top = self._in_top(child, root, stamp)
         if top_of_child == root:
             return child_in_top
-        # the frames are on different branches, so both are compared in a frame above them
+        # `root` is not above `child` in the tree, so the poses of both are compared in the frame at the top
         top_of_root, root_in_top = self._in_top(root, top_of_child, stamp)
         return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 
@@ -72,7 +72,7 @@ def _nearest(poses: Deque[Tuple[float, Pose]], stamp: Optional[float]) -> Pose:
     """
     nearest_stamp, nearest = poses[-1]
     if stamp is not None:
-        # the search begins with the newest pose, because the drawn moment is recent
+        # the search begins with the newest pose, because `stamp` is mostly recent
         for pose_stamp, pose in reversed(poses):
             if abs(pose_stamp - stamp) > abs(nearest_stamp - stamp):
                 break

@@ -16,13 +16,14 @@ from husky_highlevel_controller.ros.refused_connection import shorten
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # largest number of lines that are kept
-EARLIER = 1000  # largest number of earlier lines that are read from rosout.log
-# pattern of a line of rosout.log; brackets contain the file and line of the code, and the topics of the node
+EARLIER = 1000  # largest number of lines from before the page's start, which are read from rosout.log
+# pattern of a line of rosout.log: stamp, level, node and message; the place in the code and the topics of the
+# node, both in brackets, are skipped
 _ROSOUT = re.compile(
     r"(\d+\.\d+) (DEBUG|INFO|WARN|ERROR|FATAL) (\S+) (?:\[[^\]]*\] )?(?:\[topics: [^\]]*\] )?(.*)"
 )
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
-DAY_ONE = 1e9  # [s] a larger stamp (after 2001) is wall-clock time, a smaller one simulated time
+DAY_ONE = 1e9  # [s] a stamp above this (after 2001) is wall-clock time; a stamp below this is simulated time
 # largest number of lines and characters that a page shows, because a browser is too slow for more
 SHOWN, SHOWN_LETTERS = 150, 30_000
 MAX_LETTERS = 5000  # largest number of characters of a line
@@ -40,8 +41,8 @@ class Line(NamedTuple):
 class Counted(NamedTuple):
     """Row of the log that is shown."""
 
-    line: Line  # newest line of a group of equal lines
-    times: int  # number of equal lines
+    line: Line  # newest line of a group of lines that differ only in their numbers
+    times: int  # number of lines in the group
 
 
 class Filter(NamedTuple):
@@ -78,7 +79,7 @@ class LogBuffer:
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
         """Put the last EARLIER lines of a file before the lines of messages, each line once."""
-        # the file has stamps with six digits
+        # the stamps in the file have six digits, so stamps are rounded before they are compared
         received = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
         earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in received]
         earlier = earlier[-EARLIER:]

@@ -21,12 +21,14 @@ from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
 # largest number of copies of a cube or sphere in a list; a view with more copies does not turn smoothly
 MAX_COPIES = 2000
-# limits of the cost of drawing in a browser, counted in points of a cloud; above the limits, the page's
-# emergency stop would come late
-MAX_POINTS, MAX_COST = 100_000, 300_000  # largest number of points of one marker; largest cost of all markers
+# largest number of points of one marker, and largest cost of all markers, so that the browser is fast enough
+# for the page's emergency stop; the cost is given in points of a cloud
+MAX_POINTS, MAX_COST = 100_000, 300_000
+# cost of a copy in a list, smallest cost of any other marker, and cost of a text
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
 MAX_LETTERS = 500  # largest number of characters of a text
-# length of the head as a fraction of the arrow's length, for an arrow that is given by its length
+# length of an arrow's head as a fraction of the arrow's length, if the marker does not give the length of the
+# head
 ARROW_HEAD = 0.23
 # colour and width [m] of a nav_msgs/Path; green, as in RViz
 PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03
@@ -35,7 +37,8 @@ Key = Tuple[str, str, int]  # topic, namespace, id
 
 def primitives(marker: Marker) -> List[Piece]:
     """Return the shapes of a marker in its own frame; empty if RViz would reject it."""
-    # [m] for shapes; a factor for a mesh file; x is the width of lines; x and y are the size of points
+    # size [m] of a shape, or factors of a mesh file; for lines, x is the width; for points, x and y are the
+    # size
     size = (marker.scale.x, marker.scale.y, marker.scale.z)
     if not all(isfinite(value) for value in size):
         return []
@@ -58,8 +61,8 @@ def primitives(marker: Marker) -> List[Piece]:
     if kind == Marker.POINTS and len(points):
         return [Points(points, _bytes(colors[:, :3]), max(size[0], size[1]))]
     if kind == Marker.TRIANGLE_LIST:
-        whole = 3 * (len(points) // 3)  # points of complete triangles
-        # (triangles, corners, coordinates); RViz scales the points of this kind
+        whole = 3 * (len(points) // 3)  # number of points that form complete triangles
+        # axes (triangle, corner, coordinate); the points of a TRIANGLE_LIST are scaled, as in RViz
         corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
         # a triangle has the colour of its first corner
         return _by_color(corners, colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group)))
@@ -147,7 +150,9 @@ class Markers:
         """Apply a message; `now` [s] is the time of the same clock as in `expire`."""
         key = (topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
-            self._remove(key)  # the new marker replaces the one with the same key, also in the cost
+            # the new marker replaces the old one with the same key, so the cost of the old one no longer
+            # counts
+            self._remove(key)
             del marker.points[MAX_POINTS:], marker.colors[MAX_POINTS:]
             marker.text = marker.text[:MAX_LETTERS]
             if self._cost + cost(marker) > MAX_COST:
@@ -185,14 +190,16 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
     """Return an arrow by pose and scale (length, width, height), or from the first point to the second."""
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
-        # along x from the origin; the head is ARROW_HEAD of the length and twice as thick as the shaft
+        # the arrow lies along x from the origin; the head is ARROW_HEAD of the length and twice as thick as
+        # the shaft
         mesh = shapes.arrow((1.0 - ARROW_HEAD) * length, 0.5 * thick, ARROW_HEAD * length, thick)
         return [Solid(mesh, _rgba(marker.color))]
     start, end = (np.array([p.x, p.y, p.z]) for p in marker.points[:2])
     length = float(np.linalg.norm(end - start))
     if not 0.0 < length < np.inf:
         return []
-    # an arrow of two points has the scale (diameter of the shaft, diameter and length of the head)
+    # if the marker has two points, its scale is (diameter of the shaft, diameter of the head, length of the
+    # head)
     head = size[2] if size[2] > 0.0 else ARROW_HEAD * length
     mesh = shapes.arrow(max(length - head, 0.0), size[0], min(head, length), size[1])
     turned = mesh.vertices @ matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length)).T + start

@@ -12,15 +12,15 @@ from husky_web.pages import DELETE, LOOK, MOVE, PUT, Page
 from husky_web.scene import BASE, Scene
 from husky_web.state_bar import Moving
 
-# not imported at run time, because world_tab needs messages, which tests without a built workspace do not
-# have
+# world_tab is imported only for type checks, because it needs generated messages, which tests without a built
+# workspace do not have
 if TYPE_CHECKING:
     from husky_web.world_tab import WorldTab
 
-# [m] largest distance of a clicked point, because a click just below the horizon is not exact
+# [m] a point farther away than this is ignored, because a click just below the horizon is not exact
 FARTHEST = 200.0
-# slope of the mouse ray below the horizon from which on an object is dragged at the height of the click; with
-# a flatter ray, the object would move too far
+# if the mouse's ray falls with a larger slope than this, a dragged object moves in the level plane through
+# the clicked point; with a flatter ray, it would move too far, so it moves in an upright plane
 STEEP = 0.05
 
 
@@ -89,7 +89,7 @@ class Mouse:
         if self._tool(event) == DELETE and key in self._objects.shown and not self._objects.delete(key):
             self._world.delete(event.client, key[1])
 
-    # async, because viser keeps the order of async callbacks
+    # async, because viser calls async callbacks in the order of the mouse's events
     async def _on_drag_object(self, key: Key, event: Any) -> None:
         shown = self._objects.shown.get(key)
         if shown is None or self._tool(event) != MOVE:
@@ -133,20 +133,20 @@ class Drag:
         self.page = page
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
         self._grasp: Any = None  # [m] grasped point in the fixed frame; None before the first event
-        self._is_level = (
-            True  # true if the object follows the mouse on a level plane, false on an upright one
-        )
+        # true if the object follows the mouse in a level plane; false if in an upright plane
+        self._is_level = True
 
     def on_event(self, event: Any) -> None:
         """Follow the mouse to the intersection of its ray with a plane through the grasped point.
 
         The plane is level. If the camera looks at it from a flat angle, the plane is upright instead.
         """
-        # [m] position of the camera, the origin of the mouse's ray
+        # [m] position of the camera, at which the mouse's ray begins
         eye = [float(value) for value in event.client.camera.position]
         if event.phase == "start" or self._grasp is None:
             self._grasp = tuple(float(value) for value in event.start_position)
-            # slope of the ray at the start of the drag; the plane stays the same until its end
+            # the slope of the ray at the start decides on the plane, which stays the same until the end of
+            # the drag
             self._is_level = eye[2] - self._grasp[2] > STEEP * dist(eye[:2], self._grasp[:2])
         ray = [float(a) - b for a, b in zip(event.end_position, eye)]
         if self._is_level:
@@ -154,7 +154,7 @@ class Drag:
         else:
             point = point_before(eye, ray, self._grasp)
         if point is not None:
-            # the object moves as far as the grasped point, and keeps its height
+            # the object moves by the same distance as the grasped point, and keeps its height
             x, y, z = self._start.position
             moved = (x + point[0] - self._grasp[0], y + point[1] - self._grasp[1], z)
             self._pose = self._start._replace(position=moved)
@@ -190,7 +190,8 @@ def _intersection(
     if abs(direction_along_normal) < 1e-9:  # the ray is parallel to the plane
         return None
     distance_along_normal = sum((p - o) * n for p, o, n in zip(point, origin, normal))
-    lengths = distance_along_normal / direction_along_normal  # distance in lengths of the direction
+    # distance from the origin to the plane, as a multiple of `direction`
+    lengths = distance_along_normal / direction_along_normal
     if not 0.0 < lengths * hypot(*direction) < FARTHEST:
         return None
     x, y, z = (o + lengths * d for o, d in zip(origin, direction))
