@@ -50,7 +50,7 @@ MAX_ESTIMATES = 50_000
 BAG_MARGIN = 0.1
 # [s] the path is complete if the stamp of its last estimate is at most this time before the bag's end
 LAST = 1.0
-SILENCE = 10.0  # [s] after the bag's end, the run ends if no estimate has come for this wall time
+SILENCE = 10.0  # [s] the run ends if, after the bag's end, no estimate has come for this wall time
 # a package that names smb_control or smb_description is for the SMB; /rslidar_points and smb_top_view are not
 # enough, because a package for the Husky may name them, too
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
