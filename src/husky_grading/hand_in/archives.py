@@ -27,16 +27,17 @@ PROGRAM = "husky_grading.hand_in.archives"
 
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
 UNREAD = (".7z", ".rar", ".tar.zst")  # endings of archives that cannot be opened
-# largest number and size of all files in the archives of a submission, or in its folder
+# limits of a submission: number of its files, and size of all its files together [bytes]
 MAX_FILES, MAX_BYTES = (
     20_000,
     500_000_000,
 )
-MAX_FILE = 100_000_000  # [bytes] size of one file; a larger one, such as a rosbag, is left out
-MAX_NAMED = 5  # largest number of files that a note names
-UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437
+MAX_FILE = 100_000_000  # [bytes] a larger file, such as a rosbag, is left out
+MAX_NAMED = 5  # a note on files that are left out has at most this number of names
+UTF_8 = 0x800  # bit in the flags of a file in a zip archive: the file's name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes]
-MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes] memory, [s] CPU and wall time, for one archive
+# limits for unpacking one archive: memory [bytes]; CPU time and wall time, each [s]
+MEMORY, DEADLINE = 1_000_000_000, 120
 
 
 class _Member(NamedTuple):
@@ -44,8 +45,8 @@ class _Member(NamedTuple):
 
     name: str
     is_executable: bool
-    is_special: bool  # a link, a device or the like, which is left out
-    content: Optional[IO[bytes]]  # None if it is not a file
+    is_special: bool  # true for a link, a device or the like, which is left out
+    content: Optional[IO[bytes]]  # content of a file; None for a folder, link or device
 
 
 class ArchiveError(HuskyError):
@@ -97,7 +98,7 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
     if error:
         raise ArchiveError(error)
     notes = large_files_note(large)
-    if links:  # number of links and special files
+    if links:  # `links` counts links, and special files such as devices
         notes.insert(0, f"links in {archive.name} are left out")
     return notes
 
@@ -109,7 +110,8 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
         ArchiveError: the archive cannot be unpacked.
     """
     links = 0
-    names: Set[str] = set()  # names of members so far; of two members with one name, the first one counts
+    # names of the unpacked files; if a name comes twice in the archive, only the first file counts
+    names: Set[str] = set()
     large: List[str] = []
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
@@ -128,7 +130,7 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
     except (ArchiveError, MemoryError):
         raise
     except (OSError, ValueError, RuntimeError) as error:
-        # RuntimeError, because the archive may need a password
+        # zipfile raises RuntimeError if the archive needs a password
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
     except Exception as error:
         # a broken archive may raise any error of zipfile, tarfile, zlib, lzma, bz2 and struct
@@ -169,14 +171,14 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
         ArchiveError: the allowance is used up.
     """
     allowance.files -= 1
-    size = 0  # [bytes] size of the member, as far as it is read
+    size = 0  # [bytes] number of bytes of the member that were read so far
     with target.open("xb") as file:
         for chunk in iter(partial(content.read, CHUNK), b""):
             size += len(chunk)
             if size > MAX_FILE:
                 target.unlink()
                 return False
-            if size > allowance.size:  # the error is raised below, after the file is closed
+            if size > allowance.size:  # the error is raised below, when the file is closed
                 break
             file.write(chunk)
     allowance.size -= size

@@ -35,15 +35,18 @@ from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
-MAX_TEXT = 1_000_000  # [bytes] largest size of a launch file
-MAX_MISSING = 10  # largest number of builds; CMake reports only one missing package in each build
-# largest number of empty packages in place of missing ones, because a build can print any number of names
+MAX_TEXT = 1_000_000  # [bytes] paths are repaired only in launch files up to this size
+# the workspace is built at most this often, because CMake reports only one missing package in each build
+MAX_MISSING = 10
+# at most this number of missing packages get an empty stand-in, because a build can print any number of names
 MAX_STAND_INS = 50
-# [kB] memory that GCC uses before it collects garbage; this value makes compiling a tenth faster
+# [kB] GCC collects garbage only if it uses more memory than this; compiling is then a tenth faster
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"
-# header that each C++ source includes first; repairs change only this header, so CMake need not run again
+# the compiler includes this header first in each C++ source; a repair changes only this header, so CMake need
+# not run again
 PRELUDE = "marking_prelude.h"
-# headers with which calls such as publish(true) compile, as in a Release build of Noetic and older
+# headers with which code such as publish(true) compiles, as it does in a Release build of ROS Noetic and
+# older
 PLAIN_TYPES = "\n".join(
     ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
     + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]
@@ -55,7 +58,7 @@ _PLACEHOLDER = re.compile(r"\b_[1-9]\b")
 OLD_BOOST_NOTE = (
     "_1 of boost::bind was made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
-# symbol of a program that calls Publisher::publish with a built-in type
+# name of a function that is in a compiled program if it calls ros::Publisher::publish with a bool or a number
 PLAIN_PUBLISH = re.compile(rb"_ZNK3ros9Publisher7publishI[abcdfhijlmstxy]EEvRKT_")
 PLAIN_PUBLISH_NOTE = (
     "publish(true) and the like were made to compile; newer versions of ROS need a message, such as "
@@ -70,11 +73,13 @@ _RETURN = re.compile(
     r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
     re.MULTILINE,
 )
-# pattern of the error for a missing header, which the build may generate only later
+# pattern of the compiler's error for a missing header; a second build may find a header that the first one
+# generated too late
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
-_Outcome = Tuple[str, Optional[int]]  # output and exit code of a build; None if it did not end in time
+# output and exit code of a build; the exit code is None if the build did not end in time
+_Outcome = Tuple[str, Optional[int]]
 _STAND_IN = """# {name} is not installed; code that uses nothing of it builds without it
 set({name}_FOUND TRUE)
 set({name}_FOUND_CATKIN_PROJECT TRUE)
@@ -94,7 +99,8 @@ class Build:
     """Result of the build of a submission."""
 
     workspace: Workspace
-    notes: Tuple[Note, ...] = ()  # notes on the build; a note of kind BUILD has the reason of a failed build
+    # notes on the build; if the build failed, a note of kind BUILD has the reason
+    notes: Tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -130,8 +136,8 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     remove_tree(root)
     (root / "src").mkdir(parents=True)
     notes: List[str] = []
-    large: List[str] = []  # names of files that are too large
-    room = MAX_BYTES  # [bytes] largest size of the packages that are not copied yet
+    large: List[str] = []  # names of files that are too large, and are left out
+    room = MAX_BYTES  # [bytes] packages that are not copied yet may have this size together
     copies: Dict[str, Path] = {}
     for package in packages:
         copies[package.name] = root / "src" / package.name
@@ -158,9 +164,9 @@ class _CopiedPackage(NamedTuple):
     """Facts of a copy of a package; files are given by their names."""
 
     size: int  # [bytes] size of all files that were copied
-    large: List[str]  # files that were too large to be copied
-    made_executable: List[str]  # scripts that were not executable
-    other_interpreter: List[str]  # scripts that Python 3 runs instead of another program
+    large: List[str]  # names of files that were too large to be copied
+    made_executable: List[str]  # scripts that the copy has made executable
+    other_interpreter: List[str]  # scripts whose first line was changed, so that Python 3 runs them
 
 
 def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
@@ -170,11 +176,11 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
     """
     copied = _CopiedPackage(0, [], [], [])
     target.mkdir()
-    # the size of the content, and not of the blocks on the disk, because copying fills the holes of a sparse
-    # file
+    # sizes of the contents, and not of the blocks on the disk, because the copy of a sparse file takes its
+    # full size
     sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
     for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
-        # larger than one file may be, or than the room that is left
+        # a file is left out if it is larger than one file may be, or larger than the bytes that are left
         if size > min(MAX_FILE, room - copied.size):
             copied.large.append(path.name)
             continue
@@ -182,7 +188,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
         copy = target / path.relative_to(package.path)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
-        is_executable = bool(path.stat().st_mode & 0o100)  # permission of the owner
+        is_executable = bool(path.stat().st_mode & 0o100)  # true if the owner may execute the file
         with copy.open("rb") as file:
             is_script = file.read(2) == b"#!"
         if is_script and _repair_interpreter(copy):
@@ -214,7 +220,8 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
 
     def local_path(match: Match[str]) -> str:
         for name, package in packages.items():
-            # the part of the path behind the package's name; `beside` is empty if the path has no such name
+            # split the path at the name of the package: `place` is the part behind the name, and `beside` is
+            # empty if the path does not contain the name
             _, beside, place = match.group().rpartition(f"/{name}/")
             if beside and ".." not in place and is_regular(package / place):
                 paths.append(match.group())
@@ -231,7 +238,9 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
 def _repair_manifest(folder: Path, package: Package) -> List[str]:
     """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes."""
     manifest = folder / "package.xml"
-    try:  # safe, because `read_manifest` has read this file before with a parser that rejects XML entities
+    # catkin's parser is safe here, because `read_manifest` has already read this file and rejects XML
+    # entities
+    try:
         parse_package(str(manifest), warnings=[])
         return []
     except Exception as error:  # catkin's parser may raise any error for a hostile file
@@ -256,11 +265,12 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         NotMarkableError: the build leads out of the workspace.
         MarkingError: nothing can be built here.
     """
-    import_early()  # Python modules are loaded now, while the compiler waits for the disk
+    import_early()  # load Python modules that are needed later, while the compiler waits for the disk
     outcome, missing = _make_with_stand_ins(folders, needed, underlay)
     # output and exit code of the last build; the exit code is None if the build did not end in time
     (output, code), is_repaired = _make_again(folders, needed, underlay, outcome)
-    # without an error of the compiler, the fault may be that of this machine
+    # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
+    # workspace is built as a test
     if code and not _ERROR.search(output):
         _check_builds(folders.root.with_name("check"), underlay)
     notes = _notes_on_missing(missing)
@@ -282,10 +292,10 @@ def _make_with_stand_ins(
     missing: Set[str] = set()
     output, code = "", None
     for _ in range(MAX_MISSING):
-        # output and exit code of this attempt, without a repair of the sources
+        # build once; the last argument is empty, because the sources need no repair yet
         output, code = _catkin_make(folders, needed, underlay, "")
         unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
-        # no more stand-ins than MAX_STAND_INS in all builds together
+        # all builds together make at most MAX_STAND_INS stand-ins
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
         if not code or not new:
             break
@@ -313,7 +323,7 @@ def _make_again(
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # the second build may be the first one that reports the errors of an old Boost
+        repair = OLD_BOOST  # the errors of code for an old Boost may appear only in the second build
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 
@@ -351,7 +361,8 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
     places = [folders.root / "src"]
     if folders.setup.exists():
         places.append(folders.setup)
-    # through a link, the sandbox would show the target of the link, and marking would write into the target
+    # a link could lead out of the workspace; then the sandbox would show its target to the submission, and
+    # marking would write into the target
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
     setups = (*underlay.setups, *places[1:])
@@ -404,7 +415,7 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
-        # without -l, because make would wait while other programs compute
+        # no option -l, because with -l make waits while other programs use the CPU
         "--make-args", "-k", f"-j{os.cpu_count()}",
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
@@ -420,7 +431,7 @@ def is_built(node: str, folders: Folders) -> bool:
     """
     package, _, name = node.partition("/")
     if package not in folders.packages:
-        return True  # the node does not belong to the submission
+        return True  # a node that does not belong to the submission needs no build
     candidates = [folders.root / "devel" / "lib" / package / name]
     candidates += [path for path in walk(folders.packages[package]) if path.name == name]
     return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
@@ -437,13 +448,13 @@ def build_error(output: str, root: Path) -> str:
         return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
-        # Catkin has run a program, and the program's last line gives the cause. If the program is in Python,
-        # its traceback gives file and line.
+        # This line of CMake reports that a program of the build has failed. The line before it is the last
+        # output of the program, and gives the cause. A Python traceback gives file and line.
         if number and _EXECUTED.search(line):
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
             place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
             return f"{place}{lines[number - 1]}"[:300]
-    # patterns with the most informative one first
+    # patterns of lines with errors, the most informative pattern first
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
         for number, line in enumerate(lines):
             if re.search(pattern, line):

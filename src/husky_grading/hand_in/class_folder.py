@@ -19,9 +19,9 @@ from typing import Dict, List, Sequence
 
 from husky_grading.hand_in.archives import suffix_of
 
-MAX_FOLDER = 200  # [bytes] largest length of the name of a folder of results
-DIGITS = 8  # number of digits of the hash in a folder's name
-SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # pattern of a name that is safe in any path
+MAX_FOLDER = 200  # [bytes] a longer name of a folder of results is cut
+DIGITS = 8  # number of hexadecimal digits of the hash that makes the name of a folder unique
+SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # names that match this pattern are safe in any path
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
     """
     if is_package(folder):
         return _named({folder.name: [folder]})
-    # paths of the entries by the student's name, with the bytes of the file system
+    # paths of the entries of each student; the key is the student's name as it is on the disk
     entries: Dict[str, List[Path]] = {}
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)
@@ -79,10 +79,12 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     """
     names: Dict[str, str] = {}
     as_shown = {}
-    for entry in entries:  # characters that cannot be printed, such as line feeds, become escapes
+    # characters that cannot be printed, such as a line feed, are replaced by escapes such as \n
+    for entry in entries:
         shown = [c if c.isprintable() else c.encode("unicode_escape").decode() for c in _decoded(entry)]
         as_shown[entry] = "".join(shown)
-    # an entry that is written as it is shown comes first, and keeps its name
+    # entries whose names are shown unchanged come first, so they keep their names if another name would look
+    # the same
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
         name = as_shown[entry]
         if name in names.values():
@@ -116,7 +118,7 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
     for entry, folder in plain.items():
         if counts[folder] > 1 or len(folder) > MAX_FOLDER:
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(entry)}"
-        while folder in folders.values():  # another student may have this name
+        while folder in folders.values():  # the folder of another student may already have this name
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(folder)}"
         folders[entry] = folder
     return folders

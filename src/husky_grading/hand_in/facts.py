@@ -19,10 +19,15 @@ def no_facts(_: Plan) -> Mapping[str, Any]:
 class Facts:
     """Facts that an exercise needs; the defaults fit a node that the student wrote."""
 
-    parts: Parts = STUDENTS_OWN  # packages of the robot whose nodes count as the student's
-    node: str = "a node of the submission"  # words for the node that a launch file must start
-    by_content: bool = False  # true if the content of a launch file counts more than the number in its name
-    own: Own = Own.NOTHING  # files of this package that nodes of the submission may use
+    # packages of the robot whose nodes count as the student's, such as the filter in exercise 4
+    parts: Parts = STUDENTS_OWN
+    # description of the node that a launch file must start, for an error message
+    node: str = "a node of the submission"
+    # true if launch files are compared first by their content, and only then by the number in their path
+    by_content: bool = False
+    # files of the package husky_highlevel_controller that nodes of the submission may use
+    own: Own = Own.NOTHING
     robot: Callable[[Plan], NamedRobot] = named_robot
-    # function that reads facts for the judge from the files; it returns them by name
+    # function that reads facts from the submission's files and returns them by name; the exercise needs these
+    # facts to give points
     read: Callable[[Plan], Mapping[str, Any]] = no_facts

@@ -33,19 +33,21 @@ from husky_grading.records import Launchable, Override
 from husky_grading.submission import OWN_RVIZ, STUDENTS_OWN, Parts, Plan
 from husky_highlevel_controller.paths import share_folder
 
-MAX_LAUNCH = 1_000_000  # [bytes] largest size of a file that is read
-TEMPLATE = share_folder() / "examples" / "first_node"  # package that `./dev new` copies
+MAX_LAUNCH = 1_000_000  # [bytes] larger files are not read
+# package that `./dev new` copies as a student's first package
+TEMPLATE = share_folder() / "examples" / "first_node"
 TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
-BESIDE = ".beside"  # folder next to the packages in a workspace; no package can have this name
-MAX_READ = 300  # largest number of launch files that are read in a submission
-# names of launch files for tests, of old copies, and of the course's exercise on localization
+BESIDE = ".beside"  # folder for launch files that are in no package; no package can have this name
+MAX_READ = 300  # at most this number of launch files of a submission is read
+# launch files with such names are probably not the solution: tests, old copies, and the course's exercise on
+# localization
 OTHER_USE = re.compile(
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")
-# message types; a solution of an exercise names at least one of them
+# message types of scans and velocities; the code of a solution names at least one of them
 MOTION = re.compile(r"LaserScan|PointCloud2|Twist")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 
@@ -56,13 +58,15 @@ class LaunchFile:
 
     path: Path  # path of the launch file's copy in the workspace
     place: PurePosixPath  # path of the launch file in the submission
-    # package of the launch file; if it is in no package, package of the first node that it starts
+    # package of the launch file; if the launch file is in no package, package of the first node that it
+    # starts
     package: str
     plan: Plan
     nodes: Tuple[str, ...] = ()  # package/type of each node of the submission that the launch file starts
-    scans: bool = False  # a package of these nodes names the lidar's messages
-    able: FrozenSet[str] = frozenset()  # packages of the submission that name scans or velocities
-    is_template: bool = False  # the launch file and its node are unchanged since `./dev new` has written them
+    scans: bool = False  # true if the code of one of these nodes' packages names the message types of a lidar
+    # packages of the submission that may drive the robot, because their code names scans or velocities
+    able: FrozenSet[str] = frozenset()
+    is_template: bool = False  # true if launch file and node are still as `./dev new` wrote them
 
     @property
     def able_nodes(self) -> Tuple[str, ...]:
@@ -98,7 +102,7 @@ def read_launch_files(
     files = list(islice(found, MAX_READ))
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
-    # packages that name scans, and packages that may drive a robot
+    # packages whose code names scans; packages whose code may drive a robot
     scanning, able = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
     holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
@@ -109,16 +113,17 @@ def read_launch_files(
     ]
     planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     launch_files = []
-    # packages whose nodes count; normally all packages of the submission
+    # only nodes of these packages count; normally, these are all packages of the submission
     counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     for (path, place), holder, plan in zip(files, holders, planned):
-        # if roslaunch cannot read the file, its text names the nodes
+        # if roslaunch cannot read the file, the nodes are taken from its text
         all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
         nodes = tuple(node for node in all_nodes if _package_of(node) in counted_packages)
-        # the package of a launch file that is in no package is that of a node, otherwise the first package
+        # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
+        # first package
         possible_owners = [holder, *map(_package_of, nodes), *folders]
         owner = next(name for name in possible_owners if name in folders)
-        # one of the nodes is from a package that names scans
+        # true if one of the nodes is from a package that names scans
         scans = not scanning.isdisjoint(map(_package_of, nodes))
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
         launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, able, is_template))
@@ -175,7 +180,8 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages that may drive the robot; if nodes of the robot's own packages count, none need drive
+    # packages that may drive the robot; empty if the exercise grades nodes of the robot's packages, which
+    # need not drive
     able = files[0].able if files and not facts.parts.by_submission else frozenset()
     if able:  # a node that reads no scans and sends no velocities, as in a tutorial, cannot be the controller
         fitting = [file for file in fitting if file.able_nodes]
@@ -276,21 +282,23 @@ def _launch_files(
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     """Return criteria for a launch file, the most important one first; smaller is better."""
     fits, name = fits_exercise(file.place, exercise), str(file.place)
-    # a solution starts the course's world and reads scans, and its path often has a word for a controller
+    # False is better than True: a solution starts the course's world and reads scans, and its path often has
+    # a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
-    # 2 if the path has the number of the exercise, 1 without a number
+    # `fits` is 2 if the path has the number of the exercise, and 1 if the path has no number
     fit_and_content = (content, -fits) if facts.by_content else (-fits, content)
     has_other_use = bool(OTHER_USE.search(file.place.name))
-    # an exercise on a filter of the robot has such names itself, so the nodes decide there
+    # in an exercise on a filter of the robot, words such as ekf are right, so the nodes decide instead of the
+    # name
     if facts.parts.by_submission:
         has_other_use = not any(_package_of(node) in facts.parts.by_submission for node in file.nodes)
     return (
-        file.is_template,  # an unchanged template contains no work of the student
-        fits == 0,  # the path has the number of another exercise
-        has_other_use,  # a launch file for a test or an old copy is not the solution
+        file.is_template,  # an unchanged template has no work of the student, so it comes last
+        fits == 0,  # a path with the number of another exercise comes later
+        has_other_use,  # a launch file for a test or an old copy is not the solution, so it comes later
         *fit_and_content,
-        not CONTROLLER.search(
-            file.place.name
-        ),  # a word in the file's own name counts more than in a folder's
-        not file.plan.rviz,  # the exercises ask for a launch file that starts RViz
+        # a word such as controller counts more in the file's name than in a folder's name
+        not CONTROLLER.search(file.place.name),
+        # the exercises ask for a launch file that starts RViz, so a file without RViz comes later
+        not file.plan.rviz,
     )

@@ -40,8 +40,11 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
         launch_file: path of the launch file that is started; empty for a node.
     """
     planned = _without_our_rviz_nodes(planned)
-    remaps: Sequence[Tuple[str, str]] = ()  # topic in the configuration, and topic that replaces it
-    missing = ""  # path of a configuration that the rviz node names, but that was not handed in
+    # remaps of the rviz node: topic in the configuration, and topic that replaces it
+    remaps: Sequence[Tuple[str, str]] = ()
+    # path of the configuration that the rviz node names, if this configuration was not handed in; otherwise
+    # empty
+    missing = ""
     for node in planned.rviz[:1]:
         remaps = node.remap
         path = _display_config(node.args)
@@ -68,7 +71,7 @@ def _config_in_package(
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
-        # launch files that name .rviz files, by the names of these files
+        # launch file that names an .rviz file, by the name of the .rviz file
         owners = _named_by_others(folder, launch_file, not planned.rviz)
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
@@ -86,8 +89,9 @@ def _without_our_rviz_nodes(planned: Plan) -> Plan:
     A submission that includes our simulator.launch starts such a node. This configuration is not the
     student's work, so it must get no points. But if our own package is graded, the configuration counts.
     """
-    share = share_folder()  # folder of our package
-    # the file package.xml is compared, because the package's folder in the workspace of ./dev contains links
+    share = share_folder()  # folder with the data of our package
+    # package.xml is checked instead of its folder, because in the workspace of ./dev the folder of our
+    # package has only links, which lead into `share`
     if planned.package_path and is_below(planned.package_path / "package.xml", share):
         return planned
     nodes_and_paths = [(node, _display_config(node.args)) for node in planned.rviz]
@@ -163,16 +167,16 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):
-        # OverflowError, because a number may have hundreds of digits
+        # float() raises OverflowError for a number with hundreds of digits
         return read_rviz_config(source, {})
 
 
-MAX_FILE = 1_000_000  # [bytes] largest size of a launch file
-MAX_TEXT = 200_000  # [bytes] largest size of any other file
-# names in a package for the SMB: the SMB's launch file, its frame, its sensors. `rslidar` as a key of an
-# .rviz file does not count, because RViz writes every frame that it has seen into this file
+MAX_FILE = 1_000_000  # [bytes] larger launch files are not read
+MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
+# a package that has one of these names is for the SMB; they are the SMB's launch file, frame and sensors. In
+# an .rviz file, the key `rslidar` does not count, because RViz writes all frames that it has seen as keys.
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
-# topics of scans that a package may name
+# pattern of the topics of scans; a package that names /scan without front is for the Husky of ROS Melodic
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 

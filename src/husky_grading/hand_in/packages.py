@@ -30,7 +30,8 @@ KNOWN = frozenset({
     "husky_msgs", "husky_navigation", "husky_robot", "husky_simulator", "husky_viz",
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
-COPIED = {"husky_gazebo", "smb_gazebo"}  # packages to which students add their own worlds and launch files
+# known packages that are copied nevertheless, because students add worlds and launch files to them
+COPIED = {"husky_gazebo", "smb_gazebo"}
 # valid name of a package, which also becomes the name of a folder
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
@@ -59,9 +60,11 @@ class Package:
 
     name: str
     path: Path
-    # path of the package in the submission and its archives; "." is the submission itself
+    # path of the package inside the submission, also inside archives; "." is the folder of the submission
+    # itself
     place: PurePosixPath
-    needs: FrozenSet[str] = frozenset()  # names of packages that its package.xml depends on
+    # names of the packages on which this package depends, by its package.xml
+    needs: FrozenSet[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,8 @@ class Contents:
     """Packages of a submission, and notes."""
 
     packages: Tuple[Package, ...]
-    # path in the submission for the submission's folder and for each folder of an unpacked archive
+    # folders on this machine with files of the student, and the path of each folder inside the submission, as
+    # the student knows it
     places: Mapping[Path, PurePosixPath] = field(default_factory=dict)
     notes: Tuple[str, ...] = ()
 
@@ -88,7 +92,7 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
             root = scratch / "hand_in"
             root.mkdir()
             notes += unpack(path, root, allowance)
-        # path in the submission of each folder, as the student knows it
+        # folders on this machine with files of the student, and their paths inside the submission
         places = {root: PurePosixPath(".")}
         folders = [root]
         for folder in folders:  # the list grows, because archives may contain archives
@@ -145,7 +149,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         raise NotMarkableError(str(error)) from error
     name = str(root.findtext("name") or "").strip()
     if not _NAME.fullmatch(name):
-        shown = f"{name[:80]!r}"  # beginning of the name, because a name may have any length
+        shown = f"{name[:80]!r}"  # only the beginning of the name, because a name may have any length
         if len(name) > 80:
             shown += f" and {len(name) - 80} more characters"
         raise NotMarkableError(
@@ -160,7 +164,8 @@ def exercise_numbers(name: str) -> Set[int]:
 
     A number counts only next to a word for exercise, or alone. So tb3, ur3 and 5ro14 have none.
     """
-    name = unicodedata.normalize("NFC", name)  # macOS writes an umlaut as two characters
+    # an umlaut becomes one character, because macOS writes it as two
+    name = unicodedata.normalize("NFC", name)
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
     numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(text)]
     return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
@@ -201,7 +206,8 @@ def choose_packages(
         namesakes = by_name[name]
         if len(namesakes) > 1:
             namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))
-            # number of namesakes that attempts can choose; all of them if each is of another exercise
+            # number of packages of this name that attempts can choose: those that fit the exercise, or all of
+            # them if none fits
             fitting = sum(fits_exercise(each.place, exercise) > 0 for each in namesakes) or len(namesakes)
             # the chosen package moves to the front
             namesakes.insert(0, namesakes.pop(min(attempt, fitting - 1)))
@@ -210,7 +216,7 @@ def choose_packages(
                 f"package {name} is taken from {namesakes[0].place}; these copies are left out: {places}"
             )
         package_by_name[name] = namesakes[0]
-    # names of packages of the exercise, or of no exercise
+    # names of packages that belong to the exercise, or whose path has no number of an exercise
     names = {name for name, package in package_by_name.items() if fits_exercise(package.place, exercise)}
     names = with_dependencies(names or set(package_by_name), package_by_name)
     other_names = sorted(set(package_by_name) - names)
@@ -256,12 +262,12 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     in_archive = any(suffix_of(part) for part in package.place.parts)
     number_of_files = len(list(walk(package.path, BUILT)))
     return (
-        -fits_exercise(package.place, exercise),  # a folder that is named for the exercise comes first
+        -fits_exercise(package.place, exercise),  # a path with the number of the exercise comes first
         not starts_own_node,  # a package that starts its own node is a solution, and not a library
-        in_archive,  # an archive beside a folder is an older copy of it
-        -number_of_files,  # the copy with more files is more complete
+        in_archive,  # an archive beside a folder is probably an older copy of the folder, so it comes later
+        -number_of_files,  # the copy with more files is more complete, so it comes first
         len(package.place.parts),
-        str(package.place),  # the name decides last, so that the choice is the same in each run
+        str(package.place),  # the path decides last, so that each run makes the same choice
     )
 
 

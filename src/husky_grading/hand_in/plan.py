@@ -40,7 +40,8 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
         name, needs = read_manifest(package / "package.xml")
     except NotMarkableError:
         return []
-    # folders with packages: those of the workspace, stand-ins, Debian's packages, and neighbours
+    # folders that may have packages: of the workspace, our replacement packages, Debian's, and the folder
+    # around this package
     roots = {*_roots(workspace), COMPAT, DEBIAN, package.parent}
     files = (
         file for root in roots for pattern in ("package.xml", "*/package.xml") for file in root.glob(pattern)
@@ -88,17 +89,16 @@ def plans(
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()
-    # end of the output of the program that reads the launch files
+    # end of the output of the program that reads the launch files; it is used if there is no better reason
     problem = _describe(launchables, workspace, events_file, parts)
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
     for event in read_events(events_file):
-        if event.event == "launchable":  # the events of the next launchable follow
+        if event.event == "launchable":  # the following events belong to the next launchable
             number += 1
-        if number in events:  # a submission may write any events
+        if number in events:  # the number is checked, because a submission can write any events
             events[number].append(event)
     planned = []
-    # the events of each launchable
     for own_events in events.values():
         read_plan = next((event.plan for event in own_events if event.plan), None)
         notes = notes_on(own_events, "")
@@ -120,7 +120,7 @@ def plans(
 def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
     """Let a program write the events of launchables to a file, and return the end of its output."""
     folder = events.parent
-    # an address without a master, because reading a launch file needs no master
+    # nobody listens at this address, because reading a launch file needs no ROS master
     nowhere = "http://127.0.0.1:1"
     env = {**clean_environment(), "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))

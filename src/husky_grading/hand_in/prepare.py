@@ -43,10 +43,12 @@ from husky_grading.records import Job, Launchable, Override
 from husky_grading.submission import WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
-# files of this stage; the first file is written last and removed first
+# files that this stage writes; the first file is written last and removed first, so it exists only if all are
+# complete
 FILES = (WORKSPACE, "plan", "build.log")
-FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # folders of this stage, for delivered files
-# largest number of attempts with another copy of a package or another launch file, if no node builds
+# folders that this stage makes for the files that a student has handed in
+FOLDERS = ("ws", "copies", "stand_ins", "unpacked")
+# if no node builds, at most this number of copies of a package, or of launch files, is tried
 MAX_TRIED = 3
 Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
@@ -63,7 +65,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    # FOLDERS are made only for delivered files; otherwise, a folder `ws` may belong to the teacher, and stays
+    # a job that names a launch file or node makes no FOLDERS; a folder `ws` may then belong to the teacher,
+    # so it stays
     names = FILES if job.launchable else (*FILES, *FOLDERS)
     for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(old_path)
@@ -78,11 +81,11 @@ def prepare(job: Job, facts: Facts) -> Submission:
         submission, planned = _prepare_launchable(job, job.launchable, workspace, facts)
     # path of the launch file; empty for a node
     launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
-    # if roslaunch cannot load the launch file, the text of the launch file names the rviz nodes
+    # if roslaunch cannot load the launch file, the rviz nodes are taken from the text of the launch file
     if launch_file and not planned.is_read and planned.package_path:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
     rviz = find_setup(planned, submission.root, launch_file)
-    # without a configuration, the student learns which .rviz files of the package were not graded
+    # if no configuration of RViz is graded, the student learns which .rviz files belong to other launch files
     sentences = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
     if planned.package_path:
         sentences += misspelt_dependencies(planned.package_path, submission.workspace)
@@ -98,7 +101,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         sandbox=kind_of_sandbox(),
         network=private_network.reach(),
         parts=facts.parts,
-        facts=facts.read(planned),  # facts from the files that the judge of the exercise needs
+        facts=facts.read(planned),  # facts that the exercise needs to give points
         made_of=job.made_of,
     )
     write_whole(out / WORKSPACE, to_json(submission))
@@ -113,7 +116,8 @@ def _prepare_launchable(
     Raises:
         NotMarkableError: there is no such package or launch file.
     """
-    # without a setup file of a student, a package of this name is our own, which may use all our files
+    # a package with the name of our package is our own and may use all our files; but with a setup file, it
+    # may be a student's package of the same name
     is_our_package = launchable.package == NAME and not job.setups
     workspace = replace(workspace, own=Own.ALL if is_our_package else Own.NOTHING)
     workspace = _with_stand_ins_for(facts, workspace)
@@ -146,8 +150,8 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
     Raises:
         NotMarkableError: the package does not exist, or does not contain the launch file.
     """
-    # a launch file that is given by its path may be in no package
-    # true if roslaunch could load the launch file
+    # true if roslaunch could load the launch file; no package is needed then, because a launch file may be
+    # given by its path
     is_read = launchable.kind == "launch" and planned.is_read
     if not planned.package_path and not is_read:
         raise NotMarkableError(
@@ -181,7 +185,8 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     out, path = Path(job.out), Path(job.hand_in)
     (out / "unpacked").mkdir(parents=True)
     contents = open_hand_in(path, out / "unpacked")
-    # the teacher's number for this student counts before the number of the whole class
+    # marking.yaml may give this student another exercise number, which counts more than the number of the
+    # class
     job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
     # the submission must see neither the other submissions nor their results
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=Own.NOTHING)
@@ -224,7 +229,8 @@ def _prepare_choice(
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
     folders, repair_notes = copy_packages(packages, out / "ws")
-    # copies of packages of a course or of the robot to which the student has added files, for launch files
+    # copies of known packages, such as husky_gazebo, to which the student has added files; launch files may
+    # need these copies
     known = copies_of_known(contents.packages)
     known_folders, _ = copy_packages(known, out / "copies")
     copies = _Copies(packages, folders, known, known_folders)
@@ -252,7 +258,8 @@ def _prepare_choice(
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    # a build may fail in parts that the launch file does not need
+    # a build may fail in parts that the launch file does not need, so it is enough if one of its nodes is
+    # built
     if launch:
         can_start = _is_any_built(launch, folders)
     else:
@@ -286,9 +293,10 @@ class _Copies(NamedTuple):
     """Copies of the packages of a submission."""
 
     packages: List[Package]  # packages of the exercise
-    folders: Folders  # workspace with their copies, in which they are built
+    folders: Folders  # workspace with the copies of these packages, in which they are built
     known: List[Package]  # packages of a course or of the robot to which the student has added files
-    known_folders: Folders  # folders with their copies, which launch files find and nothing builds
+    # folders with the copies of the known packages; launch files can find them, but they are not built
+    known_folders: Folders
 
 
 def _find_candidates(
@@ -302,7 +310,7 @@ def _find_candidates(
         NotMarkableError: no launch file fits.
     """
     known_paths = copies.known_folders.packages.values()
-    # workspace in which launch files find the packages before these are built
+    # workspace as it is before the build; launch files find the packages in it
     unbuilt = replace(underlay, packages=(*underlay.packages, copies.folders.root / "src", *known_paths))
     files = read_launch_files(
         contents,
@@ -335,13 +343,14 @@ def _build_candidates(
     """
     by_name = {package.name: package for package in packages}
     best = candidates[0] if candidates else None
-    # names of the submission's packages that the launch file refers to; all of them if it refers to none
+    # names of the submission's packages to which the launch file refers; all packages if it refers to none
     needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:
         if best is None or _is_any_built(best, folders):
             break
-        # the packages of earlier candidates stay, so each build continues the one before it
+        # packages of launch files that were tried before stay in `needed`, so each build continues the build
+        # before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
         if _is_any_built(other, folders):
@@ -369,6 +378,7 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
             # 0 if the path has the number of another exercise
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fits and not is_in_package:
-                copy(path, package / path.name)  # `copy` follows no link that the build may have made
+                # `copy` does not follow links, because the build may have made a link here
+                copy(path, package / path.name)
                 added = True
     return added

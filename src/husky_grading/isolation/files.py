@@ -19,9 +19,10 @@ from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-MAX_SIZE = 20_000_000  # [bytes] largest size of a file that is read
-MAX_YAML = 500_000  # [bytes] largest size of a YAML file; its nodes take a thousand times as much memory
-MAX_ENTRIES = 50_000  # largest number of files and folders of a submission that are read
+MAX_SIZE = 20_000_000  # [bytes] larger files are not read
+# [bytes] larger YAML files are not read, because parsing takes a thousand times as much memory
+MAX_YAML = 500_000
+MAX_ENTRIES = 50_000  # folders with more files and folders than this are not read
 
 
 class UnreadableFileError(HuskyError):
@@ -41,7 +42,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
             if not stat.S_ISREG(status.st_mode):
                 raise UnreadableFileError(f"{path}: not a regular file")
             content = file.read(max_size + 1)
-    except (OSError, ValueError) as error:  # ValueError, because the name may contain a NUL character
+    except (OSError, ValueError) as error:  # a name with a NUL character raises ValueError
         raise UnreadableFileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
     if len(content) > max_size:
         raise UnreadableFileError(f"{path}: larger than {max_size} bytes")
@@ -152,7 +153,8 @@ def write_whole(path: Path, content: str) -> None:
     Raises:
         OSError: the file cannot be written; an earlier file with its name stays.
     """
-    # the name contains the thread, because several threads may write the same file
+    # the name has the ids of process and thread, because several of them may write the same file at the same
+    # time
     partial = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.partial")
     try:
         with partial.open("w", encoding="utf-8", errors="backslashreplace") as file:
@@ -175,7 +177,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
-                # one entry too many is read, so that a folder with more of them is noticed
+                # one entry more than allowed is read, so that a folder with too many entries is noticed
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
         except OSError:  # the folder was deleted, cannot be read, or has a path that is too long
             continue
@@ -184,7 +186,8 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
             raise UnreadableFileError(f"{folder}: more than {MAX_ENTRIES} files and folders")
         yield from (Path(entry.path) for entry in inner if entry.is_file(follow_symlinks=False))
         folders = [e.path for e in inner if e.is_dir(follow_symlinks=False) and e.name not in skipped]
-        waiting += reversed(folders)  # the last one is read next, so the first folder comes first
+        # `pop` takes the last folder, so the folders are reversed to read the first one first
+        waiting += reversed(folders)
 
 
 def remove_tree(folder: Path) -> None:
