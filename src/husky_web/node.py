@@ -48,10 +48,12 @@ from husky_web.world_tab import WorldTab
 READINGS_PERIOD = 0.2  # [s] time between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] time between two updates of curves and of the log
 NETWORK_PERIOD = 3.0  # [s] time between two queries of the topics of the ROS graph
-ROSOUT_BYTES = 1_000_000  # number of bytes at the end of rosout.log that are read; a line has about 700 bytes
-IDLE_PERIOD = 1.0  # [s] longest wait while no page is open, after which the node checks whether it must end
+# number of bytes that are read from the end of rosout.log; a line has about 700 bytes
+ROSOUT_BYTES = 1_000_000
+IDLE_PERIOD = 1.0  # [s] while no page is open, the node checks after each of these periods if it must end
 
-SOFTWARE = (  # text that viser_client.js shows instead of viser's own warning, which would cover the scene
+# text that viser_client.js shows instead of viser's own warning, because the warning would cover the scene
+SOFTWARE = (
     '<div class="husky-block husky-software">This browser has no graphics card, so it draws '
     "fewer pictures per second.</div>"
 )
@@ -94,17 +96,19 @@ class WebNode:
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
-        # true if the ROS master does not answer, or is another one that does not know this node
+        # true if the ROS master does not answer, or if another master was started, which does not know this
+        # node
         self._is_master_gone = False
         self._registration = Registration()  # asks the master whether it knows this node
         self._is_paused: Optional[bool] = None  # true if simulated time is paused; None without a simulator
         self._reason = StopReason()  # warning that came when the controller stopped, for the state bar
         self._world_name = ""  # name of the simulator's world
         self._was_master_silent = False  # true if the ROS master did not answer at the last query
-        # the file is read after the subscription to /rosout_agg, so that no line is lost between the two
+        # rosout.log is read after the subscription to /rosout_agg, so that no line is lost between the two
         self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
-        # an address with a token is only printed in this terminal, because everybody can read the log
+        # an address with a token is only printed in this terminal and not logged, because everybody can read
+        # the log
         (print if has_token else rospy.loginfo)(f"open this page in a browser: {address}")
 
     def _build(self, config: WebConfig) -> None:
@@ -125,19 +129,20 @@ class WebNode:
             self._drive = DriveTab(
                 server, self._actions, self._teleop, self._moving, config.controller, config.simulator
             )
-        # a page that presses the emergency stop also stops the controller
+        # if a page presses the emergency stop, the controller is stopped, too
         self._teleop.on_lock = self._drive.stop
-        self._state_bar.on_again = self._drive.again  # button "Drive again"
+        self._state_bar.on_again = self._drive.again  # function of the button "Drive again"
         with self._tabs["World"]:
             self._world = world = WorldTab(
                 server, self._actions, self._moving, config.simulator, config.fixed_frame
             )
-        # button "Move the pillar"
+        # function of the button "Move the pillar"
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._pages = Pages(server, self._tabs, self._log)
         self._mouse = Mouse(self._scene, self._objects, world, self._moving, self._pages.open)
         server.scene.on_click()(self._mouse.on_ground)
-        # only nodes that a page's tool acts on react to the mouse, so they are bound again if a tool changes
+        # a node of the scene reacts to the mouse only if a page has a tool for it, so the reactions are bound
+        # again if a page chooses another tool
         self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
         with self._tabs["Tune"]:
             self._tuning = Tuning(server, self._actions, self._tabs["Tune"])
@@ -147,7 +152,8 @@ class WebNode:
         self._tuning.on_change = self._on_parameter  # marks the change of a parameter in the curves
         with self._tabs["View"]:
             with server.gui.add_folder("Layers"):
-                # each box switches a layer in `Scene.layers`; without depth points their box is hidden
+                # each box shows or hides a layer; the box of the depth points is hidden while no topic has
+                # such points
                 self._depth_box = add_layers(server.gui, self._scene.layers.__setitem__)
             server.gui.add_html(SOFTWARE)
             self._recorder = Recorder(server, self._actions)
@@ -160,7 +166,7 @@ class WebNode:
         message does not end the page with its emergency stop.
         """
         period = 1.0 / self._config.rate
-        # [s] wall time of the next update; 0 for an update at the first picture of a page
+        # [s] wall time of the next update; 0, so that the first picture of a page has all parts
         readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
             with on_error_log_and_skip("a page"):
@@ -185,8 +191,8 @@ class WebNode:
                 if now >= readings_due:
                     with on_error_log_and_skip("a reading"):
                         numbers = self._numbers
-                        # the order is that of `drive_tab.READINGS`; the growth of the simulated time per wall
-                        # second is the real-time factor
+                        # the numbers have the order of `drive_tab.READINGS`; the rate of the clock is the
+                        # real-time factor, simulated time per wall time
                         readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
                         self._drive.update(readings, self._is_paused)
                         self._world.show_loaded(self._world_name)
@@ -221,8 +227,8 @@ class WebNode:
         if not self._topics.is_open:
             self._topics.open()
         self._topics.follow(published)
-        offered = dict(published)  # message type by topic
-        # true poses are shown in place of the odometry, if a simulator publishes them
+        offered = dict(published)  # message type of each published topic
+        # if a simulator publishes true poses, they are shown instead of the odometry
         has_truth = self._topics.names["truth"] in offered
         self._topics.listen("truth", Odometry, has_truth)
         self._topics.listen("odometry", Odometry, not has_truth)
@@ -248,7 +254,7 @@ class WebNode:
         If the master has restarted, the subscriptions are closed, because the new master does not have them.
         """
         was_lost = self._registration.is_lost  # true if a master has answered that it does not know this node
-        is_known = self._registration.look()  # None if no master answers
+        is_known = self._registration.look()  # true if the master knows this node; None if no master answers
         published = None if is_known is None else self._ask("getPublishedTopics", "")
         if published is None:
             self._is_master_gone = self._was_master_silent = True
@@ -287,11 +293,13 @@ class WebNode:
         self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
         activity, level, fault = self._drive.activity()
-        # without a time the reason is forgotten: while the emergency stop is on, it is the reason itself
+        # while the emergency stop is on, the time is None, so that `StopReason` forgets its warning; the
+        # emergency stop itself is the reason for the stop
         reason_time = None if self._teleop.is_locked else numbers.time
-        newest_warning = self._log.warning  # a line of the log, or None
+        newest_warning = self._log.warning  # newest line with the level WARN or worse, or None
         self._reason.update(activity, reason_time, newest_warning)
-        # whether a person drives, here by a page; name of the driving node, empty for the controller
+        # true if a person drives, at first only by a page; name of the driving node, empty if it is the
+        # controller
         is_by_hand, other_driver = self._teleop.is_held, ""
         # last command of the input that the robot obeys now; None if it obeys no command
         obeyed = self._drivers.command(numbers.time, now)
@@ -306,7 +314,7 @@ class WebNode:
                 is_master_gone=self._is_master_gone,
                 is_paused=bool(self._is_paused),
                 is_silent=numbers.is_silent(now),
-                # name of the object that a page moves, until the robot can have noticed the motion
+                # name of the object that a page moves; it stays until the robot can have noticed the motion
                 moving=self._moving.text(numbers.time, now),
                 is_by_hand=is_by_hand,
                 driver=other_driver,

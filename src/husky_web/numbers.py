@@ -14,7 +14,7 @@ from husky_web.topics import Topics
 
 # [s] wall time without odometry after which the page reports that the robot is not responding
 NO_NEWS_TIME = 2.0
-RATE_WINDOW = 3.0  # [s] time over which rates are measured
+RATE_WINDOW = 3.0  # [s] the rate of the scans and the real-time factor are measured over this time
 UNKNOWN = (nan, nan)
 
 
@@ -24,13 +24,14 @@ class Numbers:
     def __init__(self, curves: Dict[str, Curve]) -> None:
         """Begin without numbers; `curves` has the names of `plots.CHARTS`."""
         self._curves = curves
-        self.scans = Curve(1, RATE_WINDOW)  # number of scans
-        self.clock = Curve(1, RATE_WINDOW)  # [s] simulated time
+        self.scans = Curve(1, RATE_WINDOW)  # number of scans so far, for the rate of the scans
+        self.clock = Curve(1, RATE_WINDOW)  # [s] simulated time over wall time, for the real-time factor
         self._heard_at = -inf  # [s] wall time of the last odometry
-        self._speeds: Dict[str, Tuple[float, float]] = {}  # [m/s], [rad/s] commanded and measured
-        self.time: Optional[float] = None  # [s] simulated time
-        self.distance: Optional[float] = None  # [m] remaining distance
-        self.speed: Optional[float] = None  # [m/s] measured speed
+        # [m/s], [rad/s] forward and turning speed, for "commanded" and for "measured"
+        self._speeds: Dict[str, Tuple[float, float]] = {}
+        self.time: Optional[float] = None  # [s] simulated time of the newest odometry
+        self.distance: Optional[float] = None  # [m] remaining distance to the stop point
+        self.speed: Optional[float] = None  # [m/s] measured forward speed
         self.bearing: Optional[float] = None  # [rad] bearing of the pillar
         self.pillar: Optional[Vector3] = None  # [m] position of the pillar in the fixed frame
 
@@ -39,7 +40,7 @@ class Numbers:
 
         The scene has the TF frames, and the stamp of its newest scan.
         """
-        # the page subscribes to one of the two topics only; true poses come first
+        # the page subscribes to only one of these topics: to the true poses if a simulator publishes them
         odometry = topics.take("truth") or topics.take("odometry")
         if odometry is not None:
             self._heard_at = now
@@ -63,7 +64,7 @@ class Numbers:
             commanded, measured = (self._speeds.get(name, UNKNOWN) for name in ("commanded", "measured"))
             self._curves["speed"].add(self.time, commanded[0], measured[0])
             self._curves["turning"].add(self.time, commanded[1], measured[1])
-        # the growth of these two is the real-time factor, and the rate of the scans
+        # the rate of `clock` is the real-time factor; the rate of `scans` is the number of scans per second
         if self.time is not None:
             self.clock.add(now, self.time)
         if topics.scan_count:

@@ -28,7 +28,8 @@ from husky_web.topics import Received
 from husky_web.viser_private import place
 
 Key = Tuple[str, str]  # topic of the interactive marker's server, and name of the marker
-WIDEST = 50.0  # [m] a flat object that is larger than this is replaced by the page's own ground
+# [m] a part of an object that is wider than this is not drawn, because the page has its own ground
+WIDEST = 50.0
 MOVABLE = (
     InteractiveMarkerControl.MOVE_PLANE,
     InteractiveMarkerControl.MOVE_ROTATE,
@@ -44,7 +45,7 @@ class Object(NamedTuple):
     frame: str
     pose_in_frame: Pose
     shapes: List[Any]  # nodes of the scene that can be clicked
-    menu: Tuple[Tuple[int, str], ...]  # id and title
+    menu: Tuple[Tuple[int, str], ...]  # id and title of each entry of the menu
     is_movable: bool
 
 
@@ -54,7 +55,8 @@ class Objects:
     def __init__(self, server: viser.ViserServer, frames: Frames, fixed_frame: str) -> None:
         self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
         self.shown: Dict[Key, Object] = {}
-        self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
+        # function that binds the mouse to a new object
+        self.on_new: Callable[[Key, Object], None] = lambda key, shown: None
         self.dragged: Dict[Key, Pose] = {}  # pose in the fixed frame of each object that a page drags
         self._feedback: Dict[str, rospy.Publisher] = {}  # publisher to each server, by the server's name
 
@@ -74,7 +76,8 @@ class Objects:
     def _take(self, topic: str, msg: Any) -> None:
         """Take in a change, or all markers of a server, which come on a topic of their own at the start."""
         if isinstance(msg, InteractiveMarkerInit):
-            # it comes on SERVER/update_full, and changes come on SERVER/update, which is in the keys
+            # this message comes on SERVER/update_full, but the keys have the topic of the changes,
+            # SERVER/update
             server, names = topic[: -len("_full")], {marker.name for marker in msg.markers}
             for key in [key for key in self.shown if key[0] == server and key[1] not in names]:
                 self._erase(key)
@@ -155,7 +158,7 @@ class Objects:
         self._erase(key)
         # the publisher is made now, so that it is connected before the first drag ends
         self._publisher(topic)
-        # a slash in a name would be a level of viser's tree of nodes
+        # slashes in the names are replaced, because viser would read each as a level of its tree of nodes
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
         nodes: List[Any] = []

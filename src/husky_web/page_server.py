@@ -40,8 +40,8 @@ MAX_MESSAGE = 1000  # [bytes] largest message on the drive channel
 MAX_PAGES = 20
 TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
-# Content-Security-Policy of the page. The browser rejects requests to any other host. viser's page needs
-# inline scripts and workers.
+# header Content-Security-Policy of the page: the page may send requests only to its own host; inline scripts
+# and workers are allowed, because viser's page needs them
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'none'"
 Message = Dict[str, Any]
 OnMessage = Callable[[int, Message], None]
@@ -75,19 +75,22 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     """
     is_loopback = _is_loopback(host)
     token = None if is_loopback else secrets.token_urlsafe(16)
-    warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a page may leave at any moment
+    # viser warns if a page has left before a message reaches it, but this is normal
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
     gate = Gate(is_loopback, token, on_message, on_leave)
-    # context in which a server is started whose requests pass the gate, and which has the drive channel
+    # context manager: a server that is started in it checks all requests by the gate, and has the drive
+    # channel
     behind_gate = started_behind(gate.answer, gate.with_drive_channel)
-    # the output of viser is hidden, because viser prints a table with an address without the token
+    # the output of viser is hidden, because viser prints an address without the token, which would not work
     with behind_gate, contextlib.redirect_stdout(io.StringIO()):
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     server.gate = gate
     port_and_token = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
-    # with such a host the server listens on all interfaces, but a browser cannot open the host itself
+    # with such a host, the server listens on all interfaces, but a browser cannot open such an address
     has_all_interfaces = host in ("0.0.0.0", "::")
     if has_all_interfaces:
-        # other machines do not know a container's host name, but its published port is a port of this machine
+        # the first address also works for a container, because its published port is a port of this machine;
+        # other machines do not know the host name of a container
         address = f"http://127.0.0.1{port_and_token}"
         address += f" (from another machine: http://{socket.gethostname()}{port_and_token})"
     else:
@@ -123,7 +126,8 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
         token: required token in the address or as a cookie; None if no token is required.
     """
     host = headers.get("Host", "")
-    # a page of another site may let its own host name point to the loopback address (DNS rebinding)
+    # another site may let its own host name point to the loopback address (DNS rebinding), so the name is
+    # checked
     if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
         return f"this page can be opened at {', '.join(sorted(LOOPBACK))} only, not at '{host}'"
     origin = headers.get("Origin")  # address of the page that sends the request; None for a plain request
@@ -175,8 +179,10 @@ class Gate:
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            return None  # the handler counts the connections, because two requests may come at the same time
-        # each open page has one connection of viser
+            # None opens the WebSocket; `handle` limits the number of connections, because two requests may
+            # come at the same time
+            return None
+        # each open page has one connection of viser, so this is the number of open pages
         if self._connections[False] >= MAX_PAGES:
             return _response(
                 http.HTTPStatus.SERVICE_UNAVAILABLE, TOO_MANY.encode(), "text/plain; charset=utf-8"

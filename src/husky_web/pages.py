@@ -16,11 +16,13 @@ from husky_web.log import LEVELS, Filter, LogBuffer, log_to_html
 from husky_web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
-# colour of the brand for light (False) and dark (True) pages, so that text has a contrast of at least 4.5
+# viser's "brand" colour for light (False) and dark (True) pages; with it, text has a contrast of at least 4.5
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}
-# keys of the browser's storage: the user's choice, and the result that page.js has stored
+# keys of the browser's storage: DARK has the user's choice, and IS_DARK is "1" if page.js has found that the
+# page has to be dark, by this choice or by the settings of the browser
 DARK, IS_DARK = "dark", "is-dark"
-# [s] longest wait for the browser's storage, because a browser without a graphics card answers late
+# [s] longest wait for a value from the browser's storage; it is long, because a browser without a graphics
+# card answers late
 STORAGE_TIMEOUT = 30.0
 
 
@@ -39,7 +41,8 @@ class Page:
         self.client, self.tool, self._log = client, LOOK, log
         self._camera = Camera(client)
         self._filter = Filter()
-        self._log_count = -1  # number of lines of the log at the last update; -1 shows the log again
+        # number of lines in the log when the page last showed them; -1 if the page must show them again
+        self._log_count = -1
         self._on_tool = on_tool
         self._make_view(tabs["View"], is_dark)
         self._make_log(tabs["Log"])
@@ -110,7 +113,7 @@ class Page:
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
-        # the hint is shown last, because the action of the tool works only from now on
+        # the hint changes last, because the tool works only from now on
         self._hint.content = _HINTS[self.tool]
 
 
@@ -132,7 +135,7 @@ class Pages:
         self.on_tool: Callable[[], None] = lambda: None
         self.on_leave: Callable[[int], None] = lambda page: None
         self._server, self._tabs, self._log = server, tabs, log
-        # connected browsers that have no page yet, each with whether it prefers dark colours
+        # browsers that are connected but have no page yet, each with true if it prefers dark colours
         self._arrivals: Deque[Tuple[viser.ClientHandle, bool]] = deque()
         server.on_client_connect(self._on_connect)
 

@@ -16,8 +16,8 @@ from husky_highlevel_controller.datatypes import HuskyError
 
 WIDEST_SLIDER = 1e4  # largest range of a parameter with a slider; in a wider range, a slider is too coarse
 STEPS = 1000  # smallest number of steps of a slider
-# groups of the controller's parameters, by prefixes of their names; the parameters have no groups of their
-# own, because dynparam needs flat names
+# groups in which the page shows the controller's parameters, with the prefixes of their names; the controller
+# itself has no groups, because the command dynparam needs parameters without groups
 GROUPS = {
     "Gains": ("p_gain_",),
     "Limits": ("max_linear", "max_angular", "stop_distance", "arrival_"),

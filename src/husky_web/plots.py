@@ -15,15 +15,17 @@ import viser
 
 CAPACITY = 1000  # largest number of samples of a curve
 WINDOW = 30.0  # [s] time that a chart shows
-# [s] time between two points of a curve; more points would not be visible, but would be sent each time
+# [s] time between two points of a drawn curve; more points would not be visible, but would cost time at each
+# update
 RESOLUTION = 0.4
-# size of a chart [px] in a window of 1280 px, and the space for labels at its sides [px]
+# [px] width and height of a chart in a window of 1280 px, and space for labels at its four sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 PLOT_RIGHT, PLOT_BOTTOM = WIDTH - RIGHT, HEIGHT - BOTTOM  # [px] right and lower edge of the curves
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
-# fraction of a step by which a curve may exceed the last tick, so that 1.003 m/s needs no tick at 1.5
+# a curve may exceed the last tick by this fraction of the distance between two ticks, so that 1.003 m/s needs
+# no tick at 1.5 m/s
 SLACK = 0.02
-LARGEST = 1e9  # largest value that is drawn
+LARGEST = 1e9  # values from this size on are not drawn
 MAX_MARKS = 8  # largest number of parameter changes that a chart shows
 Mark = Tuple[float, str]  # time [s] and text of a change of a parameter
 
@@ -31,11 +33,12 @@ Mark = Tuple[float, str]  # time [s] and text of a change of a parameter
 class Chart(NamedTuple):
     """Chart of one quantity."""
 
-    name: str  # name of the value's curve
+    name: str  # name of the chart's curve in `Plots.curves`
     title: str
     unit: str
-    series: Tuple[str, ...]  # names of the curves; the line of "commanded" is dashed
-    least: Tuple[float, float]  # range that is always shown, so that noise does not look large
+    series: Tuple[str, ...]  # names of the lines in the chart; the line "commanded" is dashed
+    # lowest and highest value that the y axis always contains, so that noise does not look large
+    least: Tuple[float, float]
     zero: str = ""  # name of the line at 0; empty if the chart has no such line
 
 
@@ -53,7 +56,7 @@ class Curve:
     def __init__(self, series: int, window: float = WINDOW) -> None:
         """Begin empty; `series` is the number of values of a sample, without its time."""
         self._window, self._series = window, series
-        # rows with the time and the values, the newest last
+        # time [s] and values of each sample, the newest last
         self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)
 
     def add(self, stamp: float, *values: float) -> None:
@@ -188,7 +191,7 @@ def nice_ticks(low: float, high: float) -> List[float]:
     """Return three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
     least_step = (high - low) / 3.0
     power = 10.0 ** floor(log10(least_step))
-    # the smallest round step that is not less than `least_step`; the tolerance is for rounding errors
+    # smallest round step that is not less than `least_step`, except for rounding errors
     steps = [power * factor for factor in (1.0, 2.0, 5.0, 10.0)]
     step = next(step for step in steps if step >= least_step * (1.0 - 1e-9))
     first, last = floor(low / step + SLACK), ceil(high / step - SLACK)
@@ -205,8 +208,9 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
     """
     if len(times) < 3:
         return ""
-    bins = np.floor(times / RESOLUTION)  # number of the interval of RESOLUTION in which each time lies
-    # last sample of each interval; the newest sample ends the last interval
+    # number of the interval in which each time lies, if time is divided into intervals of RESOLUTION
+    bins = np.floor(times / RESOLUTION)
+    # index of the last sample of each interval
     rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
     steps: List[str] = []
     command = "M"  # "M" is SVG's command to move to a point without a line; "L" draws a line to a point

@@ -25,7 +25,8 @@ class Recorder:
     """Buttons to record and to save, and the recording."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
-        # queue of the buttons' work; true while a run is recorded; name in the URDF, set by the node
+        # `_actions` does the work of the buttons; `_is_on` is true while a run is recorded; `robot_name` is
+        # the name in the URDF, which the node sets later
         self._actions, self._is_on, self.robot_name = actions, False, ""
         self._rows: List[Row] = []
         gui = server.gui
@@ -88,7 +89,8 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]
     is_known = np.isfinite(pillars).all(axis=1)
     if is_known.any():
-        # the controller finds the pillar only later, but it is shown from the start
+        # until the controller has found the pillar, the replay shows the pillar at the first position that
+        # was found
         pillars[~is_known] = pillars[is_known][0]
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(

@@ -59,7 +59,7 @@ def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, P
     `joint_above` has the joint to its parent for each link except the root.
     """
     pose = IDENTITY
-    # a chain cannot have more joints than the robot, so the loop also ends for a circle of joints
+    # the loop has at most one round for each joint of the robot, so it also ends if the joints form a circle
     for _ in joint_above:
         joint = joint_above.get(link)
         if joint is None or joint.get("type") != "fixed":

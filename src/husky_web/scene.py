@@ -53,28 +53,30 @@ from husky_web.topics import Topics
 from husky_web.viser_private import place
 
 POINT_SIZE = 0.05  # [m] size of the scan's points
-RAYS = 60  # largest number of drawn beams; a few beams are enough to show which beams meet an object
-TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] spacing of trail points; maximum number of points
+RAYS = 60  # largest number of beams that are drawn; so few are enough to show which beams meet an object
+# [m] distance between two points of the trail; largest number of its points
+TRAIL_STEP, TRAIL_POINTS = 0.25, 1000
 LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
-# [m] distances along the trail behind the robot: up to the first the trail has its full colour, from the
-# second on it is faded
+# [m] the trail has its full colour up to TRAIL_NEW behind the robot, then it fades, and from TRAIL_OLD on it
+# has the faded colour
 TRAIL_NEW, TRAIL_OLD = 3.0, 15.0
-# colour of the faded trail, visible with light and dark colours, but not striking
+# colour of the faded trail; it is visible on a light and on a dark page, but not striking
 FADED_COLOR = (125, 148, 176)
 LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
-GAMMA = 2.2  # gamma of a screen's colours
-# [m] the trail begins again if the robot has moved farther than this in one update, because a service has
-# moved it
+GAMMA = 2.2  # exponent by which the colours of a screen become linear
+# [m] if the robot has moved farther than this in one update, a service has moved it, so the trail begins
+# again
 TRAIL_JUMP = 1.0
-GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m] size and colour of the dragged robot
+# size [m] and colour of the box that stands for the robot while the mouse drags it
+GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 # [s] if a scan is older than the newest pose by more than this, the view ignores the scan's stamp
 MAX_SCAN_AGE = 0.3
 LOOKS_PERIOD = 0.2  # [s] time between two updates of the appearance of markers and plan
-MAX_AXES = 200  # largest number of frames that are shown
+MAX_AXES = 200  # largest number of TF frames that are shown
 BASE, FOOTPRINT = "base_link", "base_footprint"
-# namespaces of the controller's markers; the trail begins with the points of PATH, and the state bar shows
-# STATE
+# namespaces of three markers of the controller: its stop point, its path, with which the trail begins, and
+# its state, which the state bar shows
 TARGET, PATH, STATE = "target", "path", "state"
 
 
@@ -83,8 +85,8 @@ class DrawnMarker:
     """Marker in the view."""
 
     node: Any
-    placed: Optional[Marker] = None  # marker message from which the node has its pose
-    drawn: Optional[Marker] = None  # marker message from which the parts were drawn
+    placed: Optional[Marker] = None  # last message that has moved the node
+    drawn: Optional[Marker] = None  # last message from which the parts were drawn
     appearance: Optional[Tuple[Any, ...]] = None
     parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts in the scene
 
@@ -95,19 +97,21 @@ class Scene:
     def __init__(self, server: viser.ViserServer, fixed_frame: str, controller: str) -> None:
         """Begin empty; everything is drawn in `fixed_frame`, and `controller` is the name of that node."""
         self._scene, self.fixed_frame = server.scene, fixed_frame
-        self._controller = f"{controller}/"  # begin of the names of the controller's topics
-        # poses of the TF frames; markers of all topics, whose drawings are in `_drawn`
+        self._controller = f"{controller}/"  # text with which the names of the controller's topics begin
+        # `frames` has the poses of the TF frames, and `markers` has the newest messages of all markers
         self.frames, self.markers = Frames(), Markers()
-        # true if a layer is shown, by its name; the boxes of the page change it
+        # name of each layer, and true if the layer is shown; the boxes of the page change this
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s] stamp of the newest scan
-        self.moment: Optional[float] = None  # [s] stamp of the drawn scan; None for the newest poses
-        self._robot: Dict[str, Any] = {}  # node of each frame of the robot
-        self.robot_name = ""  # name in the URDF; empty before the first one
+        # [s] stamp of the drawn scan; everything has its pose at this time; None if the newest poses are
+        # drawn
+        self.moment: Optional[float] = None
+        self._robot: Dict[str, Any] = {}  # viser's node of each frame of the robot
+        self.robot_name = ""  # name of the robot in its URDF; empty before the first URDF
         self._shadow: Any = None  # node of the shadow below the robot; None without a robot
         self.robot_shapes: List[Any] = []  # nodes of the robot that the mouse can grasp
-        self._drawn: Dict[Key, DrawnMarker] = {}  # the markers that have nodes in the scene
-        self._axes: Dict[str, Any] = {}  # node of each TF frame
+        self._drawn: Dict[Key, DrawnMarker] = {}  # markers that have a node in the scene
+        self._axes: Dict[str, Any] = {}  # viser's node of the axes of each TF frame
         self._trail: List[Tuple[float, float, float]] = []  # [m] points in the fixed frame, the oldest first
         self._backdrop = Backdrop(self._scene)
         # nodes of points and lines are made once, empty, and get their points later
@@ -117,11 +121,11 @@ class Scene:
         self._scan = add_points("/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, **exact)
         self._cloud = add_points("/depth", empty, CLOUD_COLOR, point_size=0.03, **exact)
         self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
-        # the line has a colour for each point from the start, because viser draws it white if it first has
-        # only one colour
+        # the colours are an array, still empty, because viser would later draw the line white if it began
+        # with a single colour
         self._trail_line = self._add_lines("/trail", np.zeros((0, 2, 3), np.uint8), thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
-        self._looks_due = 0.0  # [s] wall time of the next update of the looks, see LOOKS_PERIOD
+        self._looks_due = 0.0  # [s] wall time of the next update of the appearance of markers and plan
         box = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         # transparent box at the pose to which the mouse drags the robot
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
@@ -142,11 +146,11 @@ class Scene:
         except HuskyError as error:
             rospy.logwarn(str(error))
             return
-        # the base comes first, because it is the parent of the others
+        # the base comes first, because it is the parent of the other frames
         for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
             # links are children of the base in the scene, so that the pose of the base moves all of them
             parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
-            # a slash in the name of a frame would be a level of viser's tree of nodes
+            # slashes in the name are replaced, because viser would read each as a level of its tree of nodes
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
@@ -186,7 +190,7 @@ class Scene:
         is_scan_recent = (
             newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
         )
-        # without recent scans, as with a lidar that is off, the newest poses are drawn
+        # if there is no recent scan, for example because the lidar is off, the newest poses are drawn
         self.moment = self.scan_stamp if is_scan_recent else None
         for frame, node in self._robot.items():
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
@@ -202,7 +206,7 @@ class Scene:
             self._looks_due = now + LOOKS_PERIOD
             self._update_plan()
         self._backdrop.update(self.ground, None if self.base is None else self.base.position)
-        # the shadow is a child of the base, so the height of the ground is needed in the base
+        # the shadow is a child of the base, so its height is given in the frame of the base
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()
@@ -240,7 +244,7 @@ class Scene:
             hits = _thinned(points, RAYS)
             self._scan.points = points
             lidar = np.array(pose.position, np.float32)
-            # (N, 2, 3) a line from the lidar to each of N points
+            # (N, 2, 3) for each of N points, a line from the lidar to this point
             self._rays.points = np.stack([np.broadcast_to(lidar, hits.shape), hits], axis=1)
 
     def _update_cloud(self, msg: Optional[Any]) -> None:
@@ -280,7 +284,8 @@ class Scene:
         """Replace the trail by these points [m] in the fixed frame, the oldest first, and draw it."""
         self._trail = trail
         line = np.array(trail, np.float32)
-        # (N - 1, 2, 3) a line from each of N points to the next one, with the colours of both
+        # (N - 1, 2, 3) for N points of the trail, a line from each point to the next one; each end of a line
+        # has the colour of its point
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
         colors = trail_colors(line)
         self._trail_line.colors = np.stack([colors[:-1], colors[1:]], axis=1)
@@ -307,8 +312,8 @@ class Scene:
         for topic, msg in topics.take_all("markers"):
             with on_error_log_and_skip(topic):
                 for marker in markers_of(msg):
-                    # the page draws its own trail, and its state bar shows the controller's state, so two
-                    # markers of the controller are not drawn
+                    # the controller's markers PATH and STATE are not drawn, because the page draws its own
+                    # trail, and the state bar shows the state
                     is_of_controller = topic.startswith(self._controller)
                     if is_of_controller and marker.ns == PATH:
                         self._begin_trail(marker)
@@ -335,10 +340,10 @@ class Scene:
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
-            return  # the marker keeps its pose in the fixed frame from the time when it came
+            return  # an unlocked marker keeps the pose that it got when it came
         drawing.placed = marker
-        # a locked marker moves with its frame; another one stays where its frame was at the stamp, or at the
-        # newest pose of the frame if the stamp is 0
+        # a locked marker moves with its frame, so it needs the newest pose of the frame; another marker needs
+        # the frame's pose at the marker's stamp, or the newest pose if the stamp is 0
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)
         pose = pose_of(marker)

@@ -21,8 +21,9 @@ SIDES = 24  # number of sides of a cylinder, of a cone, and of a sphere's equato
 MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box that replaces an unreadable mesh
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
-# a part with more triangles is simplified, because without a graphics card the Husky's triangles take a third
-# of the time of a picture; smallest number of cells along a simplified part
+# if a part of a mesh file has more than MANY triangles, it is simplified, because the Husky's triangles take
+# a third of the time of a picture without a graphics card; details larger than 1 / CELLS of the part's length
+# remain
 MANY, CELLS = 500, 25.0
 
 
@@ -30,7 +31,7 @@ class Mesh(NamedTuple):
     """Triangles; each face lists its corners counter-clockwise as seen from outside."""
 
     vertices: np.ndarray  # (V, 3) float32 [m]
-    faces: np.ndarray  # (F, 3) uint32, rows of `vertices`
+    faces: np.ndarray  # (F, 3) uint32; each number is the row of a corner in `vertices`
 
 
 class Solid(NamedTuple):
@@ -51,8 +52,8 @@ class Solid(NamedTuple):
 class Lines(NamedTuple):
     """Straight lines."""
 
-    points: np.ndarray  # (N, 2, 3) float32 [m]
-    colors: np.ndarray  # (N, 2, 3) uint8
+    points: np.ndarray  # (N, 2, 3) float32 [m], two ends of each of N lines
+    colors: np.ndarray  # (N, 2, 3) uint8, red, green and blue at each end
     width: float  # [m]
 
 
@@ -60,7 +61,7 @@ class Points(NamedTuple):
     """Square points."""
 
     points: np.ndarray  # (N, 3) float32 [m]
-    colors: np.ndarray  # (N, 3) uint8
+    colors: np.ndarray  # (N, 3) uint8, red, green and blue of each point
     size: float  # [m]
 
 
@@ -83,8 +84,8 @@ Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
     """Return a mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
-    # corners (N, V, 3) and faces (N, F, 3) of N copies of a unit with V vertices and F faces; the vertices of
-    # each copy come after the vertices of the copy before
+    # corners (N, V, 3) and faces (N, F, 3) of N copies of a unit with V vertices and F faces; in each copy,
+    # the numbers in the faces are larger by V than in the copy before
     corners = points[:, None] + unit.vertices * np.asarray(size)
     faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
     return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
@@ -147,7 +148,8 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
 def solids_of(file: MeshFile) -> List[Solid]:
     """Return the triangles of a mesh file, or a box with a warning if it cannot be read."""
     try:
-        # CELL is in metres, and the file's unit is metres after the scale; a scale of 0 must not divide
+        # CELL is in metres, so it is divided by the scale, which gives the file's unit; if the scale is 0, it
+        # is divided by 1
         parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")
@@ -168,14 +170,15 @@ def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
     """
     path = _path(uri)
     try:
-        # a scene also for a file with one part; `dump` returns its parts, moved to their places in the file
+        # trimesh returns a scene, also for a file with only one part; `dump` returns the parts at their
+        # positions in the scene
         loaded: Any = trimesh.load(path, force="scene", process=False)
         parts = tuple(
             (_mesh_of(part, cell), _color(part))
             for part in loaded.dump()
             if isinstance(part, trimesh.Trimesh)
         )
-    except Exception as error:  # a broken mesh file may cause any error of the reader
+    except Exception as error:  # the reader may raise any error if the mesh file is broken
         raise HuskyError(f"mesh '{uri}' cannot be read: {type(error).__name__}: {error}") from None
     if not parts:
         raise HuskyError(f"mesh '{uri}' has no triangles")

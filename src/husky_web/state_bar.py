@@ -13,9 +13,10 @@ import viser
 from husky_web.log import Line
 from husky_web.plots import fixed
 
-LEVELS = ("ok", "warn", "error", "error")  # classes of DiagnosticStatus.OK, WARN, ERROR, STALE
+# classes of viser.css for the levels OK, WARN, ERROR and STALE of a DiagnosticStatus
+LEVELS = ("ok", "warn", "error", "error")
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
-STARTED = "waiting"  # state of the controller before its first scan
+STARTED = "waiting"  # state of the controller from its start to its first scan
 MASTER_GONE = (
     "the ROS master has ended, so the emergency stop of this page may not reach the robot; "
     "press the red button of the robot, then end the launch of this page and start it again"
@@ -33,10 +34,13 @@ PHRASES = {
 BY_HAND, MOVING, NO_DRIVER = "driven by hand", "being moved", "no node drives the robot"
 MAX_REASON = 200  # largest number of characters of a reason
 FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
-REASON_TIME = 3.0  # [s] longest time between the controller's stop and the warning with its reason
-# [s] simulated time of one or two scans, after which the controller has noticed a moved object
+# [s] a warning counts as the reason of the controller's stop if it comes at most this time before or after
+# the stop
+REASON_TIME = 3.0
+# [s] simulated time after the motion of an object until the controller has noticed it; one or two scans
 SEEN_AFTER = 0.03
-# [s] wall time after which the controller has noticed a moved object, for a robot without simulated time
+# [s] wall time after the motion of an object until the controller has noticed it, if simulated time is
+# unknown
 SEEN_AT_LAST = 0.3
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
@@ -48,12 +52,12 @@ class RobotStatus(NamedTuple):
     has_listener: bool = True  # true if another node subscribes to the emergency stop
     is_master_gone: bool = False  # true if the ROS master has ended or was started again
     is_paused: bool = False  # true if simulated time is paused
-    is_silent: bool = False  # true if no odometry has come for NO_NEWS_TIME
+    is_silent: bool = False  # true if no odometry has come for some time, see `numbers.NO_NEWS_TIME`
     moving: str = ""  # name of the object that a page moves; empty if no page moves one
-    is_by_hand: bool = False  # a person drives
+    is_by_hand: bool = False  # true if a person drives the robot
     driver: str = ""  # name of the node that drives the robot, if it is not the controller
-    level: int = 0  # level of the controller's diagnostics
-    activity: str = ""  # state of the controller
+    level: int = 0  # level of the controller's diagnostics, an index of LEVELS
+    activity: str = ""  # state of the controller, such as "driving"; empty if unknown
     fault: str = ""  # fault that the controller's diagnostics report; empty if none
     reason: str = ""  # text of the warning that came when the controller stopped
 
@@ -71,7 +75,8 @@ class Moving:
 
     def __init__(self) -> None:
         self._text = ""
-        self._ended_at: Optional[float] = None  # [s] wall time
+        # [s] wall time at which the motion ended; None while the object is being moved
+        self._ended_at: Optional[float] = None
         # [s] first simulated time after the end of the motion; None if unknown
         self._seen_from: Optional[float] = None
 
@@ -101,9 +106,10 @@ class Moving:
         """
         if self._ended_at is None:
             return self._text
-        simulated_seconds = 0.0  # simulated time since the end of the motion
+        simulated_seconds = 0.0  # [s] simulated time since the end of the motion
         if time is not None:
-            if self._seen_from is None or time < self._seen_from:  # the time is smaller after a restart
+            # simulated time becomes smaller if the simulator restarts
+            if self._seen_from is None or time < self._seen_from:
                 self._seen_from = time
             simulated_seconds = time - self._seen_from
         if simulated_seconds >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
@@ -120,10 +126,11 @@ class StopReason:
 
     def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
         """Take in the controller's state at a time [s], None if unknown, and the newest warning."""
-        # the reason is forgotten as soon as the controller is not stopped
+        # the warning is forgotten as soon as the controller is not stopped
         if time is None or activity != STOPPED:
             self.text, self._drove_at = "", -inf if time is None else time
-        # only a warning near the stop is its reason; the stamp of a later one is too far from it
+        # a warning is the reason of the stop only if it came near the stop; a later warning has another
+        # reason
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
             self.text = warning.text
 
@@ -132,7 +139,7 @@ class StateBar:
     """State, emergency stop and next actions, shown on every tab."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        # function that is called with the page whose button was pressed
+        # functions of the two buttons; they get the page on which the button was pressed
         self.on_again: Callable[[Any], None] = lambda client: None
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._state = gui.add_html(state_html(RobotStatus(), Figures()))
@@ -174,7 +181,8 @@ def _summary(status: RobotStatus) -> Tuple[str, str]:
     If several facts hold, a reason that keeps the robot from driving comes first.
     """
     doing = PHRASES.get(status.activity, status.activity)  # empty if the controller's state is unknown
-    # whether each fact holds, the colour of the light, and the sentence; the first one that holds is shown
+    # rows with a fact (true if it holds), the colour of the light, and the sentence; the first row with a
+    # true fact is shown
     facts = (
         (status.is_master_gone, "error", MASTER_GONE),
         (status.is_locked and not status.has_listener, "error", UNHEARD),
@@ -197,7 +205,8 @@ def _summary(status: RobotStatus) -> Tuple[str, str]:
 def state_html(status: RobotStatus, figures: Figures) -> str:
     """Return HTML of state and numbers; texts of nodes are escaped."""
     light, sentence = _summary(status)
-    to_go = figures.distance  # [m] shown as 0 at the pillar, and never as a negative number
+    # [m] remaining distance; it is shown as 0 at the pillar, and never as a negative number
+    to_go = figures.distance
     if to_go is not None:
         to_go = 0.0 if status.activity == ARRIVED else max(0.0, to_go)
     numbers = "".join(
@@ -208,7 +217,7 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
             (figures.time, 1, "s", "time"),
         )
     )
-    # page.css shows that the page waits for the robot until this attribute exists
+    # page.css shows "Waiting for news of the robot" until this attribute exists
     time = "" if figures.time is None else f' data-time="{figures.time:.3f}"'
     reason = f'<div class="husky-reason">{escape(status.reason[:MAX_REASON])}</div>' if status.reason else ""
     return (

@@ -15,11 +15,11 @@ from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import contained, publish
 
-# [s] time between two commands; the twist_mux drops an input after 0.5 s, and the wheels stop after 0.25 s
-# without a command
+# [s] time between two commands; twist_mux ignores an input that has been silent for 0.5 s, and the wheels
+# stop 0.25 s after the last command
 PERIOD = 0.05
 
-SLOWEST = 0.1  # [m/s], [rad/s] lowest value of the sliders of speed
+SLOWEST = 0.1  # lowest value of the sliders for speed [m/s] and for turning [rad/s]
 # [s] the robot stops if a page sends nothing for this time; a page sends every 0.05 s while a key is held
 EXPIRY = 0.25
 
@@ -52,7 +52,7 @@ class HoldToDrive:
 
     def hold(self, page: int, twist: Twist2D, now: float) -> None:
         """Take a page's twist at `now` [s]; a zero twist releases control."""
-        # another page has control, and has not been silent for EXPIRY yet
+        # another page drives, and its last message is younger than EXPIRY, so this page has to wait
         if self._holder not in (None, page) and now - self._heard_at < EXPIRY:
             return
         if twist == STOP:
@@ -84,14 +84,15 @@ class Teleop:
         """Start the thread; the node `simulator` latches its emergency stop on its topic `locked`."""
         # function that is called when a page presses the emergency stop
         self.on_lock: Callable[[], None] = lambda: None
-        self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] speeds while a key is held
+        self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] largest speeds of driving by hand
         self.is_locked = False  # true if any node has switched the emergency stop on
         self._hold = HoldToDrive()
         self._turn = threading.Lock()
         self._wake = threading.Event()
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
-        # a simulator also publishes the latched state for a page that starts later; a twist_mux does not
+        # a simulator keeps its last message on `locked`, so that a page that starts later gets it, too; a
+        # twist_mux has no such topic
         for topic in ("e_stop", f"{simulator}/locked"):
             rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()

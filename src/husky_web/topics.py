@@ -20,9 +20,11 @@ from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdat
 
 from husky_highlevel_controller.robot import load_robot
 
-# [s] pause after a message of a drawn topic, and after a message with a number
+# [s] after a message, its thread pauses, so that the next messages are read together; NUMBERS_PAUSE is for
+# messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
-# fraction of a pause; a message that is read within this time after a pause has come during the pause
+# if a message is read within this fraction of a pause after the pause has ended, it came during the pause, so
+# no other pause follows
 BURST_SHARE = 0.2
 # largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
 # lost
@@ -41,12 +43,12 @@ class Topics:
         """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
         self.scan_count = 0  # number of scans that have come so far
-        # [s] end of the last pause, for each thread; rospy has a thread for each publisher
+        # [s] end of the last pause of each thread; rospy has a thread for each publisher
         self._pause_ended = threading.local()
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
-        # subscribers by their use, or by topic if they have no fixed use
+        # subscribers by their use, such as "scan"; subscribers of other topics by the name of the topic
         self._subscribers: Dict[str, rospy.Subscriber] = {}
 
     @property
@@ -60,7 +62,8 @@ class Topics:
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
-        for name in INPUTS:  # the names are relative, as in the result of `take_all("inputs")`
+        # the names are not resolved, so that `take_all("inputs")` also returns the names of INPUTS
+        for name in INPUTS:
             self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:

@@ -22,11 +22,11 @@ from husky_web.parameters import (
     to_yaml,
 )
 
-# type of the message, and end of the topic's name, by which a server of dynamic_reconfigure is recognized
+# a topic with this type of message and this end of its name belongs to a server of dynamic_reconfigure
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
 SUFFIX = "/parameter_descriptions"
-FOLDED = ("Detection",)  # groups whose folder is closed at the start
-SMALL = '<i class="husky-small" hidden></i>'  # element after which viser.css makes the next button small
+FOLDED = ("Detection",)  # groups of parameters whose folder is closed at the start
+SMALL = '<i class="husky-small" hidden></i>'  # invisible element; viser.css makes the button after it small
 
 
 class Tuning:
@@ -66,7 +66,8 @@ class Tuning:
                 "parameters.yaml", to_yaml(values).encode(), save_immediately=True
             )
         else:
-            for server in list(self._servers.values()):  # a copy, because the thread that draws may add one
+            # a copy, because the thread that draws may add a server meanwhile
+            for server in list(self._servers.values()):
                 server.request({item.name: item.default for item in server.parameters}, event.client)
 
     def _on_upload(self, event: Any) -> None:
@@ -97,12 +98,13 @@ class _Server:
     ) -> None:
         self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
         self.parameters: List[Parameter] = []  # empty until the server has sent its description
-        self.values: Dict[str, Any] = {}  # last values of the server, by parameter
+        self.values: Dict[str, Any] = {}  # last values that the server has sent, by parameter
         self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}  # field of the page, by parameter
         self._waiting: Dict[str, Any] = {}  # requested values that are not sent yet, by parameter
         self._is_closed = False
-        self._turn = threading.RLock()  # callbacks of ROS and of viser come in several threads
+        # lock of the values and fields, because callbacks of ROS and of viser come in several threads
+        self._turn = threading.RLock()
         self._folder = gui.add_folder(name.strip("/"))
         self._subscribers = (
             rospy.Subscriber(name + SUFFIX, ConfigDescription, self._on_description),
@@ -112,7 +114,8 @@ class _Server:
     def close(self) -> None:
         for subscriber in self._subscribers:
             subscriber.unregister()
-        with self._turn:  # held, so that a late message does not change fields that are removed here
+        # the lock is held, so that a late message does not change fields that are removed here
+        with self._turn:
             self._is_closed = True
             self._fields.clear()
             self._folder.remove()
@@ -185,7 +188,8 @@ class _Server:
         hint_with_range = f"{hint} ({low} to {high}, default {default})"
         if parameter.choices:
             names = [name for name, _ in parameter.choices]
-            # a value outside of the choices cannot be shown, and viser would reject it
+            # the first choice is shown if the value is not one of the choices, because viser would reject the
+            # value
             initial = value if value in names else names[0]
             field: Any = gui.add_dropdown(label, names, initial_value=initial, hint=hint)
         elif parameter.kind == "bool":
@@ -193,7 +197,7 @@ class _Server:
         elif parameter.kind == "str":
             field = gui.add_text(label, value, hint=hint)
         elif parameter.has_slider:
-            clamped = min(max(value, low), high)  # viser rejects a slider whose value is outside
+            clamped = min(max(value, low), high)  # viser rejects a slider whose value is outside of its range
             field = gui.add_slider(
                 label, low, high, parameter.step, clamped, marks=(default,), hint=hint_with_range
             )
@@ -203,7 +207,7 @@ class _Server:
         return field
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
-        if event.client is None:  # the client is None if `_show` has changed the field, and not a page
+        if event.client is None:  # `event.client` is None if `_show` has changed the field, and not a page
             return
         value = dict(parameter.choices).get(event.target.value, event.target.value)
         try:

@@ -15,8 +15,8 @@ from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 
-# [m] a smaller change of a coordinate is not sent; also limit for a component of a quaternion, where it is 1
-# mrad
+# [m] if a coordinate has changed less than this, its change is not sent; the same number is the limit for a
+# component of a quaternion, in which it means a turn of 1 mrad
 INVISIBLE = 5e-4
 
 
@@ -56,7 +56,8 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
         process_request: argument of `websockets.asyncio.server.serve`.
         wrap: function that gets the handler of connections and returns another one.
     """
-    original: Any = websockets.asyncio.server.serve  # put back at the end of the block
+    # original function of websockets, which is put back at the end of the block
+    original: Any = websockets.asyncio.server.serve
     logger = logging.getLogger("husky_web.websockets")
     # errors are hidden, because websockets would report each plain request of the page as a failed handshake
     logger.setLevel(logging.CRITICAL)
@@ -65,7 +66,8 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
         kwargs.update(process_request=process_request, logger=logger)
         return original(wrap(handler), *args, **kwargs)
 
-    # the buffer stays replaced, because viser makes one for each page that connects later
+    # the class of the buffer stays replaced after the block, because viser makes a buffer for each page that
+    # connects later
     _infra.AsyncMessageBuffer = MessageBuffer  # type: ignore
     websockets.asyncio.server.serve = serve  # type: ignore
     try:

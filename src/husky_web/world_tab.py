@@ -22,8 +22,9 @@ from husky_web.actions import LONG_TIMEOUT, Actions, answer_of, call
 from husky_web.state_bar import Moving
 
 ROBOT = "husky"  # name of the robot in the services of the simulator
-GROUND = "ground_plane"  # name of the ground in the worlds, which is not an object to move
-MOVE_ATTEMPTS = 10  # largest number of attempts to find a free position
+# name of the ground in the world files; the ground is not an object that can be moved
+GROUND = "ground_plane"
+MOVE_ATTEMPTS = 10  # largest number of random positions that are tried, because a position may be occupied
 SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
 
 
@@ -99,7 +100,7 @@ class WorldTab:
         Raises:
             HuskyError: the world has no object, or every attempt has failed.
         """
-        # the simulator lists bodies, whose names may be like model::body, as in ground_plane::added
+        # the name of a body may have the name of its model in front, as in ground_plane::added
         poses = {
             name: pose for name, pose in self._poses().items() if name.split("::")[0] not in (GROUND, ROBOT)
         }
@@ -115,7 +116,7 @@ class WorldTab:
         for _ in range(MOVE_ATTEMPTS - 1):
             with suppress(HuskyError):
                 return self._move(name, random_pose())
-        return self._move(name, random_pose())  # an error of the last attempt is raised
+        return self._move(name, random_pose())  # the error of the last attempt is raised, and not suppressed
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""
