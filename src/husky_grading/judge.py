@@ -19,7 +19,7 @@ from husky_grading.settings import with_override
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 
-# pattern of the folders in an absolute path
+# pattern of the folders in an absolute path, without the file name; group 1 is the first folder
 _FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")
 
 
@@ -48,13 +48,13 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         PointsError: the points by hand do not fit the rubric.
     """
     first, exercise = recordings[0], EXERCISES[job.config.exercise]
-    # frames of the first run; without a run, those of a robot that stands
+    # TF frames of the first run; if no frames were recorded, the frames of a robot that stands still
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
-    if submission.equals:  # launch files that fit equally well
+    if submission.equals:  # several launch files fit the exercise equally well
         items = left_to_choice(items, submission.equals)
-    if first.uninitialised:  # sentence on a variable that is read before it is written
+    if first.uninitialised:  # the submission reads a variable before it writes it
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
     asked = exercise.drives(job.config.trials)  # number of runs that the teacher has asked for
@@ -76,8 +76,8 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
 def unmarked(job: Job, problem: str) -> MarkingResult:
     """Return the result of a submission that could not be marked."""
     result = _from_known_folders(MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job)
-    # a path on this machine is shortened to the file name; names of topics and nodes, which are not paths on
-    # this machine, stay
+    # A path on this machine is shortened to its file name. A name such as /front/scan looks like a path, too.
+    # It is not shortened, because this machine has no folder /front.
     shown = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
     return replace(result, problem=shown)
 

@@ -38,8 +38,8 @@ from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.datatypes import HuskyError
 
-# limits of this program and its forks: memory [bytes]; file descriptors, because every connection takes a
-# thread
+# limits of this program and its forks: memory [bytes], and number of file descriptors. Descriptors are
+# limited because each connection needs a descriptor and a thread.
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 
 
@@ -52,8 +52,9 @@ def mark(job: Job) -> MarkingResult:
         StoppedError: marking was interrupted.
     """
     out, exercise = Path(job.out), EXERCISES[job.config.exercise]
-    problem = ""  # sentence on the reason why the submission could not be marked; empty if it was marked
-    # fingerprint of everything that the result depends on; empty if the next marking must not keep the result
+    problem = ""  # sentence that says why the submission could not be marked; empty if it was marked
+    # hash of everything that the result depends on. The next `grade` keeps the result if the hash is still
+    # the same. The hash is empty if the result must not be kept.
     fingerprint = ""
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -65,11 +66,11 @@ def mark(job: Job) -> MarkingResult:
         observe(submission, trials, config, exercise.bring_up, out)
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
-        # if the submission misses packages, its runs also depend on the packages on this machine
+        # if packages are missing, the runs also depend on the packages that are installed on this machine
         misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
-        # set before `judge` applies marking.yaml, because the teacher's points do not change the runs
+        # set before `judge`, so that the runs are kept even if `judge` finds an error in the teacher's points
         fingerprint = job.fingerprint + (job.installed if misses else "")
-        cause = None  # first item that lost points, which a picture shows
+        cause = None  # first item that lost points; one picture shows its moment
         try:
             result = judge(submission, recordings, job)
             cause = result.cause
@@ -77,17 +78,19 @@ def mark(job: Job) -> MarkingResult:
             write_pictures(recordings, job.name, out, cause)
     except StoppedError:
         raise
-    except NotMarkableError as error:  # a fault of the hand-in or of a name, so a repetition would not help
+    # a fault that marking again would not repair, such as a broken archive
+    except NotMarkableError as error:
         problem, fingerprint = _text_of(error), job.fingerprint
-    except HuskyError as error:  # a fault of this machine, or of the teacher's points
+    except HuskyError as error:  # a fault of this machine, or an error in the teacher's points
         problem = _text_of(error)
     except OSError as error:
         problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
-    except Exception as error:  # a fault of the grader itself
+    except Exception as error:  # a fault in our own program
         problem = failure_text(error)
         traceback.print_exc()
     if problem:
-        # the teacher's terminal gets the text with the paths of this machine
+        # The terminal shows the teacher the full text. `unmarked` removes the paths of this machine, because
+        # the student reads the result.
         print(printable(problem), file=sys.stderr)
         result = unmarked(job, problem)
     write_result(result, out, job.packages)
@@ -108,15 +111,15 @@ def kept_submission(job: Job) -> Optional[Submission]:
         submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
         return None
-    # if the folder was copied or comes from another machine, the workspace has another root
+    # `submission.root` differs from `root` if this folder was copied or comes from another machine
     root = Path(job.out, "ws")
     is_here = submission.root == root and (root / "src").is_dir()
     isolation = kind_of_sandbox(), private_network.reach()
     has_same_isolation = (submission.sandbox, submission.network) == isolation
-    # the kept workspace hides every folder that this job wants to hide
+    # true if the kept workspace hides every folder that this job wants to hide
     hides_all = {*map(Path, job.hidden)} <= {*submission.workspace.hidden}
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    # a submission that missed packages is prepared again, because they may be installed now
+    # if packages were missing, the submission is prepared again, because they may be installed now
     misses = MISSES_PACKAGES & {note.kind for note in submission.notes}
     is_usable = is_here and has_same_isolation and hides_all and is_same and not misses
     return submission if is_usable else None
@@ -138,7 +141,7 @@ def main(arguments: Optional[List[str]] = None) -> None:
         else:
             mark(job)
     except StoppedError:
-        raise SystemExit(2) from None  # the exit code of `grade`
+        raise SystemExit(2) from None  # exit code of `grade` after an interruption
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Iterable, List, Optional
 
-# largest number of notes of a result, because a cell of a spreadsheet holds only 32767 characters
+# a result shows only so many notes, because a cell of a spreadsheet holds only 32767 characters
 MAX_NOTES = 30
 
 
@@ -14,27 +14,32 @@ class Kind(Enum):
     """Kind of a finding."""
 
     # findings on the submission, before any node is started
-    HAND_IN = "hand-in"  # finding on the archive and the packages of the submission
-    ROBOT = "robot"  # finding on the choice of the simulated robot
+    HAND_IN = "hand-in"  # a finding on the archive or the packages of the submission
+    ROBOT = "robot"  # the robot that was chosen for the simulation, and the reason
     BUILD = "build"
-    MISSING_RETURN = "missing return"  # a C++ function has no return statement, so the node may crash in it
+    # a C++ function must return a value, but has no return statement, so the node may crash in it
+    MISSING_RETURN = "missing return"
     LAUNCH_FILE = "launch file"  # the launch file cannot be loaded, or starts no node
-    OWN_NODE = "own node"  # the launch file starts a node of this package, which is left out
+    # the launch file names a node of the grader's own package, so this node is not started
+    OWN_NODE = "own node"
     MISSING_INCLUDE = "missing include"  # the launch file includes a file that does not exist
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
-    # an included launch file of the simulator is left out, because marking starts the simulator itself
+    # an included launch file of the simulator has an error; it is left out, because `grade` starts the
+    # simulator itself
     SKIPPED = "skipped"
     NO_RVIZ_FILE = "no RViz file"
     # findings on the nodes of the submission
     NOT_STARTED = "not started"
-    EXCEPTION = "exception"  # an exception in a callback or thread, after which the node continues
+    EXCEPTION = "exception"  # an exception in a callback or thread; the node still runs afterwards
     NODE_FAILED = "node failed"
-    NODE_CRASHED = "node crashed"  # a node ended by a signal, usually without a message
-    NODE_ENDED = "node ended"  # a node ended without an error
-    OTHERS_NODE = "others' node"  # a node of another package was not started, or has ended
+    NODE_CRASHED = "node crashed"  # a signal ended a node, for example after a segmentation fault
+    NODE_ENDED = "node ended"  # a node ended with exit code 0
+    # a node that is not from the student's packages could not be started, or ended
+    OTHERS_NODE = "others' node"
     LIMIT = "limit"  # a limit of memory, processes or files was exceeded
-    # findings on the path from the scans to the commands
+    # findings on the chain from the scans to the commands: the scans must come in, and the commands must go
+    # out
     SILENT_TOPIC = "silent topic"
     NO_SCANS = "no scans"
     UNREAD_COMMANDS = "unread commands"
@@ -53,13 +58,13 @@ class Kind(Enum):
     OTHER_BEAM = "other beam"
     IN_BASE_LINK = "in base_link"
     NOT_A_NUMBER = "not a number"
-    UNREADABLE = "unreadable"  # marker messages do not have the type of their topic
+    UNREADABLE = "unreadable"  # marker messages could not be read, because they are not of their topic's type
     AT_ORIGIN = "at the origin"  # the marker is always at the origin of its frame, or at the lidar
-    NO_RETURN = "no return"  # the marker is near the pillar only while no beam of the lidar measures a range
+    NO_RETURN = "no return"  # the marker is at the lidar when no beam measures a range
     WRONG_HEIGHT = "wrong height"
     INVISIBLE = "invisible"
     DELETED = "deleted"
-    OLD_ONES = "old ones"  # most markers are right, but RViz still shows earlier wrong markers
+    OLD_ONES = "old ones"  # most markers are right, but RViz also shows older markers, which are wrong
     # reasons for the end of a run
     TOUCHES = "touches"
     AT_PILLAR = "at pillar"
@@ -69,7 +74,7 @@ class Kind(Enum):
     LEAVES = "leaves"
     DEADLINE = "deadline"
     SLOW = "slow"  # the limit of wall time ended the run
-    # the run ended after its last planned action: a service call, or a motion by the grader
+    # the run ended because everything that `grade` had planned for it was done, for example all service calls
     PLAN_DONE = "plan done"
     NO_SERVICE = "no service"
     FEWER_DRIVES = "fewer drives"  # `grade` made fewer runs than requested
@@ -84,7 +89,7 @@ class Subject(Enum):
     DRIVE = "drive"
     SERVICE = "service"
     MARKER = "marker"
-    DISPLAYS = "displays"  # displays of RViz, judged by the configuration file alone
+    DISPLAYS = "displays"  # displays of RViz in its configuration file, which do not depend on a run
     MARKER_DISPLAY = "marker display"
 
 

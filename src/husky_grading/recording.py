@@ -34,17 +34,19 @@ class MarkerSample:
     namespace: str
     id: int
     at: float  # [s] simulated time at which the marker came
-    stamp: float  # [s] stamp of the marker; 0 means that transforms at the time of sending are used
+    stamp: float  # [s] stamp in the marker's header; if it is 0, the transforms at the time `at` are used
     frame: str
-    # [m] position in the world, as marker_shape defines it; nan if unknown
+    # [m] position in the world: tip of an arrow, centre of a solid, mean of points, or end of a line; nan if
+    # unknown
     position: Tuple[float, float, float]
-    reach: float = inf  # [m] horizontal distance from the pillar's axis to the nearest drawn point
-    low: float = nan  # [m] height in the world of the lowest drawn point
-    high: float = nan  # [m] height in the world of the highest drawn point
-    until: float = inf  # [s] simulated time at which the marker's lifetime ends
+    # [m] horizontal distance from the pillar's axis to the nearest point of the marker's shape
+    reach: float = inf
+    low: float = nan  # [m] height of the lowest point of the marker's shape in the world
+    high: float = nan  # [m] height of the highest point of the marker's shape in the world
+    until: float = inf  # [s] simulated time at which the marker's lifetime ends; inf if it never ends
     action: str = ADD
     problem: str = ""  # reason why RViz would not draw the marker; empty if RViz draws it
-    finite: bool = True  # true if all numbers of the marker are finite
+    finite: bool = True  # false if a number of the marker is inf or nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +70,15 @@ class Closing:
 class Recording:
     """Recording of one run of one submission; arrays are read-only."""
 
-    start: Pose2D  # pose of base_link in the world
-    pillar: Tuple[float, float]  # [m] centre of the pillar in the world, before the robot pushes the pillar
-    deadline: float  # [s] longest simulated time of the run
+    start: Pose2D  # pose of base_link in the world at the start of the run
+    # [m] centre of the pillar in the world at the start; the robot may push the pillar away later
+    pillar: Tuple[float, float]
+    deadline: float  # [s] simulated time at which the run ends at the latest
     times: np.ndarray = table("(N,) [s] simulated times of the true poses")
     poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
     speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
-    command_count: int = 0  # number of all commands
+    command_count: int = 0  # number of all velocity commands
     zero_count: int = 0  # number of commands with all components zero
     # [m/s] largest absolute value of linear.x in all commands; None if unknown
     fastest: Optional[float] = None
@@ -84,27 +87,31 @@ class Recording:
     nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
     hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()
-    marker_topics: Tuple[str, ...] = ()  # marker topics of the submission, with or without messages
-    subscribed: bool = False  # the submission listens to the scans
-    advertised: bool = True  # the submission has a publisher on a topic of velocity commands
-    # topics that the submission subscribes to, and that no node publishes
+    # topics on which the submission advertises markers, even if no marker came
+    marker_topics: Tuple[str, ...] = ()
+    subscribed: bool = False  # true if the submission subscribes to the scans
+    advertised: bool = True  # true if the submission has a publisher of velocity commands
+    # topics to which the submission subscribes, but on which no node publishes
     silent_topics: Tuple[str, ...] = ()
-    # topics of type geometry_msgs/Twist that the submission publishes, and that no node reads
+    # topics of type geometry_msgs/Twist on which the submission publishes, but which no node reads
     unread_topics: Tuple[str, ...] = ()
-    violations: Tuple[str, ...] = ()  # sentences on violations of the rules, each of which costs all points
+    violations: Tuple[str, ...] = ()  # sentences on broken rules; a single broken rule costs all points
     notes: Tuple[Note, ...] = ()  # problems
     ended: Optional[Note] = None  # reason why the run ended
     output: str = ""  # shortened output of the submission
     robot: str = "husky"  # one of ROBOTS
     simulated: str = "husky"  # name of the simulated robot, a key of ROBOT_VERSIONS
     scan_topic: str = "/front/scan"
-    # sentence on a variable of the submission that is read before it is written; empty if unknown
+    # sentence on a variable that the submission reads before it writes it; empty if no such variable was
+    # found
     uninitialised: str = ""
-    frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
-    descriptions: Tuple[str, ...] = ()  # parameters with a robot description whose links are frames of TF
+    # parent frame of each TF frame, by the name of the TF frame
+    frames: Mapping[str, str] = field(default_factory=dict)
+    # names of the parameters with a robot description that has a TF frame as a link
+    descriptions: Tuple[str, ...] = ()
     # path that the submission has estimated; None if the exercise does not ask for an estimate
     estimate: Optional[EstimatedPath] = None
-    # additional data of the exercise, which `watched_as` returns as a record
+    # data that only this exercise records; `watched_as` returns them as a record
     watched: Mapping[str, Any] = field(default_factory=dict)
 
     def watched_as(self, kind: Type[Record]) -> Record:
@@ -136,9 +143,10 @@ class Recording:
         return np.abs(self.speeds[:, 0]) > STANDS
 
 
-RECORDING = "recording.json"  # file in the folder of a run
-FLOOD = 300.0  # number of commands per simulated second that is too high; 50 are enough to answer each scan
-CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # note for a run that the recorder did not end itself
+RECORDING = "recording.json"  # name of the file with a recording, in the folder of a run
+FLOOD = 300.0  # more commands per simulated second are too many; 50 are enough to answer each scan
+# reason that the recorder gives if it is stopped before the run is over
+CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")
 
 
 def drive_folders(out: Path) -> Dict[int, Path]:
@@ -164,16 +172,18 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         recording: recording by the recorder, which does not know the submission's process.
         closing: observations by marking, which has started this process.
     """
-    # the reason for a cut-off counts before the reason that the recorder gives
+    # if the run was cut off, the reason for this replaces the reason of the recorder
     notes, ended = list(closing.notes), closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_node_ended = any(note.kind in ends for note in notes)
     for note in recording.notes:
-        # the end of a node already explains scans without an answer
+        # if a node has ended, its end already explains why scans had no answer, so UNANSWERED_SCANS is left
+        # out
         if not (has_node_ended and note.kind is Kind.UNANSWERED_SCANS):
             notes.append(note)
     length = float(recording.times[-1]) if len(recording.times) else 0.0  # [s] length of the run
-    rate_time = max(length, 1.0)  # [s] a run of less than a second is too short for a rate
+    # [s] time for the rate of commands; at least 1 s, because one command in a very short run is not a flood
+    rate_time = max(length, 1.0)
     if recording.command_count / rate_time > FLOOD:
         text = f"it floods cmd_vel: {recording.command_count} commands in {rate_time:.0f} s of simulated time"
         notes.append(Note(Kind.FLOOD, text))
@@ -193,7 +203,7 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 
     `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true poses of base_link in the world.
     """
-    # the first table is empty, so that the result has three columns even without a scan
+    # `hits` begins with an empty table, so that the result has three columns even if there is no scan
     mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
     for scan in scans if len(times) else ():
         row = min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)
@@ -232,9 +242,11 @@ def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
     return ahead, turn
 
 
-# [m/s] faster motion is a jump; four times the Husky's top speed, because contacts may push the robot
+# [m/s] faster motion is a jump, and so a broken rule. The limit is four times the Husky's top speed, because
+# a contact may push the robot.
 MAX_ROBOT_SPEED = 4.0
-# [m] additional motion in one period that is allowed, because the physics engine corrects contacts
+# [m] the robot may move this much farther between two poses than its speed allows, because the physics engine
+# corrects contacts by moving the robot
 JUMP_SLACK = 0.1
 
 

@@ -21,16 +21,19 @@ ROBOT_VERSIONS = {
 }
 ROBOT_TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic", "smb": "SMB"}
 DEFAULT_ROBOT, SMB = "husky", "smb"
-# choice of the robot by the topic of scans to which the submission subscribes, or by the submission's files
+# with this value, `grade` chooses the robot itself: by the submission's files, or by the topic of scans to
+# which the submission subscribes
 AUTO = "auto"
-# limit of the wall time of a run: constant part [s]; factor by which the run may be slower than its real-time
-# factor
+# longest wall time of a run: WALL_BASE [s], plus WALL_SLOWNESS times the wall time that the run needs at its
+# maximum real-time factor
 WALL_BASE, WALL_SLOWNESS = (
     300.0,
     20.0,
 )
-RAMMING_MARGIN = 0.05  # [m/s] tolerance above `gentle`, because the robot does not follow a command exactly
-MAX_TEXT = 1000  # largest number of characters of an evidence or note
+# [m/s] ramming begins at the speed `gentle` plus this margin, because the robot does not follow a command
+# exactly
+RAMMING_MARGIN = 0.05
+MAX_TEXT = 1000  # a longer evidence or note is cut to this number of characters
 
 
 @dataclass(frozen=True)
@@ -173,10 +176,11 @@ class Job:
     setups: Tuple[str, ...] = ()  # setup.bash files, sourced in this order
     packages: Tuple[str, ...] = ()  # folders of packages that need no build
     hidden: Tuple[str, ...] = ()  # folders that the sandbox must hide from the submission
-    made_of: str = ""  # fingerprint of files, settings and version of this package on which the build depends
-    fingerprint: str = ""  # fingerprint of everything on which the runs depend
-    installed: str = ""  # fingerprint of the packages on this machine
-    time_limit: float = 0.0  # [s] longest wall time of the submission; 0 means the default
+    # hash of everything on which the build depends: delivered files, settings, and our own code
+    made_of: str = ""
+    fingerprint: str = ""  # hash of everything on which the runs depend
+    installed: str = ""  # hash of the names of the packages that this machine has
+    time_limit: float = 0.0  # [s] longest wall time for marking the submission; 0 means the default
 
 
 @dataclass(frozen=True)
@@ -187,11 +191,12 @@ class Item:
     points: Optional[float]  # points of the item; None if it is graded by hand
     max_points: float
     evidence: str
-    at: Optional[float] = None  # [s] simulated time of the evidence
+    # [s] simulated time that the evidence is about; None if it is about no single time
+    at: Optional[float] = None
     hint: str = ""  # advice to the student, if points are lost
     drive: int = 1  # number of the run that the evidence comes from
     subject: Subject = Subject.CODE
-    reason: Optional[Kind] = None  # reason for grading by hand, if several submissions may have this reason
+    reason: Optional[Kind] = None  # reason for grading by hand, if other submissions may have the same reason
 
     @property
     def full(self) -> bool:

@@ -40,12 +40,12 @@ from husky_highlevel_controller.drawing.templates import render
 
 PAGE = "review.html"
 KEYS = 9  # number of keys for points; key 1 gives no points, key 9 gives all points
-MAX_CODE = 200_000  # [bytes] largest size of a source file that is searched
-MAX_SOURCES = 500  # largest number of source files of a submission that are searched
-MAX_LINE = 500  # largest number of characters of a line that are searched
+MAX_CODE = 200_000  # [bytes] a larger source file is not searched
+MAX_SOURCES = 500  # only so many source files of a submission are searched
+MAX_LINE = 500  # only so many characters of a line are searched and shown
 BEFORE, AFTER = 6, 18  # number of lines of an excerpt before and after the line that was found
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
-# pattern that finds the code for the subject of an item
+# pattern of the line of code that the page shows for an item, by the subject of the item
 CODE = {
     Subject.DISPLAYS: r"pkg=.rviz|</launch>",
     Subject.MARKER_DISPLAY: r"pkg=.rviz|</launch>",
@@ -104,9 +104,9 @@ class OpenItem:
     @property
     def code(self) -> Tuple[str, str]:
         """Return place and lines of the code for the item; empty if no line fits."""
-        pattern = CODE[self.item.subject]  # pattern of a line of code that belongs to the item's subject
+        pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
-        with suppress(UnreadableFileError):  # the folder may have too many files, which the build has made
+        with suppress(UnreadableFileError):  # this error means that the build has made too many files
             for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):
                 lines = [line[:MAX_LINE] for line in text.splitlines()]
                 for number, line in enumerate(lines):
@@ -154,7 +154,7 @@ def open_items(out: Path) -> Review:
         HuskyError: there are no results of one class, or its folder is itself a submission.
     """
     marked = _marked_submissions(out)
-    # folders of the delivered files; all submissions of a class are in the same folder
+    # folders that contain the submissions; all submissions of a class must be in a single folder
     folders = {Path(each.job.hand_in).parent for each in marked}
     if len(folders) != 1:
         raise HuskyError(
@@ -162,17 +162,18 @@ def open_items(out: Path) -> Review:
         )
     folder = folders.pop()
     for each in marked:
-        # `grade --all` hides its folder from each submission, so here this folder itself was the submission.
-        # Its marking.yaml is then a student's and not the teacher's.
+        # `grade --all FOLDER` hides FOLDER from each submission. If the hidden FOLDER was itself the
+        # submission, the file marking.yaml in it is from a student, and not from the teacher.
         if each.job.hand_in in each.job.hidden:
             raise HuskyError(
                 f"{each.job.hand_in} is itself a package, so its {FILE} does not count; put the package into "
                 "a folder of your own, and run `grade --all` with that folder"
             )
     hand_ins = find_hand_ins(folder)
-    # folders of the present submissions; a student's folder changes if two names have become equal
+    # names of the folders of results that belong to the present submissions. Other folders are old, because a
+    # student's folder gets another name if two students have the same name.
     current = {each.folder for each in hand_ins}
-    # an item without points waits for the teacher
+    # items without points, which the teacher must grade
     items = [
         OpenItem(each.result.name, item, each.place)
         for each in marked
@@ -191,7 +192,7 @@ def write_review(out: Path) -> Path:
         HuskyError: there are no results, or marking.yaml is wrong.
     """
     items, folder, students = open_items(out)
-    # a fault in marking.yaml raises its error here, before the page is written
+    # check marking.yaml first, so that no page is written if the file has a fault
     read_overrides(folder, students)
     path = folder / FILE
     content = read_settings(path) if path.exists() else {}

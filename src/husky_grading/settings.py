@@ -89,10 +89,11 @@ def with_override(result: MarkingResult, override: Override) -> MarkingResult:
             limit = items[name].max_points
             raise PointsError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
         items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
-    penalty = []  # a single item, if the submission came late
+    penalty = []  # one item if the submission came late, otherwise empty
     if override.late:
         before = sum(item.points or 0.0 for item in items.values())
         evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
-        # an item with negative points; 0.0 is in front, because a minus would make -0.0 of no penalty
+        # The points of this item are negative. `0.0 - x` is used because `-x` would be -0.0 for a penalty of
+        # 0.
         penalty = [Item("late", 0.0 - round(before * override.late.percent / 100.0, 1), 0.0, evidence)]
     return replace(result, items=(*items.values(), *penalty), held=override.hold)

@@ -25,13 +25,15 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.paths import share_folder
 
 WORKSPACE = "workspace.json"
-# folder inside the folder of a run; during a run, the submission can write only here
+# folder inside the folder of a run; it is the only folder that the submission can write during the run
 SUBMISSION_FOLDER = "submission"
 OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # names of the RViz nodes in this package's launch files
-# names of the simulator's nodes; a second node of such a name would end the simulator
+# A node of a launch file with one of these names is not started. ROS allows each name only once, so the new
+# node would end the node of the simulator.
 SIMULATOR_NODES = ("/husky_simulator",)
-COMPAT = share_folder() / "compat"  # folder of replacement packages, whose launch files start our simulator
-# largest number of events of one run that are read, because a submission can write any number
+# folder of packages that replace Gazebo's packages; their launch files start our simulator
+COMPAT = share_folder() / "compat"
+# only so many events of a run are read, because a submission can write any number of events
 MAX_EVENTS = 10_000
 
 
@@ -39,13 +41,14 @@ MAX_EVENTS = 10_000
 class Parts:
     """Packages of the robot: nodes of some are started by the submission, nodes of others by marking."""
 
-    # packages of the robot whose nodes count as the student's, instead of the student's own nodes
+    # packages of the robot whose nodes are graded as the submission, such as robot_localization; then the
+    # nodes of the student's own packages are not graded
     by_submission: Tuple[str, ...] = ()
-    # packages of the robot whose nodes are left out, because marking starts them
+    # packages of the robot whose nodes are left out of the submission, because `grade` starts them
     by_marking: Tuple[str, ...] = ()
 
 
-STUDENTS_OWN = Parts()  # default: only nodes of the student's own packages count
+STUDENTS_OWN = Parts()  # default: only nodes of the student's own packages are graded
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,9 @@ class NamedRobot:
 
     version: str = ""  # name of the robot, a key of ROBOT_VERSIONS
     why: str = ""  # a sentence
-    is_certain: bool = False  # false if the topic of scans to which the submission subscribes decides
+    # false if `grade` may still choose another robot, by the topic of scans to which the submission
+    # subscribes
+    is_certain: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,18 +71,21 @@ class Submission:
     # folder of the submission's built workspace; None if `grade` has not built it
     root: Optional[Path] = None
     nodes: Tuple[str, ...] = ()  # package/type of the nodes that the submission starts
-    problem: Tuple[Note, ...] = ()  # reasons why no node of the submission can be started
+    # reasons why no node of the submission can be started; empty if nodes can be started
+    problem: Tuple[Note, ...] = ()
     notes: Tuple[Note, ...] = ()
     rviz: RvizConfig = field(default_factory=RvizConfig)
     robot: NamedRobot = field(default_factory=NamedRobot)
     sandbox: str = ""  # kind of sandbox
     network: str = ""
     own: Tuple[str, ...] = ()  # names of the packages that the student has delivered; empty if unknown
-    # the chosen launch file, and launch files that fit equally well and start other nodes
+    # the chosen launch file, then the launch files that fit the exercise equally well but start other nodes;
+    # empty if no other launch file fits
     equals: Tuple[str, ...] = ()
     parts: Parts = field(default_factory=Parts)
-    facts: Mapping[str, Any] = field(default_factory=dict)  # facts for the exercise, by name
-    made_of: str = ""  # fingerprint of the files and settings from which the submission was prepared
+    # results of the exercise's function `facts`, by name
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    made_of: str = ""  # hash of the files and settings from which the submission was prepared
 
 
 @dataclass(frozen=True)
@@ -94,15 +102,15 @@ class Plan:
     """Nodes that a launchable would start."""
 
     nodes: Tuple[str, ...] = ()  # package/type
-    left_out: Tuple[str, ...] = ()  # package/type of nodes that are left out, such as simulators and drivers
+    left_out: Tuple[str, ...] = ()  # package/type of the nodes that are not started, such as the simulator
     rviz: Tuple[RvizNode, ...] = ()
     uses: Tuple[str, ...] = ()  # names of packages that the launch file or node refers to
-    pillar: bool = False  # the launch file names the course's world
-    # package/type and arguments of each node that is left out
+    pillar: bool = False  # true if the launch file names the world that the course uses
+    # package/type and arguments of the nodes in `left_out`, without nodes of the grader's package
     left_out_arguments: Tuple[Tuple[str, str], ...] = ()
-    digest: str = ""  # hash of the nodes with their arguments and parameters
-    # The program that loads launch files does not write the following fields.
-    is_read: bool = False  # the launch file can be loaded
+    digest: str = ""  # two plans with the same hash start the same programs
+    # The program that loads launch files writes the fields above. `grade` itself sets the fields below.
+    is_read: bool = False  # true if the launch file can be loaded
     package_path: Optional[Path] = None  # folder of the package of the launch file or node
     notes: Tuple[Note, ...] = ()  # findings on the launch file or node
 
@@ -133,8 +141,8 @@ def starter(
 
     Unless `own` is ALL, nodes of this package are left out, because they are not part of any submission.
     """
-    # the program is started by its path, because a package of the submission may have the name of this
-    # package
+    # The program is started by its path and not as a module of our package, because a package of the
+    # submission may have the same name.
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
@@ -162,7 +170,7 @@ def read_events(path: Path) -> List[Event]:
 
 
 TOO_MANY = "too many events"
-# kinds of events before the start of the nodes, with the worst kind first
+# kinds of notes on the loading of the launch file; a kind that comes first is reported first
 EVENTS = [
     Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
     Kind.SKIPPED,
@@ -178,7 +186,8 @@ _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 def exceptions_in(output: str) -> List[Note]:
     """Return the exceptions in callbacks and threads, after which rospy continues, from the output."""
-    moments: Dict[str, List[Optional[float]]] = {}  # [s] simulated times by sentence; None if unknown
+    # key: sentence on an exception; value: simulated times [s] of the exception, None if unknown
+    moments: Dict[str, List[Optional[float]]] = {}
     for match in _CALLBACK.finditer(output):
         places = _LINE.findall(match["lines"])
         line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
@@ -201,7 +210,7 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
     notes.sort(key=lambda note: EVENTS.index(note.kind))
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
-        # without known packages of the student, each node counts as the student's
+        # if the packages of the student are unknown, each node counts as the student's
         is_own = not own or node.partition("/")[0] in own
         notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
     notes += exceptions_in(output)
@@ -253,13 +262,13 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
         own: packages of the submission; empty if unknown.
     """
     code = event.exit_code
-    kind, ending = Kind.NODE_FAILED, f"exit code {code}"  # kind for a positive or unknown exit code
+    kind, ending = Kind.NODE_FAILED, f"exit code {code}"  # kind if the exit code is positive or unknown
     if code == 0:
         kind = Kind.NODE_ENDED
     elif code is not None and code < 0:  # a signal has ended the process
         name = f", {signal.Signals(-code).name}" if -code < 32 else ""
         ending = f"signal {-code}{name}"
-        # a node that ends by abort has printed the reason itself
+        # a node that ends by SIGABRT has printed the reason itself, so it does not count as NODE_CRASHED
         if code != -signal.SIGABRT:
             kind = Kind.NODE_CRASHED
     if own and event.package and event.package not in own:

@@ -23,15 +23,17 @@ from husky_grading.isolation.process import Process
 _NODES, _SIMULATOR = "husky_grading.nodes.", "husky_highlevel_controller.ros.simulator."
 MASTER, RECORDER, SIMULATOR_SETUP = (_NODES + name for name in ("master", "recorder", "simulator_setup"))
 SIMULATOR, BAG_PLAYER = _SIMULATOR + "node", _SIMULATOR + "bag_player"
-# modules of the programs; each module has a function main()
+# Python modules that run as programs of their own; each module has a function main()
 MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)
-_SCRIPT_LOCK = threading.Lock()  # held while a program is started, because several threads may start programs
+# lock that lets one thread at a time start a program, because each start replaces `__main__` for a moment
+_SCRIPT_LOCK = threading.Lock()
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def import_early() -> None:
     """Begin to import the programs' common modules in the background."""
-    # the bag player is left out, because it imports modules that the other programs do not need
+    # All programs are forked from one server process, which imports their modules only once. It does not
+    # import the bag player, because the other programs do not need the modules of the bag player.
     _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])
     forkserver.ensure_running()
 
@@ -65,21 +67,22 @@ class _Child:
             handed: arguments of the module's main().
         """
         import_early()
-        read_end, write_end = os.pipe()  # the program writes its output, and marking reads it
+        read_end, write_end = os.pipe()  # pipe from the program's output to this process
         self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
         with Connection(write_end) as output:
             arguments = (command, env, folder, output, handed)
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
                 script = sys.modules["__main__"]
-                # an empty module is the main module meanwhile, because the child process would run our main
-                # script again
+                # Otherwise the child process would run our main script again. So an empty module takes the
+                # place of the main module during the start.
                 sys.modules["__main__"] = ModuleType("__main__")
                 try:
                     self._process.start()
                 finally:
                     sys.modules["__main__"] = script
-        self.pid = self._process.pid or 0  # a process that has started always has an id
+        # the id of a started process is never None; `or 0` tells this to mypy
+        self.pid = self._process.pid or 0
 
     def poll(self) -> Optional[int]:
         """Return its exit code, or None while it runs."""

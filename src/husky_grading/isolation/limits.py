@@ -17,22 +17,22 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import psutil
 
-# [bytes] largest size of all processes of a program and of its temporary files together
+# [bytes] a program is ended if its processes and its temporary files use more memory than this together
 MEMORY = 6_000_000_000
-# folders that are in memory, and that a program in bubblewrap can write
+# folders for temporary files; in bubblewrap they are in memory, so their files count as memory
 TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")
-TEMPORARY_FILES = 500_000_000  # [bytes] largest size of all files in each of the folders in TEMPORARY
-THREADS = 1000  # largest number of threads of all processes of a program
-# largest number of sockets in the network of a submission. Our programs and the nodes of a student have some
-# hundred. Each socket may hold 0.4 MB of unread data in the kernel (net.core.rmem_default and wmem_default),
-# which count for no process
+TEMPORARY_FILES = 500_000_000  # [bytes] capacity of each folder in TEMPORARY
+THREADS = 1000  # a program is ended if its processes have more threads than this together
+# A submission is ended if its network has more sockets than this; a normal run has a few hundred. Sockets are
+# limited because each socket can hold 0.4 MB of unread data in the kernel (net.core.rmem_default and
+# wmem_default). The memory of a process does not include these data.
 SOCKETS = 1000
-DISK = 3_000_000_000  # [bytes] largest size of all files in the folder of a submission
+DISK = 3_000_000_000  # [bytes] a submission is ended if all files in its folder are larger together
 MEMORY_POLL_PERIOD = 0.25  # [s]
-FILES = 200_000  # largest number of files and folders in the folder of a submission
+FILES = 200_000  # a submission is ended if its folder has more files and folders than this
 CLONE_NEWIPC = 0x08000000  # flag of setns(2)
-BLOCK = 512  # [bytes] unit of st_blocks, stat(2)
-DISK_POLLS = 8  # number of checks of the memory for each check of the folders
+BLOCK = 512  # [bytes] stat(2) gives the size of a file on the disk in blocks of this size
+DISK_POLLS = 8  # only every DISK_POLLS-th check of the memory also checks the size of the folder
 
 
 class SizeWatch:
@@ -42,7 +42,7 @@ class SizeWatch:
         self, pid: int, folder: Path, end_program: Callable[[], None], is_network_own: bool = False
     ) -> None:
         """Start watching; `is_network_own`: only this program and marking's own are in the network."""
-        self.problem = ""  # reason why the program was ended
+        self.problem = ""  # sentence that says why the program was ended; empty if it was not ended
         self._pid, self._folder, self._end_program = pid, folder, end_program
         self._is_network_own = is_network_own
         self._done = threading.Event()
@@ -56,8 +56,8 @@ class SizeWatch:
         try:
             self.problem = self._watch()
         except Exception as error:
-            # after any error the program is ended, because its limits cannot be checked any more
-            # `strerror` is the reason without the path, which may have 3000 folders
+            # After an error, the limits cannot be checked any more, so the program is ended. The sentence has
+            # only `strerror`, because the full text of the error has a path, which may be very long.
             reason = getattr(error, "strerror", None) or error
             self.problem = f"it was ended: its size cannot be watched: {reason}"
         if self.problem:
@@ -75,7 +75,8 @@ class SizeWatch:
                 return f"it was ended: it started more than {THREADS} processes and threads"
             if self._is_network_own and socket_count() > SOCKETS:
                 return f"it was ended: it opened more than {SOCKETS} sockets"
-            # [bytes] memory that counts for no process: files in memory, and shared memory
+            # [bytes] memory that the kernel does not count for any process: files in memory, and shared
+            # memory that no process uses any more
             unowned = temporary_files(processes) + detached_segments(processes)
             if memory_of(processes) + unowned > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
@@ -117,9 +118,10 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
     own_mounts = os.readlink("/proc/self/ns/mnt")
     for process in processes:
         root = f"/proc/{process.pid}/root"
-        with contextlib.suppress(OSError):  # the process has ended, so the next one is asked
+        # an OSError means that this process has ended, so the next process is tried
+        with contextlib.suppress(OSError):
             if os.readlink(f"/proc/{process.pid}/ns/mnt") != own_mounts:
-                # all processes of a sandbox share its folders, so the first one is enough
+                # all processes in the sandbox see the same folders, so one process is enough
                 return sum(_used_of_sandbox(root + folder) for folder in TEMPORARY)
     return 0
 
@@ -140,11 +142,12 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
 
     The calling thread enters the sandbox's namespace for it, and stays there.
     """
-    # names of the namespaces of this program and of the calling thread
+    # IPC namespaces of this program and of the calling thread; they differ if the thread has entered a
+    # sandbox before
     marking, thread = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
-        with contextlib.suppress(OSError):  # the process has ended
+        with contextlib.suppress(OSError):  # an OSError means that the process has ended
             has_own_namespace = os.readlink(namespace) != marking
             if thread == marking and has_own_namespace:
                 with open(namespace) as file:
@@ -153,7 +156,8 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
     if thread == marking:
         return 0
     rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()[1:]]
-    # columns of sysvipc(5): 6 is nattch, the number of attached processes; 14 is rss, the size in memory
+    # columns of /proc/sysvipc/shm: column 6 is the number of attached processes, column 14 is the size in
+    # memory
     return sum(int(row[14]) for row in rows if row[6] == "0")
 
 
@@ -163,10 +167,12 @@ def memory_of(processes: Sequence[psutil.Process]) -> int:
     for process in processes:
         with contextlib.suppress(psutil.Error):
             resident += process.memory_info().rss
-    # an upper bound of the memory, because every process counts the pages that it shares
+    # `resident` may be too large, because each process counts the pages that it shares with others. If even
+    # this sum is within the limit, no better sum is needed.
     if resident <= MEMORY:
         return resident
-    # proc(5): the proportional size counts a page for each process by its share; it takes long to read
+    # The proportional size divides a shared page among its processes, see proc(5). So the sum is right, but
+    # it takes long to read.
     proportional = 0
     for process in processes:
         with contextlib.suppress(psutil.Error):
@@ -182,7 +188,7 @@ def disk_usage(folder: Path) -> Tuple[int, int]:
     Raises:
         OSError: a folder hides its content, or has a path that is too long for the kernel.
     """
-    size = count = 0  # size [bytes], and number of entries
+    size = count = 0  # size of the files [bytes], and number of files and folders
     waiting = [str(folder)]
     while waiting and count <= FILES:
         try:
@@ -194,7 +200,7 @@ def disk_usage(folder: Path) -> Tuple[int, int]:
                     else:
                         with contextlib.suppress(FileNotFoundError):
                             size += BLOCK * entry.stat(follow_symlinks=False).st_blocks
-        except FileNotFoundError:  # the folder was deleted meanwhile
+        except FileNotFoundError:  # the folder was deleted after it was listed
             continue
     return size, count
 

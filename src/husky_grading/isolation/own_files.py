@@ -21,19 +21,22 @@ from husky_highlevel_controller.paths import search_path, share_folder
 class Own(Enum):
     """Files of this package that an untrusted program may use besides launch files, worlds and messages."""
 
-    NOTHING = "nothing"  # a normal submission may use no file of this package
-    FILTER = "filter"  # a submission for exercise 4 may use our filter, which replaces robot_localization
-    ALL = "all"  # a launch file or node of this package, named by a teacher, may use all files
+    NOTHING = "nothing"  # a normal submission may use only launch files, worlds and messages
+    # a submission for exercise 4 may also use our filter, which replaces robot_localization
+    FILTER = "filter"
+    ALL = "all"  # a launch file or node of this package may use all files, if a teacher grades it
 
 
-# folder of this package's modules in the source tree, also if it is imported from catkin's devel space
+# folder with the Python modules of husky_highlevel_controller; it is in the source tree, even if Python
+# imports the package from catkin's devel space
 MODULES = Path(paths.__file__).resolve().parent
 NAME = MODULES.name
-BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # Python packages in the same folder as MODULES
-# files and folders of this package that launch files and builds of a submission may read
+BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # our other Python packages, in the same folder
+# files and folders that every submission sees, because its launch files and its build may need them
 DATA = ("package.xml", "cmake", "compat", "config", "launch", "msg", "rviz", "srv", "urdf", "worlds")
 CODE = ("cfg", "examples", "scripts", "src", "tools", "web")
-STARTER = Path(__file__).resolve().parents[1] / "nodes" / "submission.py"  # program that starts a submission
+# program that starts the nodes of a submission
+STARTER = Path(__file__).resolve().parents[1] / "nodes" / "submission.py"
 # script that sources the workspace of a submission and starts a program in it
 IN_WORKSPACE = (share_folder() / "tools" / "in_workspace.bash").resolve()
 FILTER_PROGRAM = "planar_ekf"
@@ -43,7 +46,7 @@ FILTER_PROGRAM = "planar_ekf"
 class OwnFiles:
     """Files of this package in a sandbox."""
 
-    hidden: FrozenSet[Path]  # folders that look empty to the program, except for the shown files
+    hidden: FrozenSet[Path]  # folders in which the program sees only the files and folders in `shown`
     shown: FrozenSet[Path]  # files and folders
 
 
@@ -52,7 +55,8 @@ def own_files(own: Own) -> OwnFiles:
     share = share_folder()
     entries = [*DATA, *CODE] if own is Own.ALL else [*DATA]
     shown: Set[Path] = {STARTER, IN_WORKSPACE}
-    # folders of the source tree and of the installed package; entries of these folders may be links
+    # All folders that hold this package are hidden. An entry of `share` may be a link into another folder,
+    # such as the source tree, so the folders of the link targets are hidden, too.
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
     shown |= {(share / name).resolve() for name in entries}
     code = {MODULES, *(MODULES.parent / name for name in BESIDE), *programs()}
@@ -60,7 +64,8 @@ def own_files(own: Own) -> OwnFiles:
         shown |= code
     else:
         hidden |= code
-        # in an installed package, the messages are in the same folder as the modules
+        # the messages stay visible; in an installed package, they are in the same folder as the hidden
+        # modules
         shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}
     if own is Own.FILTER:
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-# environment variable with the path, set for a program that has mounts of its own
+# environment variable with the path of the neutral place; empty if the program cannot mount a folder there
 VARIABLE = "HUSKY_GRADE_PLACE"
 FOLDER = "/var/tmp"
 MS_BIND = 0x1000  # flag of mount(2)
-SAFE = re.compile(r"[\w./+,=@~-]*")  # path without characters that a program of marking could misread
+SAFE = re.compile(r"[\w./+,=@~-]*")  # pattern of a path that CMake and roslaunch accept without quotes
 
 
 def make() -> str:
@@ -31,7 +31,8 @@ def make() -> str:
             folder.mkdir(mode=0o755, exist_ok=True)
             status = folder.lstat()
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-                return ""  # another user owns the folder, and could put other files into it
+                # a link or another user's folder is not safe, because other files could be put there
+                return ""
     except OSError:
         return ""
     return str(place)
@@ -43,7 +44,7 @@ def show_results_at(out: Path) -> Path:
     Raises:
         HuskyError: the results cannot be mounted, and nothing can be built at the path of the folder.
     """
-    place = os.environ.get(VARIABLE, "")  # path of the place; empty if this program has no mounts of its own
+    place = os.environ.get(VARIABLE, "")  # path of the place; empty if this program cannot mount a folder
     if place:
         out.mkdir(parents=True, exist_ok=True)
         libc = ctypes.CDLL(None, use_errno=True)

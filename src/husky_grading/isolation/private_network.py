@@ -16,17 +16,20 @@ from typing import Dict, List, Sequence, Tuple
 from husky_grading.isolation import place
 from husky_grading.isolation.sandbox import system_program, works
 
-# environment variable that is set for the program inside the private network
+# environment variable with the network of a program: "private", or empty for the network of the machine
 VARIABLE = "HUSKY_GRADE_NETWORK"
-MOUNTS = "--mount"  # option of unshare
-_SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK, IFF_RUNNING
+MOUNTS = "--mount"  # option of unshare(1) that gives a program mounts of its own
+# request and flags that switch a network interface on, see netdevice(7): SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK
+# and IFF_RUNNING
+_SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40
 
 
 def enter_network() -> None:
     """Start this program again in a network of its own; return in the new program, or if none is allowed."""
     if VARIABLE in os.environ:
         if os.environ[VARIABLE]:
-            with socket.socket() as any_socket:  # switch the loopback interface on
+            # the ioctl switches the loopback interface on; it needs a socket of any kind
+            with socket.socket() as any_socket:
                 fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack("16sH14x", b"lo", _UP_AND_RUNNING))
         return
     command, variables = inside([sys.executable, *sys.argv])

@@ -23,10 +23,12 @@ from husky_grading.isolation.private_network import is_entered
 from husky_grading.isolation.sandbox import Workspace, sandboxed
 from husky_highlevel_controller.datatypes import HuskyError
 
-LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] lengths of the beginning and the end of a log that are kept
+# [bytes] if an output is longer than both numbers together, the log has only LOG_HEAD bytes of its beginning
+# and LOG_TAIL bytes of its end
+LOG_HEAD, LOG_TAIL = 2_000_000, 500_000
 CHUNK = 1 << 16  # [bytes]
-END_DEADLINE = 10.0  # [s] longest wall time until killed programs have ended
-STOP_DEADLINE = 30.0  # [s] longest wall time from Ctrl-C to the end of marking
+END_DEADLINE = 10.0  # [s] longest wall time for which `kill` waits until a killed program has ended
+STOP_DEADLINE = 30.0  # [s] wall time after Ctrl-C at which this program kills itself, if it still runs
 _REAPER = str(Path(__file__).with_name("reaper.py"))
 
 
@@ -58,16 +60,16 @@ class Process:
         self.log = log
         self._file: Optional[BinaryIO] = None
         with contextlib.suppress(OSError):  # the run continues without a log if the disk is full
-            # the log is created before the program starts, because the program could put a link at its path
+            # the log is created before the program starts, so that the program cannot put a link in its place
             self._file = create(log)
-        self._watch: Optional[SizeWatch] = None  # ends an untrusted program that becomes too large
+        self._watch: Optional[SizeWatch] = None  # ends an untrusted program that uses too much memory or disk
         if workspace is not None:
             command = sandboxed(workspace, command, folder, env)
         self._stderr = None if shows_errors else subprocess.STDOUT
         self.popen = self._popen(command, env, folder)
         if workspace is not None:
             self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate, is_entered())
-        self._head, self._tail = bytearray(), bytearray()  # first and last bytes of the output
+        self._head, self._tail = bytearray(), bytearray()  # beginning and end of the output so far
         self._pump = threading.Thread(target=self._read, daemon=True)
         self._pump.start()
 
@@ -92,7 +94,8 @@ class Process:
         assert self.popen.stdout is not None
         size = 0
         with self.popen.stdout as pipe, contextlib.suppress(OSError, ValueError):
-            # the program closes the pipe with its end, and then the chunk is empty
+            # when the program ends, the pipe is closed; then `os.read` returns an empty chunk, and the loop
+            # ends
             for chunk in iter(lambda: os.read(pipe.fileno(), CHUNK), b""):
                 size += len(chunk)
                 room = max(LOG_HEAD - len(self._head), 0)
@@ -138,7 +141,7 @@ class Process:
         """
         if self._watch:
             self._watch.end()
-        self.popen.terminate()  # the reaper then kills all other processes of the program
+        self.popen.terminate()  # reaper.py gets this signal and kills all processes of the program
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
         with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -148,7 +151,7 @@ class Process:
         self._pump.join(END_DEADLINE)
 
 
-STOP_REQUESTED = threading.Event()  # set by Ctrl-C or SIGTERM, after which marking ends
+STOP_REQUESTED = threading.Event()  # set by Ctrl-C or SIGTERM; then every `wait` raises StoppedError
 
 
 class StoppedError(HuskyError):

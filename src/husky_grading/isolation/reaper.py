@@ -45,22 +45,25 @@ def run_and_reap(parent: int, command: List[str]) -> int:
 
     Other signals are passed on to the command. Processes that it leaves behind become children of this one.
     """
-    # signals that were blocked before; the command gets this mask, and not the one of this program
+    # signals that were blocked before this line. The command gets this old set back, because a child process
+    # would otherwise inherit the blocked signals of this program.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
-        return STOPPED  # the parent process has ended before this process was ready
+        return STOPPED  # the parent ended before prctl was called, so no signal will report its end
     child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before))
     while True:
         number = signal.sigwait(SIGNALS)
         if number == signal.SIGTERM:
             return STOPPED
         if number != signal.SIGCHLD:
-            os.kill(child.pid, number)  # an ended child is a zombie, so no other process has its number
+            # no other process can get the pid of the child before waitpid is called
+            os.kill(child.pid, number)
             continue
-        # one SIGCHLD may stand for several processes that have ended
+        # One SIGCHLD may report the end of several processes, so the loop asks until no ended process is
+        # left.
         pid, status = os.waitpid(-1, os.WNOHANG)
         while pid:
             if pid == child.pid:

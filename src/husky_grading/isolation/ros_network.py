@@ -17,7 +17,9 @@ from husky_grading.isolation.process import Process, end_all, wait
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_highlevel_controller.datatypes import HuskyError
 
-START_DEADLINE = 600.0  # [s] longest wall time for the start of one of our programs, on the busiest machine
+# [s] if one of our programs has not started after this wall time, marking fails; the time is long, because
+# the machine may be very busy
+START_DEADLINE = 600.0
 
 
 class MarkingError(HuskyError):
@@ -27,7 +29,8 @@ class MarkingError(HuskyError):
 class Network:
     """ROS master in a folder of its own, and its programs, which all end when it is closed."""
 
-    master: Tuple[str, ...] = (MASTER, "--core")  # command that starts the ROS master, without the port
+    # command that starts the ROS master; the port is added later
+    master: Tuple[str, ...] = (MASTER, "--core")
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -45,7 +48,7 @@ class Network:
         Raises:
             MarkingError: the master does not start.
         """
-        for _ in range(10):  # another program may take the free port before our master does
+        for _ in range(10):  # several attempts, because another program may take the free port first
             with socket.socket() as free:
                 free.bind(("127.0.0.1", 0))
                 self.port = free.getsockname()[1]
@@ -90,7 +93,7 @@ class Network:
             handed: arguments for the main() of one of the MODULES, such as a connection.
             **more: further variables of its environment.
         """
-        # an untrusted program gets no passwords or tokens of marking
+        # an untrusted program must not get passwords or tokens that are in our environment
         env = dict(os.environ) if workspace is None else clean_environment()
         for unwanted in ("DISPLAY", "ROS_HOSTNAME", "ROS_NAMESPACE", "WAYLAND_DISPLAY"):
             env.pop(unwanted, None)
@@ -100,7 +103,8 @@ class Network:
             env.update(
                 HOME=str(folder / "home"), ROS_HOME=str(folder / "ros_home"), ROS_LOG_DIR=str(folder / "log")
             )
-            # the program sees its own folder in this folder, but no logs and files of other programs
+            # `self.folder` is hidden, because it has logs and files of other programs. Only the program's own
+            # folder inside it stays visible.
             workspace = replace(workspace, hidden=(*workspace.hidden, self.folder))
         log = self.folder / f"{name}.log"
         process: Process

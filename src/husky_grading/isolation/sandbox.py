@@ -26,27 +26,29 @@ from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
 from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
-FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] limit of a file; limit of a process's memory
-# largest number of file descriptors of a process, because sockets hold memory of the kernel
+# [bytes] largest file, and largest memory of one process
+FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000
+# largest number of open files and sockets of one process; sockets are limited because they use memory of the
+# kernel
 DESCRIPTORS = 1024
 PROBE_DEADLINE = 10.0  # [s] wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
 NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
-# variables of marking's environment that a submission gets; tokens and passwords are not among them
+# environment variables that a submission gets from `grade`; other variables may contain tokens or passwords
 KEPT_VARIABLES = (
     *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
     "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
     "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "CMAKE_POLICY_VERSION_MINIMUM",
 )  # fmt: skip
 
-# In the private network, this user is root, so bubblewrap without --cap-drop would leave the submission all
-# capabilities, which can undo the mounts.
+# In the private network, this user counts as root. Without --cap-drop, the submission would keep the rights
+# of root, and could undo the mounts that hide files from it.
 _BUBBLEWRAP = [
     "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
     "--cap-drop", "ALL",
 ]  # fmt: skip
-_NO_NESTED_NAMESPACES = ["--disable-userns"]  # option that only bubblewrap 0.8 and newer has
+_NO_NESTED_NAMESPACES = ["--disable-userns"]  # option of bubblewrap since version 0.8
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 
 
@@ -63,10 +65,11 @@ class Workspace:
     """Environment of an untrusted program: setup files that it sources itself, and folders that it sees."""
 
     setups: Tuple[Path, ...] = ()  # setup.bash files that are sourced in the sandbox, in this order
-    packages: Tuple[Path, ...] = ()  # folders of packages that need no build
+    # folders of packages that need no build; they are added to ROS_PACKAGE_PATH
+    packages: Tuple[Path, ...] = ()
     # folders that the program must not see, such as other submissions and results
     hidden: Tuple[Path, ...] = ()
-    own: Own = Own.ALL  # files of this package that the program may use
+    own: Own = Own.ALL  # files of the grader's package that the program may use
 
 
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
@@ -83,7 +86,8 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, hidden)]
     setups = [str(path.resolve()) for path in workspace.setups]
     source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
-    # limits first, then the script that sources the workspace; stdbuf writes each line of output at once
+    # The command line from left to right: prlimit sets limits, bash sources the workspace, and stdbuf lets
+    # the command write each line of its output at once.
     inner = [*limits, *source, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
         return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]
@@ -141,7 +145,8 @@ def _secrets(folder: str) -> List[Path]:
     """Return the files and folders below a folder that not every user may read."""
     secrets, waiting = [], [folder]
     while waiting:
-        # an error means that the folder was deleted, or that this user may not read the folder either
+        # OSError means that the folder was deleted, or that this user cannot read it. Then the sandbox cannot
+        # read it either, because it runs as this user.
         with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 mode = entry.stat(follow_symlinks=False).st_mode
@@ -157,7 +162,8 @@ class _Mount(NamedTuple):
     """Mount of a path in the sandbox."""
 
     path: Path
-    rank: int  # rank among paths of the same depth: 0 hides a folder, 1 shows a path, 2 makes it writable
+    # at the same depth, rank 0 (hide a folder) is mounted before 1 (show a path) and 2 (make it writable)
+    rank: int
     options: List[str]  # options of bubblewrap
 
 
@@ -174,23 +180,25 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     home_folders = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
     writable = folder.resolve()
-    own = own_files(workspace.own)  # files of this package that the program may see, and the others
+    # files of the grader's package that the program may see, and folders that are hidden from it
+    own = own_files(workspace.own)
     to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *own.hidden}
-    # the writable folder and the folders in it are not hidden
+    # a folder is not hidden if it is the writable folder or inside of it
     hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed(workspace, env)
     shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
-    # a folder around a home would show the home again
+    # a shown folder that contains a home would make this hidden home visible again, so it is left out
     shown = {path for path in shown if not any(path in home.parents for home in homes)}
     mounts = [_Mount(path, 0, ["--tmpfs", str(path)]) for path in hidden]
     mounts += [_Mount(path, 1, ["--ro-bind", str(path), str(path)]) for path in shown]
     for link in _missing_links(needed, {*shown, *(Path("/", name) for name in SYSTEM)}, hidden):
         mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
     mounts.append(_Mount(writable, 2, ["--bind", str(writable), str(writable)]))
-    # outer folders first; at the same depth, a hidden folder before a shown or writable path
+    # The mounts are made in this order. Outer folders come first, because inner paths are mounted into them.
+    # At the same depth, hidden folders come first.
     mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
     options = chain.from_iterable(mount.options for mount in mounts)
-    # the folders that were made for the mounts must not be writable
+    # bubblewrap creates folders to mount the paths in; these new folders must not be writable
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
     return [*_system(), *options, *read_only]
 
@@ -216,7 +224,7 @@ def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
     for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
-        # the workspace's src/ next to devel/ has launch files and scripts that devel/ refers to
+        # a prefix such as WORKSPACE/devel refers to launch files and scripts in WORKSPACE/src
         if prefix.startswith("/"):
             sources = Path(prefix).parent / "src"
             folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)

@@ -27,15 +27,21 @@ from husky_highlevel_controller.ros import conversions
 BASE = "base_link"
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
-PERIOD = 0.019  # [s] least simulated time between two recorded moments of a namespace
-CROWD = 10  # number of markers at one moment above which PERIOD grows in proportion to their number
-MAX_SAMPLES = 50_000  # largest number of recorded markers of a run
-MAX_ALL_POINTS = 500_000  # largest number of points of all recorded markers of a run
+# [s] simulated time after a recorded moment of a namespace, in which its further markers are left out
+PERIOD = 0.019
+# if more markers came at one moment, the next recorded moment is later, in proportion to their number
+CROWD = 10
+MAX_SAMPLES = 50_000  # further markers of a run are not recorded
+# if all recorded markers of a run have more points together, the further points are cut off
+MAX_ALL_POINTS = 500_000
 MAX_MESSAGE = 2_000_000  # [bytes]
 MAX_TOPICS = 50
 MAX_FRAMES = 5000
-MAX_NAME = 200  # largest number of characters of a topic, namespace or frame
-# [s] a late frame is looked up again in these steps, for at most this simulated time
+# number of characters after which the name of a namespace or frame is cut off; a topic with a longer name is
+# ignored
+MAX_NAME = 200
+# [s] if TF does not know a frame at the time of the marker, later times are tried: every RETRY_STEP, up to
+# RETRY_END after the marker
 RETRY_STEP, RETRY_END = 0.05, 1.0
 
 _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
@@ -46,15 +52,16 @@ class MarkerWatch:
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now
-        self._packages = packages  # folders of packages that are not in ROS_PACKAGE_PATH
-        # recorded markers whose position in the world is not known yet
+        self._packages = packages  # folders of the submission's packages, for meshes
+        # recorded markers, as sample and message; their positions in the world are computed after the run
         self._samples: List[Tuple[MarkerSample, Marker]] = []
         self._points_left = MAX_ALL_POINTS
         self._closed = False
-        # [s] time of the last recorded moment of each topic and namespace, and its number of markers
+        # time [s] of the last recorded moment, and number of markers at this moment; keys are (topic,
+        # namespace)
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
-        # number of messages by topic that do not have the type of their topic
+        # number of messages on each topic that cannot be read, because they are not of the topic's type
         self._unreadable: Dict[str, int] = {}
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
         self._listener = tf2_ros.TransformListener(self._buffer)
@@ -102,7 +109,8 @@ class MarkerWatch:
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is a type of markers."""
         is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS
-        # a topic with a longer name is ignored, because drawing the name could take minutes
+        # a topic with a longer name is ignored, because drawing a very long name in a picture could take
+        # minutes
         if kind in KINDS and is_new and len(topic) <= MAX_NAME:
             # the messages come as raw bytes, so that a large message is rejected before it is deserialised
             self._topics[topic] = rospy.Subscriber(
@@ -113,15 +121,16 @@ class MarkerWatch:
         """Deserialise a message and keep its markers; one that is too large or broken leaves only a note."""
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
-            # an invisible marker replaces the large message; the student sees its namespace
+            # An invisible marker takes the place of the large message. The namespace of this marker tells the
+            # student the reason.
             large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)
             self.add([large], topic)
             return
         try:
             message = kind().deserialize(raw._buff)
         except Exception:
-            # a submission may send any bytes, so deserialising may raise any error; a log line for each would
-            # be too much
+            # A submission may send any bytes, so deserialising them may raise any error. The errors are only
+            # counted, because a log line for each error would be too much.
             self._unreadable[topic] = self._unreadable.get(topic, 0) + 1
             return
         self.add(message.markers if kind is MarkerArray else [message], topic)
@@ -131,7 +140,7 @@ class MarkerWatch:
         now = self._now()
         for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
-                # the problem is found before points, text and mesh are cut off
+                # the problem must be found before `_shorten` removes points, text and mesh
                 problem = self._problem_of(marker)
                 self._shorten(marker)
                 lifetime = marker.lifetime.to_sec()
@@ -222,14 +231,14 @@ class MarkerWatch:
             pillar: position of the pillar's axis in the world, x and y [m].
         """
         try:
-            # [s] time that counts for the marker, and pose of its frame in base_link at this time
+            # time [s] at which the marker is placed, and pose of its frame in base_link at this time
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:
-            # ValueError, because the name of the frame may contain a NUL character
+            # TF raises a ValueError if the name of the frame contains a NUL character
             return replace(sample, problem=str(error).split(". ")[0].strip())
-        # row of the first true pose at this time or later, with a tolerance for rounding
+        # row of the first true pose that is not earlier than `moment`; 1e-6 is a tolerance for rounding
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
-        # world from base_link, base_link from the marker's frame, and that frame from the marker
+        # pose of the marker in the world, by the chain world, base_link, frame of the marker, marker
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
         scale = (marker.scale.x, marker.scale.y, marker.scale.z)
         points = [(point.x, point.y, point.z) for point in marker.points]
@@ -250,7 +259,7 @@ class MarkerWatch:
             return sample.stamp or sample.at, Pose()
         if sample.stamp:
             return sample.stamp, self._lookup(sample.frame, sample.stamp)
-        # times of sending and up to RETRY_END later, because the transform may come after the marker
+        # [s] time at which the marker came, then later times, because the transform may come after the marker
         moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
         first_error: Optional[Exception] = None
         for moment in moments:
@@ -259,7 +268,8 @@ class MarkerWatch:
             except tf2_ros.TransformException as error:
                 first_error = first_error or error
         latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
-        if latest < sample.at:  # the run has ended, or the submission has stopped sending the frame
+        # no newer transform came, because the run ended or the submission stopped sending them
+        if latest < sample.at:
             return latest, self._lookup(sample.frame, latest)
         raise tf2_ros.TransformException(str(first_error))
 
@@ -275,7 +285,7 @@ class MarkerWatch:
 
 def _is_file_of(folder: Path, place: str) -> bool:
     """Return whether a path, absolute or in a folder, leads to a file below it, also through links."""
-    with suppress(OSError, ValueError):  # the path may contain a loop of links or a NUL character
+    with suppress(OSError, ValueError):  # a loop of links or a NUL character in the path raises an error
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
 
@@ -284,7 +294,8 @@ def _pose(marker: Marker) -> Pose:
     """Return a marker's pose with a quaternion of length 1."""
     p, q = marker.pose.position, marker.pose.orientation
     length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
-    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # no rotation, as RViz treats a quaternion of zeros
+    # no rotation; RViz also shows a quaternion of zeros without rotation
+    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)
     if length > 0.0:
         quat = (q.x / length, q.y / length, q.z / length, q.w / length)
     return Pose((p.x, p.y, p.z), quat)
@@ -293,7 +304,7 @@ def _pose(marker: Marker) -> Pose:
 def _invisible(marker: Marker) -> str:
     """Return why RViz would draw nothing, by the marker's own values; empty if it draws the marker."""
     scale = marker.scale
-    if marker.action != Marker.ADD:  # a deletion draws nothing on purpose
+    if marker.action != Marker.ADD:  # a deletion is meant to draw nothing, so this is not a fault
         return ""
     if not marker.header.frame_id:
         return "it has no frame_id"
@@ -301,7 +312,7 @@ def _invisible(marker: Marker) -> str:
         return "its position is not a number"
     if max(scale.x, scale.y, scale.z) <= 0.0:
         return "its scale is 0"
-    # a list may have a colour for each point, which replaces the marker's colour
+    # a marker with points may have a colour for each point; then RViz ignores the colour of the marker itself
     colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
     if not any(color.a > 0.0 for color in colors):
         return "its alpha is 0"

@@ -13,7 +13,7 @@ from typing import Any, Dict, Tuple
 import rosmaster.master_api
 from rosmaster.main import rosmaster_main
 
-# largest number of services that are counted, and of callers of one service
+# lookups are counted for at most MAX_SERVICES services, and for at most MAX_CALLERS callers of each service
 MAX_SERVICES, MAX_CALLERS = 100, 20
 
 
@@ -22,7 +22,8 @@ class CountingMaster(rosmaster.master_api.ROSMasterHandler):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        # number of lookups by service and caller
+        # number of lookups of a service by each caller; the first key is the service, the second key is the
+        # caller
         self._lookups: Dict[str, Counter[str]] = defaultdict(Counter)
 
     def lookupService(self, caller_id: str, service: str) -> Tuple[int, str, str]:  # noqa: N802

@@ -57,14 +57,16 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] wall time between two queries of the ROS graph
-CONNECTING = 2.0  # [s] longest wall time for which simulated time waits for connections to the submission
-# topics of velocity commands: the input of the robot's twist_mux, and its output, which bypasses the
-# twist_mux
+# [s] wall time after `_join` at which simulated time begins, even if some topics are not connected yet
+CONNECTING = 2.0
+# topics on which a submission can send velocity commands: cmd_vel, which the robot's twist_mux reads, and the
+# output of the twist_mux, which moves the robot directly
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
-# [bytes] largest memory of the recorder; the stacks of its threads take some hundred million bytes
+# [bytes] limit for the memory of the recorder, because a submission may send huge messages; the stacks of the
+# recorder's threads alone take some hundred million bytes
 MEMORY = 2_000_000_000
-MAX_VIOLATIONS = 5  # largest number of violations that are reported
-# largest number of topics that the watch of the exercise follows; length of their queues
+MAX_VIOLATIONS = 5  # only so many broken rules are reported
+# largest number of topics whose messages the exercise's watch gets, and queue length of each of these topics
 MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000
 HITS_PERIOD = 1.0  # [s] simulated time between two scans whose points are kept for a picture
 
@@ -76,30 +78,35 @@ class DriveRecorder:
         """Wait for the assignment, which is the first message of marking on the channel."""
         self._channel, self._channel_lock = channel, threading.Lock()  # several threads send
         self._task: Assignment = channel.recv()
-        self._initial = self._task.recording  # facts that are known before the run
+        self._initial = self._task.recording  # recording with the facts that are known before the run
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []
-        self._commands: List[float] = []  # [s] simulated times of commands, each once
-        self._command_count = self._zero_count = 0  # number of all commands, and of commands to stand
-        self._fastest = self._sharpest = 0.0  # [m/s], [rad/s] largest commanded speeds
-        self._nearest: List[Tuple[float, float]] = []  # [s], [m] time and smallest range of each scan
-        self._scans: List[Scan] = []  # some of the scans, for a picture
+        self._commands: List[float] = []  # [s] simulated times at which commands came, without repetitions
+        self._command_count = self._zero_count = 0  # number of all commands, and of commands that are zero
+        self._fastest = self._sharpest = 0.0  # largest commanded speed [m/s] and yaw rate [rad/s]
+        self._nearest: List[Tuple[float, float]] = []  # time [s] and smallest range [m] of each scan
+        self._scans: List[Scan] = []  # one scan every HITS_PERIOD, for the pictures
         # keeps the markers of the submission, with their times and places
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
-        self._followed: Set[str] = set()  # topics whose messages the watch of the exercise gets
-        # the submission subscribes to the input topic of the exercise, to any topic, and publishes velocities
+        self._followed: Set[str] = set()  # topics whose messages the exercise's watch gets
+        # true if the submission subscribes to the input topic of the exercise; if it subscribes to any topic;
+        # if it publishes velocity commands
         self._subscribed = self._listens = self._advertises = False
-        self._joined_at = inf  # [s] wall time at which the recorder took part; inf before
+        self._joined_at = inf  # [s] wall time at which `_join` made the recorder part of the run; inf before
         self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
-        self._services: Tuple[str, ...] = ()  # services of the submission
-        self._is_over = self._handed_over = False  # the run is over; the recording was sent
+        self._services: Tuple[str, ...] = ()  # names of the services that the submission offers
+        # true after the end of the run; true after the recording was sent
+        self._is_over = self._handed_over = False
         self._types: Dict[str, str] = {}  # types by topic
-        self._silent: List[str] = []  # topics that the submission subscribes to, and that no node publishes
-        self._unread: List[str] = []  # topics of the submission's commands that no node reads
-        # sentences on violations as keys, which keeps their order and each of them once
+        # topics to which the submission subscribes, but on which no node publishes
+        self._silent: List[str] = []
+        self._unread: List[str] = []  # topics on which the submission sends commands, but which no node reads
+        # sentences on broken rules. They are the keys of a dict, so each sentence occurs once, and their
+        # order is kept.
         self._violations: Dict[str, None] = {}
-        self._unanswered = ""  # sentence on scans that the submission did not answer by a command
-        # set when the two messages of marking have come
+        # sentence on scans that the submission did not answer by a command; empty if it answered all scans
+        self._unanswered = ""
+        # set when a message GoOn or Abandoned has come from the program that runs the submission
         self._go_on, self._abandoned = threading.Event(), threading.Event()
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
@@ -109,7 +116,8 @@ class DriveRecorder:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
             for topic in VELOCITY_TOPICS
         ]
-        # access to ROS for the exercise's watch, which follows the run and decides when it is over
+        # The exercise's watch (class Watch) follows the run and decides when the run is over. It uses ROS
+        # only by `_access`.
         self._access = DriveAccess(self._our_nodes, self._markers)
         self._watch = EXERCISES[self._task.exercise].watch(self._initial, self._access)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
@@ -126,7 +134,7 @@ class DriveRecorder:
         cause: Optional[Note] = None
         try:
             while cause is None and not rospy.is_shutdown():
-                joined_at = self._joined_at  # time before this query of the graph, for _begin_when_connected
+                joined_at = self._joined_at  # value before `_look_at_graph`, which may change it
                 self._look_at_graph()
                 self._begin_when_connected(joined_at)
                 self._send(Now(self._now, self._subscribed))
@@ -136,18 +144,20 @@ class DriveRecorder:
                 time.sleep(LOOK_PERIOD)
             self._is_over = True
             self._markers.close()
-            if cause is not None:  # cause is None if the shutdown of the node has already sent the recording
+            if cause is not None:  # cause is None after a shutdown, which has already sent the recording
                 self._send(Over())
                 self._hand_over(cause)
         except Exception:
-            # the end of this program must not send the recording, except if a shutdown has caused the error
+            # After an error, `_handed_over` keeps the end of this program from sending a part of a recording.
+            # But if a shutdown has caused the error, the recording is sent.
             if not rospy.core.is_shutdown_requested():
                 self._handed_over = True
             raise
 
     def _listen(self) -> None:
         """Obey messages of marking, in a thread of its own, because `run` may wait for the master."""
-        with suppress(EOFError, OSError):  # marking has ended, so nobody reads the recording
+        # an EOFError or OSError means that nobody reads the recording any more
+        with suppress(EOFError, OSError):
             while True:
                 message = self._channel.recv()
                 if isinstance(message, GoOn):
@@ -177,7 +187,7 @@ class DriveRecorder:
     def _on_truth(self, state: TrueState) -> None:
         """Keep a true state and pass it to the exercise's watch, unless the run is over."""
         if self._is_over or self._now >= self._initial.deadline:
-            # the true poses end here, so later markers would have no position in the world
+            # no true pose is recorded any more, so a later marker could not be placed in the world
             self._markers.close()
             return
         with self._lock:
@@ -240,7 +250,8 @@ class DriveRecorder:
         try:
             published, subscribed, services = self._master.getSystemState()
             publishers, subscribers = dict(published), dict(subscribed)
-            # the type of a topic is "*" as long as its only nodes are subscribers that accept any type
+            # The master gives the type "*" as long as a topic has only subscribers that accept any type. So
+            # the types are requested again until the master knows the real type.
             if any(self._types.get(topic, "*") == "*" for topic in publishers):
                 self._types = dict(self._master.getTopicTypes())
         except UNANSWERED:
@@ -250,14 +261,15 @@ class DriveRecorder:
             if set(nodes) - self._our_nodes:
                 self._markers.follow(topic, self._types.get(topic, ""))
                 self._follow(topic, self._types.get(topic, ""))
-        # topic that the submission has to read, in most exercises that of the scans
+        # topic to which the submission must subscribe; in most exercises, this is the topic of the scans
         input_topic = self._watch.input_topic
         listeners: Set[str] = set(subscribers.get(input_topic, ()))
-        # a fact that was seen once stays true, because a node may end during the run
+        # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
-        # a submission could forge poses, time or input on these topics
+        # only the simulator may publish on these topics, because a submission could forge poses, time or
+        # scans on them
         simulator_topics = (TRUTH, "/clock", input_topic)
         for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
             self._violate(f"node {node} publishes on {topic}, on which only the simulator may publish")
@@ -293,7 +305,8 @@ class DriveRecorder:
             return
         if not is_ready:
             self._access.advertise_commands()
-            self._watch.on_scan(0.0)  # the first command of an exercise that drives the robot itself
+            # lets the watch send its first command, if the exercise drives the robot itself
+            self._watch.on_scan(0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(
             rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
@@ -332,12 +345,12 @@ class DriveRecorder:
             if self._handed_over:
                 return
             self._handed_over = True
-        states = list(self._truth)  # a copy, because a thread of the feed appends
+        states = list(self._truth)  # a copy, because another thread may append states during the loop
         rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
-        table = np.array(rows).reshape(-1, 6)  # the table has six columns even without a row
+        table = np.array(rows).reshape(-1, 6)  # `reshape` gives the table six columns even if it has no rows
         times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
         frames, notes = self._markers.frames, [*self._markers.notes]
-        # a submission that sends no commands at all has another fault
+        # unanswered scans are reported only if the submission has sent commands at all
         if self._unanswered and self._command_count:
             notes.insert(0, Note(Kind.UNANSWERED_SCANS, self._unanswered))
         recording = replace(

@@ -23,19 +23,20 @@ from husky_grading.exercises.watch import Answer
 from husky_grading.nodes.marker_watch import MarkerWatch
 from husky_highlevel_controller.datatypes import Vector3
 
-# errors of a query to the ROS master. A parameter of the submission may have a value that XML-RPC cannot
-# send, and a submission may end the master and answer on its port
+# errors that a query to the ROS master may raise. There are many, because a submission may set a parameter
+# that XML-RPC cannot send, or may end the master and answer in its place.
 UNANSWERED = (
     OSError, HTTPException, ExpatError, ValueError, TypeError, rospy.ROSException, rosgraph.MasterException,
     xmlrpc.client.Error,
 )  # fmt: skip
 ANSWER_DEADLINE = 10.0  # [s] wall time
-TYPE_CALLER = "/rosservice"  # name with which the tool rosservice queries the ROS master
-# ends of the names of services that every ROS node offers
+# name by which the ROS master knows our own queries for types of services; they do not count as calls
+TYPE_CALLER = "/rosservice"
+# a service whose name ends like this comes from ROS itself, so its type is not requested
 EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")
-# largest number of services of a submission whose type is requested, each in its own thread
+# the types of at most so many services are requested, because each request has its own thread
 MAX_SERVICES = 100
-MAX_DESCRIPTION = 2_000_000  # largest number of characters of a URDF
+MAX_DESCRIPTION = 2_000_000  # only so many characters of a robot description are searched
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
 
@@ -46,8 +47,8 @@ class DriveAccess:
         self._our_nodes, self._transforms = our_nodes, transforms
         self._velocity: Optional[rospy.Publisher] = None
         self._asked: Set[str] = set()  # services whose types were requested
-        self._types: List[Tuple[str, str]] = []  # service and type; threads append while others read
-        self._answers: List[Answer] = []  # answers to the last call; the list has at most one element
+        self._types: List[Tuple[str, str]] = []  # (service, type); several threads append to this list
+        self._answers: List[Answer] = []  # answer to the last call; empty until it comes
         self._give_up_at = 0.0  # [s] wall time
 
     def advertise_commands(self) -> None:
@@ -73,7 +74,8 @@ class DriveAccess:
         try:
             kind = rosservice.get_service_type(name)
         except Exception:
-            # the submission answers this request and may cause any error; the request is repeated later
+            # The submission answers this request, so any error is possible. The type is requested again
+            # later.
             self._asked.discard(name)
         else:
             if kind:
@@ -89,8 +91,8 @@ class DriveAccess:
                 response = rospy.ServiceProxy(name, SetBool)(value)
                 answers.append(Answer(bool(response.success), str(response.message)))
             except Exception as error:
-                # the submission answers this call and may cause any error; the run waits for an answer in any
-                # case
+                # The submission answers this call, so any error is possible. The error becomes the answer,
+                # because the run waits for an answer.
                 answers.append(Answer(False, str(error) or type(error).__name__))
 
         threading.Thread(target=ask, daemon=True).start()

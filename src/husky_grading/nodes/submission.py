@@ -37,7 +37,8 @@ import roslib.packages
 import yaml
 from rospkg import ResourceNotFound, RosPack, rospack
 
-# packages of nodes that marking does not start: simulators, robots and worlds, and programs for a user
+# nodes of these packages are not started: they belong to the simulator or the robot, which `grade` starts
+# itself, or they need a user
 SIMULATION = {
     "gazebo_ros", "husky_gazebo", "husky_control", "husky_description", "husky_navigation", "husky_viz",
     "smb_gazebo", "smb_control", "smb_description", "robot_state_publisher", "joint_state_publisher",
@@ -45,15 +46,15 @@ SIMULATION = {
     "interactive_marker_twist_server", "joy", "pointcloud_to_laserscan", "teleop_twist_joy",
     "teleop_twist_keyboard",
 }  # fmt: skip
-# programs that need a screen or a keyboard, which are dropped from a launch-prefix
+# a launch-prefix with one of these programs is dropped, because the program needs a screen or a keyboard
 INTERACTIVE = {
     "gnome-terminal", "xterm", "konsole", "x-terminal-emulator", "terminator", "xfce4-terminal", "lxterminal",
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
 OWN_PACKAGE = "husky_highlevel_controller"  # name of this package, which is also the name of many submissions
-PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # pattern of the name of the course's world
-LOAD_DEADLINE = 30  # [s] longest wall time for loading a launch file
-MAX_FILES = 1000  # largest number of includes of a launch file
+PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # pattern of the name of the world that the course uses
+LOAD_DEADLINE = 30  # [s] a launch file that loads longer than this wall time counts as broken
+MAX_FILES = 1000  # a launch file with more includes counts as broken
 OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
 
 
@@ -98,8 +99,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._reporter = reporter
         self._simulator_files = simulator_files
         self._included_count = 0  # number of included files, at most MAX_FILES
-        self.uses: Set[str] = set()  # packages that the launch file names
-        self.pillar = False  # the launch file names the course's world
+        self.uses: Set[str] = set()  # packages that the launch file names in $(find ...)
+        self.pillar = False  # true if the launch file names the world that the course uses
 
     def resolve_args(self, args: Any, context: Any) -> Any:
         """Note the packages and worlds in an attribute; roslaunch calls this for each attribute."""
@@ -137,8 +138,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._included_count += 1
         if self._included_count > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
-        # The arguments are resolved even if the include is left out. They may name the course's world and
-        # packages, which `resolve_args` notes.
+        # The arguments of an include may name packages, or the world of the course. `resolve_args` takes note
+        # of these names, so it is called even if the include is left out later.
         for argument in tag.getElementsByTagName("arg"):
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
@@ -156,7 +157,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         except TimeoutError:
             raise
         except Exception as error:
-            # a fault in a launch file of the simulator does no harm, because marking starts the simulator
+            # a fault in a launch file of the simulator does no harm, because `grade` starts the simulator
             # itself
             if is_simulators:
                 self._reporter.write("skipped", path=shown, error=_one_line(error))
@@ -179,8 +180,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # marking sets these two parameters itself; the command for them in a launch file may need missing
-            # programs
+            # `grade` sets these parameters itself. A launch file may set them by a command that this machine
+            # does not have.
             return None
         return self._try("param", tag, *arguments, **options)
 
@@ -235,11 +236,11 @@ def load_launchable(
     nodes = sort_nodes(config.nodes, reporter, ours)
     config.nodes = nodes.to_start
     reporter.packages = {node.name: node.package for node in nodes.to_start}
-    config.tests = []  # nodes in <test> tags, which only rostest starts
-    # marking sets these parameters itself
+    config.tests = []  # drop the nodes in <test> tags, because only rostest starts them
+    # `grade` sets these parameters itself
     for name in OUR_PARAMETERS & set(config.params):
         del config.params[name]
-    # clearing "/" would delete the parameters of the simulator
+    # a launch file that clears all parameters below "/" would also delete the parameters of the simulator
     config.clear_params = [name for name in config.clear_params if name != "/"]
     plan = {
         "nodes": [f"{node.package}/{node.type}" for node in nodes.to_start],
@@ -260,10 +261,11 @@ def read_launchable(
     """Read a launch file or node, write the event "package", and return the configuration of all nodes."""
     config = roslaunch.config.ROSLaunchConfig()
     kind, package, name, *arguments = launchable
-    # marking needs the folder of the package; a launch file that is given by its path may be in none
+    # `grade` needs the folder of the package. There is no folder if a launch file is given by its path and is
+    # not in a package.
     with contextlib.suppress(ResourceNotFound):
         reporter.write("package", path=RosPack().get_path(package))
-    if kind == "--node":  # a launch file that starts only this node, so that both kinds are read alike
+    if kind == "--node":  # a node gets a launch file of its own, so that only launch files must be read
         text = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
         text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
         loader.load_string(text, config, verbose=False)
@@ -279,10 +281,12 @@ def read_launchable(
 class SortedNodes(NamedTuple):
     """Nodes of a launch file by their use."""
 
-    to_start: List[Any]  # nodes of the submission
-    rviz: List[Dict[str, Any]]  # name, arguments and remaps of nodes of RViz, which are not started
-    left_out: List[str]  # package/type of the nodes that do not belong to the submission
-    left_out_arguments: List[List[str]]  # package/type and arguments of nodes of the simulator and the like
+    to_start: List[Any]  # nodes of the submission, which will be started
+    rviz: List[Dict[str, Any]]  # name, arguments and remaps of each RViz node; RViz is not started
+    # package/type of each node that is not started, because it does not belong to the submission
+    left_out: List[str]
+    # package/type and arguments of the nodes in `left_out`, without nodes of the grader's package
+    left_out_arguments: List[List[str]]
 
 
 def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]]) -> SortedNodes:
@@ -292,14 +296,14 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     see `load_launchable`.
     """
     leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
-    # the submission starts an RViz that is not one of this package's launch files
+    # true if the submission starts an RViz that does not come from our launch files
     has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
     result = SortedNodes([], [], [], [])
     for node in nodes:
         if node.package == "rviz" and node.name in ours["rviz"] and has_own_rviz:
-            # this RViz belongs to this package's launch files, and the submission starts its own RViz
+            # the RViz of our launch file does not count if the submission starts its own RViz
             continue
-        # RViz is not started, but its arguments name the configuration that is graded
+        # RViz is not started. But its arguments name its configuration file, and this file is graded.
         if node.package == "rviz":
             remaps = [list(remap) for remap in node.remap_args]
             result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
@@ -341,8 +345,8 @@ def is_own(node: Any, places: List[str]) -> bool:
         found = os.path.join(RosPack().get_path(node.package), "package.xml")
         if os.path.realpath(found) == manifest:
             return True
-    # without such a program in the submission's package, roslaunch takes the program from the next package of
-    # this name
+    # if the submission's package does not have this program, roslaunch takes the program from another package
+    # of the same name, which may be ours
     found_programs = roslib.packages.find_node(node.package, node.type)
     return any(os.path.dirname(os.path.realpath(path)) in folders for path in found_programs[:1])
 
@@ -351,7 +355,7 @@ def drop_prefix(node: Any, reporter: Reporter) -> None:
     """Drop a terminal or debugger in front of a node, because with it roslaunch would start nothing."""
     try:
         program, *_ = shlex.split(node.launch_prefix or "") or [""]
-    except ValueError:  # the launch-prefix has a quote without its end
+    except ValueError:  # a quote in the launch-prefix is not closed
         program = node.launch_prefix
     if program and (os.path.basename(program) in INTERACTIVE or shutil.which(program) is None):
         reporter.write("prefix", node=node.name, prefix=node.launch_prefix)
@@ -381,7 +385,7 @@ def tolerate_failed_nodes() -> None:
             roslaunch.pmon.FatalProcessLaunch,
             ValueError,
         ) as error:
-            # a ValueError means that `args` has a quote without its end
+            # a ValueError means that a quote in `args` is not closed
             print(f"ERROR: cannot launch node of type [{node.package}/{node.type}]: {error}", flush=True)
             return None, False
 
@@ -405,7 +409,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
     reporter.write("launchable")
-    # rospkg then reads the package.xml of every package by this parser
+    # rospkg reads each package.xml by this function, so a broken package.xml does not hide other packages
     rospack.ElementTree = tolerant_manifest
     signal.alarm(LOAD_DEADLINE)
     try:
@@ -437,12 +441,14 @@ def main(arguments: List[str]) -> int:
             `describe` as JSON.
     """
     events, action, ours, *launchables = arguments
-    # without this variable, a launch file of this package would refuse to start beside the running simulator
+    # our launch files read this variable; without it, they would refuse to start because a simulator is
+    # already running
     os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"
     reporter = Reporter(events)
     refuse_aliases()
     signal.signal(signal.SIGALRM, _out_of_time)
-    config = None  # configuration of the last launchable; `run` and `memcheck` get only one
+    # configuration of the last launchable; the actions `run` and `memcheck` get a single launchable
+    config = None
     for launchable in launchables:
         config = describe(json.loads(launchable), reporter, json.loads(ours))
     # without a launchable, the call only checks that this program can start
@@ -450,7 +456,7 @@ def main(arguments: List[str]) -> int:
         return int(bool(launchables) and config is None)
     if action == "memcheck":
         run_in_valgrind(config.nodes, os.path.dirname(events))
-    # the original function can print an escape sequence for the title of a terminal into the output
+    # the original function may print control characters for the title of the terminal into the output
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     tolerate_failed_nodes()
     with contextlib.suppress(KeyboardInterrupt):

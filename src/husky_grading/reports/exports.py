@@ -17,7 +17,8 @@ from husky_grading.records import MarkingResult
 from husky_grading.reports.tables import to_markdown
 
 CLASSROOM50_SCHEMA = "classroom50/result/v1"
-# fields of the result, with the environment variables of Classroom 50's runner that have their values
+# fields of result.json, with the environment variables that have their values; Classroom 50's runner sets
+# these variables
 CLASSROOM50_FIELDS = {
     "classroom": "CLASSROOM",
     "assignment": "ASSIGNMENT",
@@ -80,11 +81,11 @@ def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: 
         for item in result.items
         if item.points is not None
     ]
-    # fields that name the submission; a field without its variable is empty
+    # values of the fields above; a value is empty if its variable is not set
     fields = {field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()}
-    # without a page for reviews, the page of the commit takes its place
+    # if there is no page for reviews, `review` has the address of the commit's page
     fields["review"] = fields["review"] or fields["commit"]
-    # sums of the rounded scores, so that they fit the tests
+    # sums of the rounded scores, so that the sums agree with the scores in `tests`
     sums = {name: sum(test[name] for test in tests) for name in ("score", "max-score")}
     content = {"schema": CLASSROOM50_SCHEMA, **fields, "datetime": moment, **sums, "tests": tests}
     return json.dumps(content, indent=2) + "\n"

@@ -33,18 +33,19 @@ from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "moment.png")
-# file with the fingerprint of everything that the result depends on; it is written last
+# file with a hash of everything that the result depends on. It is written last, so a result is complete if
+# this file exists.
 FINGERPRINT = "fingerprint"
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results, with one folder for each submission
-RESULT = "result.json"  # file with the result of a student
-JOB = "job.json"  # file with the job of the marking program, in the folder of a student's results
-MAX_LOG = 5000  # largest number of characters of a log in the feedback
-COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # colour codes of rospy's warnings and errors
+RESULT = "result.json"  # file with the result of a student, in the folder of the student's results
+JOB = "job.json"  # file with the student's `Job` for `husky_grading.mark`, in the same folder
+MAX_LOG = 5000  # the feedback shows the last MAX_LOG characters of a log
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # pattern of the colour codes in rospy's warnings and errors
 REPLAY = "replay.html"  # file with the replay, in the folder of a run
-# keys of result.json with the sums of points, which other programs read
+# keys of result.json with sums of points for other programs; `load_result` ignores these keys
 SUMS = ("points", "max_points", "full")
-# environment variable with the path of the file that GitHub Actions shows
+# environment variable with the path of a Markdown file that GitHub Actions shows on the page of the job
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
@@ -120,7 +121,8 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
         (out / PICTURES[0]).write_bytes(plots.draw_estimate(first, estimate, name))
     else:
         (out / PICTURES[0]).write_bytes(plots.draw_drives(recordings, name))
-        # run and simulated time [s] of the second picture
+        # run and simulated time [s] that the second picture shows: the middle of the first run, or the moment
+        # of `cause`
         shown, at = first, float(first.times[-1]) / 2.0
         if cause is not None and cause.at is not None and cause.drive <= len(recordings):
             shown, at = recordings[cause.drive - 1], cause.at
@@ -132,10 +134,11 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
 
 def _write_replay(recording: Recording, title: str, folder: Path) -> None:
     """Write a page that replays a run with its markers as they came."""
-    # time [s], x and y [m] of each cross in the replay: markers, or estimates of a path
+    # time [s], x and y [m] of each cross in the replay; the crosses are markers, or points of an estimated
+    # path
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
     pillars = [recording.pillar]
-    if recording.estimate is not None:  # the world of a bag has no pillar
+    if recording.estimate is not None:  # an estimate comes from a recorded bag, whose world has no pillar
         marks, pillars = list(map(tuple, recording.estimate.points)), []
     page = to_html(
         Replay(

@@ -10,8 +10,8 @@ from urllib.parse import quote
 from husky_grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.drawing.templates import render
 
-LEAD = 1.0  # [s] a replay begins this simulated time before the moment of the evidence
-BARS = 10  # number of bars of the histogram of points
+LEAD = 1.0  # [s] a replay begins so much simulated time before the moment of the evidence
+BARS = 10  # number of bars of the histogram below 100 % of the points; 100 % has one more bar
 BAR_HEIGHT = 60  # [pixels] height of the highest bar
 COLOURS = {ResultState.MARKED: "ok", ResultState.GRADED_BY_HAND: "person", ResultState.NOT_MARKED: "unmarked"}
 
@@ -69,7 +69,8 @@ def class_page(
         )
         for result in ordered
     ]
-    # fraction of the decided points of each student, for the median and the histogram
+    # fraction of points that each student has, only of items that are not graded by hand; for the median and
+    # the histogram
     shares = [result.points / result.max_points for result in ordered if result.max_points]
     counts = [(state.value, sum(result.state == state for result in ordered)) for state in COLOURS]
     return render(
@@ -78,7 +79,8 @@ def class_page(
         columns=columns,
         settings=ordered[0].settings if ordered else {},
         counts=[(state, count) for state, count in counts if count],
-        # largest sum of points of the items that `grade` has decided on, and of all items
+        # largest possible sum of points of the class: first for the items that already have points, then for
+        # all items
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
         course_robot=_course_robot(ordered),
@@ -117,7 +119,7 @@ def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
     """
     counts = [0] * (BARS + 1)
     for share in shares:
-        # with a tolerance for rounding, and more than 100 % in the last bar
+        # 1e-9 is a tolerance for rounding; a fraction above 100 % counts in the last bar
         counts[min(int(BARS * share + 1e-9), BARS)] += 1
     highest = max([*counts, 1])
     step = 100 // BARS

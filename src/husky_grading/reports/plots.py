@@ -21,8 +21,9 @@ from husky_highlevel_controller.drawing.plots import (
 )
 from husky_highlevel_controller.robot import load_robot
 
-COLORS = "viridis"  # colour map for the time of a position
-# [m] markers farther from the start are left out, because they would make the rest of the plot too small
+COLORS = "viridis"  # colour map; the colour of a position shows its time
+# [m] a marker that is farther from the robot's start is left out, because it would make the rest of the plot
+# too small
 REACH = 40.0
 MAX_MARKERS, MAX_RAYS = 500, 120
 SCAN = "#c2185b"
@@ -88,7 +89,7 @@ def _label(
     angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
     offset = gap * cos(angle), gap * sin(angle)
     alignment = "center"
-    if abs(offset[0]) > 5.0:  # the text begins or ends at the offset, so it does not cover the position
+    if abs(offset[0]) > 5.0:  # the text is completely on one side of the position, so it does not cover it
         alignment = "left" if offset[0] > 0.0 else "right"
     axis.annotate(
         text, at, offset, textcoords="offset points", ha=alignment, va="center", fontsize=9, zorder=8, **more
@@ -121,7 +122,7 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
-    # (M, 3) [s, m, m] time, x and y of the points at which beams ended
+    # (M, 3) [s, m, m] time, x and y of the points that the lidar measured up to this moment
     hits_before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
     latest = hits_before[:, 0].max(initial=0.0)  # [s] time of the last scan before the moment
     # (K, 2) [m] points of the last scan

@@ -31,7 +31,7 @@ def to_result(marking: MarkingResult) -> Result:
     tables = [Table("", ("item", "points", "evidence"), [*rows, total])] if rows else []
     tables += [Table("Notes", ("",), [[note] for note in marking.notes])] if marking.notes else []
     verdict = f"could not be marked: {marking.problem}" if marking.problem else ""
-    # the launch file or node comes first, unless the title says it already
+    # the graded launch file or node is named above the table, unless the title already names it
     lead = marking.what if marking.what != marking.name else ""
     return Result(marking.name, lead, tables, verdict, not marking.full)
 
@@ -52,7 +52,7 @@ def to_junit(results: Sequence[MarkingResult]) -> str:
     for result in results:
         items = result.items
         suite = ET.SubElement(
-            # a submission that could not be marked has one more case, for its problem
+            # a submission that could not be marked has one more test case, for its problem
             root, "testsuite", name=result.name, tests=str(len(items) + bool(result.problem)),
             errors=str(int(bool(result.problem))),
             failures=str(sum(not item.full for item in items)),
@@ -86,7 +86,8 @@ def to_csv(results: Sequence[MarkingResult]) -> str:
     return Table("", ["submission", *names, "total", "of", "state", "notes"], rows).to_csv()
 
 
-# name of a student's folder in an archive of Moodle, with the student's name and number
+# pattern of the name of a student's folder in an archive from Moodle; the groups are the student's name and
+# number
 MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
 
 

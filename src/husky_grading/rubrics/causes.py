@@ -9,9 +9,11 @@ from husky_grading.notes import Kind, Note
 from husky_grading.recording import Recording
 from husky_grading.records import Item
 
-SILENT = 5.0  # [s] simulated time without a command after which the submission has stopped sending commands
+# [s] if a run still lasts for this simulated time after the last command, the submission stopped sending
+# commands
+SILENT = 5.0
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
-MOVES_NOTHING = 1e-3  # [m/s, rad/s] the robot does not move if a command is smaller than this
+MOVES_NOTHING = 1e-3  # [m/s, rad/s] a command up to this size does not move the robot
 LOGS = "read the output of your node, and check that your launch file starts it"
 ENDS = "the last line of its output gives the reason"
 MEMBER = "keep it in a member, because in C++ a local one ends with its function"
@@ -50,7 +52,8 @@ OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
 HARMLESS = {
     Kind.ROBOT, Kind.UNANSWERED_SCANS, Kind.FLOOD, Kind.LAUNCH_PREFIX, Kind.SKIPPED, Kind.UNREADABLE,
 }  # fmt: skip
-# reasons for the end of a run that show that a node of the submission still ran at the end
+# if a run ended for one of these reasons, a node of the submission still ran, so an ended node is not the
+# cause of lost points
 RAN_ON = {
     Kind.TOUCHES, Kind.AT_PILLAR, Kind.NEVER_MOVED, Kind.STOOD_STILL, Kind.SLOW, Kind.NO_PUBLISHER,
     Kind.CUT_OFF, Kind.LEAVES,
@@ -103,7 +106,8 @@ def first_cause(recording: Recording) -> Note:
     """Return why the robot stands: the first broken link of the chain node, scan, command."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
     reasons = causes(recording)
-    # the tests follow the chain from the scans to the motion, and the first broken link is the cause
+    # The tests go step by step from the scans to the motion of the robot. The first step that fails is the
+    # cause.
     if not recording.subscribed and silent and not reasons:
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
     if reasons:
@@ -120,7 +124,7 @@ def first_cause(recording: Recording) -> Note:
         return Note(Kind.NO_COMMANDS, "nothing came on cmd_vel")
     if not recording.command_count:
         return Note(Kind.NO_PUBLISHER, "it advertises no cmd_vel")
-    # the commands came, so their values decide
+    # commands came, so the cause must be in their values
     if recording.zero_count == recording.command_count:
         return Note(Kind.ZERO_COMMANDS, f"all {recording.command_count} commands were zero")
     if is_nothing(recording.fastest) and is_nothing(recording.sharpest):

@@ -27,13 +27,13 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
         items: items of the runs; the first run is in the course's world.
         other_worlds: weight of all further runs together, 0 to 1.
     """
-    # an item that is graded by hand has no points, and is the worst one
+    # an item that is graded by hand has no points yet, so it counts as the worst item
     scores = [-1.0 if item.points is None else item.points for item in items]
     number = scores.index(min(scores))
     worst = items[number]
     if len(items) == 1 or worst.points is None:
         return worst
-    first, *further = scores  # points in the course's world, and in other worlds
+    first, *further = scores  # points of the run in the course's world, and of the runs in other worlds
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
     worlds = "another world" if len(further) == 1 else f"{len(further)} other worlds"
@@ -68,7 +68,7 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
             evidence = by_hand(f"{reason}; in our run: {item.evidence} ({item.points:g} points)")
             hint = "; then ".join(filter(None, [first_hint, item.hint]))
             item = replace(item, points=None, evidence=evidence, hint=hint)
-            reason, first_hint = "by chance, as above", ""  # the next items refer to this one
+            reason, first_hint = "by chance, as above", ""  # the next items only refer to this item
         judged.append(item)
     return judged
 
@@ -91,7 +91,7 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
 
 def told_once(items: Sequence[Item]) -> List[Item]:
     """Return items in which a hint that an earlier item has is replaced by a reference to that item."""
-    first_names: Dict[str, str] = {}  # name of the first item with a hint, by the hint
+    first_names: Dict[str, str] = {}  # key: hint; value: name of the first item with this hint
     told = []
     for item in items:
         first_name = first_names.setdefault(item.hint, item.name)

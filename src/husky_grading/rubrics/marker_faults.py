@@ -13,17 +13,19 @@ from husky_grading.records import Rules
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-FEW = 3  # smallest number of markers or moments that are enough to judge them
-# fraction of the wrong markers that must have the same fault; only markers while the pillar is to the side
-# count
+FEW = 3  # fewer markers or moments are too few to judge them
+# a fault is reported if at least this fraction of the wrong markers has it; for a fault of direction, only
+# markers with the pillar to the side of the robot count
 MOSTLY = 0.8
-# largest error, as a fraction of the distance, at which a marker is at a mirrored or swapped position
+# additional tolerance for a mirrored or swapped position [m], for each metre between robot and pillar
 IMAGE_SLOPE = 0.1
-EXACT = 0.05  # [m] tolerance of a coordinate that is 0, or a whole number of metres
-THERE = 0.15  # [m] tolerance of "at this position"
-OUT_OF_THE_WORLD = 1e6  # [m] coordinate beyond which a number has no meaning
-HEIGHT_MARGIN = 0.3  # [m] height above or below the pillar up to which a marker loses no points
-HEIGHT_FADE = 0.7  # [m] height beyond HEIGHT_MARGIN at which a marker loses all points
+EXACT = 0.05  # [m] a coordinate with this error still counts as 0, or as a whole number of metres
+THERE = 0.15  # [m] a marker with this error still counts as being at a position
+OUT_OF_THE_WORLD = 1e6  # [m] a larger coordinate comes from a variable that was never set
+# [m] a marker loses no points if it is up to this height above the pillar or below the ground
+HEIGHT_MARGIN = 0.3
+# [m] a marker loses all points if it is this height beyond HEIGHT_MARGIN; linear in between
+HEIGHT_FADE = 0.7
 FAULTS = {
     Kind.Y_IS_ZERO: "y is always 0",
     Kind.WHOLE_METRES: "its coordinates are whole metres",
@@ -54,11 +56,11 @@ HINTS = {
 class Seen(NamedTuple):
     """Wrong marker, and the pillar, seen from base_link."""
 
-    x: float  # [m] coordinate of the marker ahead of the robot
-    y: float  # [m] coordinate of the marker to the left of the robot
-    distance: float  # [m] distance of the pillar
-    bearing: float  # [rad] bearing of the pillar
-    slack: float  # [m] tolerance of `is_near`
+    x: float  # [m] x of the marker in base_link, positive ahead of the robot
+    y: float  # [m] y of the marker in base_link, positive to the left of the robot
+    distance: float  # [m] distance from base_link to the pillar's axis
+    bearing: float  # [rad] direction of the pillar in base_link, 0 ahead, positive to the left
+    slack: float  # [m] distance up to which `is_near` is true
 
     @property
     def pillar_x(self) -> float:
@@ -93,9 +95,9 @@ def find_fault(
     drawn = [marker for marker in wrong if not marker.problem]
     if not drawn:
         return Kind.INVISIBLE
-    mount = load_robot(recording.robot).lidar_mount  # mount.x is the distance [m] ahead of base_link
+    mount = load_robot(recording.robot).lidar_mount  # mount.x is the lidar's distance ahead of base_link [m]
     if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
-        # most of these markers came after a scan without a return
+        # true if most of these markers came after a scan in which no beam measured a range
         is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
         return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, share, rules)
@@ -103,7 +105,7 @@ def find_fault(
         return fault
     if _mostly([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
-    # a marker at the pillar's position is wrong only by its height
+    # a marker that is at the pillar, seen from above, can only be wrong because of its height
     height, tolerance = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
     has_wrong_height = [
         distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
@@ -123,9 +125,11 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame
-    # only in a frame that turns with the robot are the marker's numbers coordinates as seen from the robot
+    # Any frame except odom turns with the robot. In such a frame, the x and y that the student has computed
+    # are coordinates as seen from the robot.
     turns_with_robot = frame != "odom"
-    # x of the frame's origin in base_link; whole metres are counted from there
+    # x of the origin of the marker's frame in base_link. It is subtracted, because the student has computed
+    # whole metres in the marker's frame.
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: turns_with_robot and abs(seen.y) <= EXACT and seen.x > 0.0,
@@ -133,12 +137,12 @@ def _find_direction_fault(
             turns_with_robot and max(_fraction(seen.x - origin_x), _fraction(seen.y)) <= EXACT
         ),
         Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
-        # a lidar that is mounted upside down changes both signs
+        # the second position has both signs changed, because the lidar may be mounted upside down
         Kind.SWAPPED: lambda seen: (
             seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
         ),
-        # a marker that is right most of the time comes from the nearest beam, but late, so it does not count
-        # here
+        # If less than half of the markers are wrong, the student uses the right beam, and some markers only
+        # come late. Then this is not the fault.
         Kind.OTHER_BEAM: lambda seen: (
             share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
         ),
@@ -156,7 +160,7 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
         if not marker.problem and is_off_axis(recording, marker.at, rules):
             at = marker.stamp or marker.at
             distance, bearing = pillar_from_robot(recording, at)
-            # tolerance of a mirrored or swapped position, which grows with the distance of the pillar
+            # [m] tolerance for a mirrored or swapped position; it grows with the distance of the pillar
             slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
             x, y = _from_robot(recording, marker.position, at)
             seen_markers.append(Seen(x, y, distance, bearing, slack))
@@ -184,7 +188,8 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> b
     if marker.frame == "odom" and from_start <= THERE:
         return True
     x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
-    # [m] positions of the frames' origins, ahead of base_link
+    # [m] x in base_link of the origins that count: the lidar, and base_link itself if it is the marker's
+    # frame
     origins = (0.0, mount) if marker.frame == "base_link" else (mount,)
     return min(hypot(x - ahead, y) for ahead in origins) <= THERE
 
@@ -222,8 +227,8 @@ def _fraction(coordinate: float) -> float:
 def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
     """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0."""
     distance, bearing = pillar_from_robot(recording, at)
-    mirror_error = 2.0 * distance * abs(sin(bearing))  # [m] distance of a mirrored marker from the pillar
-    # [m] least error with the score 0, if the slack is 0
+    mirror_error = 2.0 * distance * abs(sin(bearing))  # [m] distance from the pillar to a mirrored marker
+    # [m] a marker with a larger error scores 0; the slack is added in the next line
     zero_score_error = 2.0 * rules.marker_half - rules.marker_full
     return mirror_error > zero_score_error + slack_of(recording, distance, rules)
 
@@ -273,13 +278,14 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
     at = marker.stamp or marker.at
     distance, bearing = pillar_from_robot(recording, at)
     ahead, left = _from_robot(recording, marker.position, at)
-    # [m] error along the line from the robot to the pillar, and across it, positive to the left
+    # [m] error along the line from the robot to the pillar, positive behind the pillar; and error across this
+    # line, positive to the left
     along = ahead * cos(bearing) + left * sin(bearing) - distance
     across = left * cos(bearing) - ahead * sin(bearing)
     parts = []
-    # the sentence leaves out a part that is less than half of the other part
+    # the sentence leaves out one of the two errors if it is less than half of the other error
     if 2.0 * abs(along) >= abs(across):
-        # a marker on the surface of the pillar is as right as a marker on the axis
+        # the error is measured from the surface of the pillar, because a marker on the surface is right, too
         gap = max(abs(along) - recording.pillar_size.radius, 0.0)
         parts.append(f"{gap:.2f} m {'behind' if along > 0.0 else 'in front of'} the pillar")
     if 2.0 * abs(across) >= abs(along):

@@ -32,16 +32,18 @@ from husky_grading.rubrics.marker_faults import (
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-# [m] a shape that touches the pillar scores only if its middle is at most this far from the axis
+# [m] a marker that touches the pillar gets the score TOUCHING only if its position is at most this far from
+# the pillar's axis
 LARGEST = 1.0
-TOUCHING = 0.5  # least score of a marker whose shape touches the pillar
+TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-MOST = 0.5  # fraction of the drawn markers of a namespace that must be right at a moment
+MOST = 0.5  # a moment has a score if at least this fraction of the drawn markers reaches the score
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
-# fraction of the time that gives all points, and fraction that gives none; linear in between
+# markers get all points if they are right for the fraction ALWAYS of the time or more, and none for NEVER or
+# less; linear in between
 ALWAYS, NEVER = 0.8, 0.2
-LONGEST = 0.2  # [s] longest time for which one moment counts, which is two periods of the slowest lidar
+LONGEST = 0.2  # [s] one moment counts for at most this time, which is two periods of the slowest lidar
 
 
 class Moment(NamedTuple):
@@ -49,7 +51,7 @@ class Moment(NamedTuple):
 
     at: float  # [s] simulated time
     seconds: float  # [s] time from this moment to the next, at most LONGEST
-    score: float  # score that most drawn markers reach, 0 to 1
+    score: float  # score that at least the fraction MOST of the drawn markers reaches, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Placement:
     score: float  # 0 to 1
     evidence: str
     at: float  # [s] simulated time of the first wrong marker; if none is wrong, of the first marker
-    fault: Optional[Kind] = None  # common fault of the wrong markers; None if unknown
+    fault: Optional[Kind] = None  # fault that most wrong markers have; None if unknown
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
@@ -76,7 +78,7 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
         return [_judge(recording, markers, rules)]
     for marker in markers:
         for (topic, namespace), members in series.items():
-            # `delete all` empties the whole display of a topic
+            # `delete all` deletes the markers of all namespaces of a topic, so each namespace gets it
             if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
                 members.append(marker)
     return [_judge(recording, members, rules) for members in series.values()]
@@ -96,7 +98,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
     title = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
-    # `problem` is the reason why RViz cannot draw a marker
+    # RViz does not draw a marker that has a `problem`
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
         evidence = f"{title}: not visible: {invisible[0].problem}"
@@ -106,11 +108,11 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     moments = _moments(markers, scores)
     if not moments:
         return Placement(0.0, f"{title}: deleted as soon as it has come", first.at, Kind.DELETED)
-    # moments with the pillar aside, and moments with it ahead
+    # moments with the pillar to the side of the robot, and moments with the pillar ahead
     groups = _by_direction(recording, moments, rules)
     score = _score(groups)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
-    # a marker is right if it has the full score 1; a marker near enough for points has a score above 0
+    # the sentence calls a marker right if its score is 1, and near enough for points if its score is above 0
     evidence = f"{title}: right {100.0 * _time_fraction(moments, at_least=1.0):.0f} % of the time"
     evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
     wrong = [marker for marker in added if scores[id(marker)] < 1.0]
@@ -141,9 +143,9 @@ def _with_fault(
     score, evidence = placement.score, placement.evidence
     fault = find_fault(recording, wrong, len(wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
-        # While the pillar is ahead, mirrored markers are near it and get points. But the sign of y is wrong
-        # all the time, so the score is at most half. Fewer than FEW markers off the axis are too few to judge
-        # the sign.
+        # While the pillar is straight ahead, mirrored markers are near it and get points. But their y always
+        # has the wrong sign, so the score is limited. The sign only shows while the pillar is to the side. If
+        # fewer than FEW markers came then, the score is not limited.
         if len(off_axis(recording, wrong, rules)) >= FEW:
             score = min(score, MOST_IF_MIRRORED)
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
@@ -152,7 +154,8 @@ def _with_fault(
     elif fault in FAULTS:
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
-    # RViz draws two markers at the same time if their topic, namespace or id differs
+    # a marker replaces an older marker only if topic, namespace and id are the same; otherwise RViz draws
+    # both
     identities = {(marker.topic, marker.namespace, marker.id) for marker in added}
     if len(identities) > 1:
         are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
@@ -181,10 +184,11 @@ def _moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> Li
         drawn_scores = sorted_scores[(begins <= at) & (at < ends)]
         if len(drawn_scores):
             times.append(float(at))
-            # the score that the fraction MOST of the drawn markers reaches or exceeds
+            # score that at least the fraction MOST of the drawn markers reaches; `drawn_scores` begins with
+            # the lowest score
             moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
     durations = np.minimum(np.diff(times), LONGEST).tolist()
-    # the last moment counts as long as the moment before it, because no moment comes after it
+    # no moment follows the last moment, so it counts as long as the moment before it
     durations.append(durations[-1] if durations else LONGEST)
     return list(map(Moment, times, durations, moment_scores))
 
@@ -195,15 +199,15 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
     topic, namespace and id. The arguments are those of `_moments`.
     """
-    rows: List[List[float]] = []  # [s] begin and end of the drawing, and score
-    # rows of the markers that are drawn at present, by topic, and by namespace and id
+    rows: List[List[float]] = []  # begin [s], end [s] and score of each marker that RViz draws
+    # rows of the markers that RViz draws at this point of the loop; keys are the topic, then (namespace, id)
     drawn_by_topic: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
     for marker in markers:
         drawn, key = drawn_by_topic[marker.topic], (marker.namespace, marker.id)
         ended_keys = list(drawn) if marker.action == DELETE_ALL else [key]
         for ended_key in ended_keys:
             if ended_key in drawn:
-                row = drawn.pop(ended_key)  # the same list as in `rows`, so its end changes there, too
+                row = drawn.pop(ended_key)  # `rows` has the same list, so the new end is also in `rows`
                 row[1] = min(row[1], marker.at)
         if marker.action == ADD:
             drawn[key] = [marker.at, marker.until, scores[id(marker)]]
@@ -222,7 +226,7 @@ def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules)
     ahead: List[Moment] = []
     for moment in moments:
         _, bearing = pillar_from_robot(recording, moment.at)
-        # a pillar behind the robot is on the axis, too, but counts as aside
+        # a pillar behind the robot is also on the robot's axis, but counts as to the side
         if abs(bearing) > 0.5 * pi or is_off_axis(recording, moment.at, rules):
             aside.append(moment)
         else:
@@ -257,10 +261,11 @@ def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
         return 0.0
     mean_score = sum(each.seconds * each.score for each in right) / _seconds(right)
     right_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
-    if fractions_ahead:  # the second of two groups has the pillar ahead
+    if fractions_ahead:  # true if there is a second group, with the pillar ahead
         aside, ahead = map(_seconds, groups.values())
         weight_ahead = min(ahead / (aside + ahead), 0.5)
-        right_fraction += weight_ahead * (fractions_ahead[0] - right_fraction)  # weighted mean of both groups
+        # now the weighted mean of the two groups
+        right_fraction += weight_ahead * (fractions_ahead[0] - right_fraction)
     return mean_score * min(max((right_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
 
@@ -274,11 +279,11 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     size = recording.pillar_size
     slack = slack_of(recording, pillar_from_robot(recording, marker.at)[0], rules)
     distance = distance_to_pillar(recording, marker)
-    # [m] distance beyond `marker_full` that costs half of the score
+    # [m] a marker that is this much farther away than `marker_full` loses half of the score
     half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
     touches = marker.reach <= size.radius
-    # the shape of a huge marker touches the pillar from anywhere, so its middle must be near, too
+    # a huge marker touches the pillar from anywhere, so its position must also be near the pillar
     if touches and distance <= LARGEST + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
     return min(max(score, 0.0), 1.0) * height_score(marker, size.height)
