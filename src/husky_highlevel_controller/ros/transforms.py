@@ -12,7 +12,8 @@ from geometry_msgs.msg import Transform, TransformStamped
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 
-MAX_COORDINATE = 1e6  # [m] largest coordinate of a pose; tf2 rejects NaN, but neither infinity nor 1e308
+# [m] a pose with a larger coordinate is rejected; tf2 itself rejects NaN, but neither infinity nor 1e308
+MAX_COORDINATE = 1e6
 
 
 def lookup_transform(

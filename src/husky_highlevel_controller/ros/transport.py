@@ -43,7 +43,7 @@ class PromptConnection(QueuedConnection):
     def __init__(self, connection: Any, queue_size: int) -> None:
         """Make a connection with an empty queue."""
         self._write_lock = threading.Lock()  # held while writing to the socket
-        self._unsent = b""  # end of a message whose beginning was sent
+        self._unsent = b""  # rest of a message of which only the first part was sent
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
@@ -83,17 +83,17 @@ class PromptConnection(QueuedConnection):
             with self._lock:
                 while not self._queue and not self._unsent and not self._connection.done:
                     self._cond_data_available.wait()
-            # held, so that no later message is written before the messages in the queue
+            # while this lock is held, no later message can be written before the messages in the queue
             with self._write_lock:
                 with self._lock:
                     unsent, queue = self._unsent, self._queue
                     self._unsent, self._queue = b"", []
-                # the rest comes first, because it is the end of an older message
+                # `unsent` comes first, because it is the rest of an older message
                 for data in [unsent, *queue] if unsent else queue:
                     try:
                         self._connection.write_data(data)
                     except Exception as error:
-                        # the error is kept, and raised when a later message is published
+                        # rospy raises this error when a later message is published
                         with self._lock:
                             self._error = error
 

@@ -16,7 +16,8 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import pose_to_2d
 
 STANDING_TIME = 0.5  # [s] time for which a robot must stand at a pillar to count as arrived
-AWAY = 1.0  # [m] gap to the pillar from which on the robot may arrive at the pillar again
+# [m] after the gap to the pillar was larger than this, the robot can arrive at the same pillar again
+AWAY = 1.0
 PERIOD = 0.5  # [s] simulated time between two checks whether the robot has left the pillar
 
 
@@ -32,7 +33,7 @@ class PillarPlace(NamedTuple):
 class Arrival(NamedTuple):
     """Robot that has come to stand at a pillar."""
 
-    stamp: float  # [s] simulated time since which the robot stands
+    stamp: float  # [s] simulated time at which the robot came to a stop
     pillar: str
     gap: float  # [m] distance between the robot's footprint and the surface of the pillar
 
@@ -65,7 +66,7 @@ class ArrivalWatch:
             if self._arrived_at is not None and state.stamp >= self._next_look:
                 self._next_look = state.stamp + PERIOD
                 reached_pillars = [pillar for pillar in pillars() if pillar.name == self._arrived_at]
-                # a pillar that is not in the world any more counts as left
+                # the robot has also left a pillar that no longer exists
                 if min(self._gaps(state, reached_pillars), default=inf) > AWAY:
                     self._arrived_at = None
             return None

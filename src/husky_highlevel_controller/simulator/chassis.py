@@ -15,17 +15,21 @@ from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
-# [s] time constant of the low-pass on the wheels' normal forces, because the solver's forces are noisy
+# [s] time constant of the low-pass filter for the wheels' normal forces, because the solver's forces are
+# noisy
 LOAD_SMOOTHING = 0.02
-# smallest cosine of the slope of a contact that carries a wheel; at a steeper contact, the wheel bumps into
-# an object
+# a contact carries a wheel if the cosine of its slope is at least this; at a steeper contact, the wheel bumps
+# into an object
 SUPPORT_SLOPE = 0.5
-CONTACT_DEPTH = 0.003  # [m] largest distance of a contact point from its tyre's surface
-# coefficient of friction of contacts without a tyre, as between two bodies with Bullet's defaults
+CONTACT_DEPTH = 0.003  # [m] a contact point farther than this from the surface of a tyre is not on the tyre
+# coefficient of friction of contacts on the hull, equal to the coefficient of two bodies with Bullet's
+# defaults
 HULL_FRICTION = 0.25
-HULL_SLIP_SPEED = 0.1  # [m/s] speed below which friction is viscous, so that 5 ms steps are stable
+# [m/s] below this speed, friction grows with the speed (viscous), so that steps of 5 ms are stable
+HULL_SLIP_SPEED = 0.1
 
-Drag = Tuple[Vector3, Vector3, float]  # point [m] and normal of a contact, in base_link, and its force [N]
+# contact on the hull in base_link: point [m], unit normal, and force along the normal [N]
+Drag = Tuple[Vector3, Vector3, float]
 
 
 class Chassis:
@@ -47,7 +51,8 @@ class Chassis:
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Put the robot into a Bullet world that has none."""
         self._gravity = gravity
-        self._wheel_angles = [0.0] * len(self._robot.wheels)  # [rad] angles of the wheels, not wrapped
+        # [rad] angles of the wheels, which go on beyond one turn
+        self._wheel_angles = [0.0] * len(self._robot.wheels)
         self._bullet.add_robot(self._robot, pose_base_in_world)
         self._reset_contacts()
 
@@ -71,7 +76,8 @@ class Chassis:
         wheels = self._robot.wheels
         self._loads = [0.0] * len(wheels)
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
-        self._ground_force: Vector3 = (0.0, 0.0, 0.0)  # normal forces under the wheels, in base_link [N]
+        # sum of the normal forces under the wheels, in base_link [N]
+        self._ground_force: Vector3 = (0.0, 0.0, 0.0)
         self._hull_contacts: List[Drag] = []
         self._wheel_speeds: Sequence[float] = (0.0,) * len(wheels)
         self.torques = [0.0] * len(wheels)  # [N m] torques of the wheels' motors
@@ -87,7 +93,8 @@ class Chassis:
         """Read the robot's pose and velocity; kept as `state`."""
         pose, velocity, spin = self._bullet.robot_motion()
         self._base_axes = axes_from_quat(pose.quat_xyzw)
-        # the products of vectors in this class are written out, because its functions run in each step
+        # the products of vectors are written out in this class, because function calls cost time in every
+        # physics step
         (vx, vy, vz), (wx, wy, wz) = along_axes(self._base_axes, velocity), along_axes(self._base_axes, spin)
         x, y, z = self._robot.com
         velocity_in_base = vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x)
@@ -108,8 +115,8 @@ class Chassis:
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         pull_x, pull_y = self._downhill()
-        # forces (forwards, to the left) [N] on each tyre, by its grip on the ground and the wheel speeds; the
-        # velocity is that of the centre of mass
+        # forces (forwards, to the left) [N] of the ground on each tyre; they depend on the grip, on the wheel
+        # speeds and on the velocity of the centre of mass
         forces = ground_forces(
             contacts,
             velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
@@ -128,7 +135,7 @@ class Chassis:
         ]
         self._wheel_angles = [angle + speed * dt for angle, speed in zip(self._wheel_angles, speeds)]
         self._wheel_speeds = speeds
-        # the engine finds the contacts of a step before it moves the robot, so the contacts belong to the
+        # the engine finds the contacts of a step before it moves the robot, so `update_contacts` needs the
         # pose before the step
         self._contact_axes, self._contact_position = self._base_axes, state.pose_in_world.position
         # forces [N] and the points at which they push [m], in base_link
@@ -162,7 +169,7 @@ class Chassis:
         gx, gy, gz = along_axes(self._base_axes, self._gravity)
         nx, ny, nz = self._ground_force
         square = nx * nx + ny * ny + nz * nz
-        # gravity is made up of a multiple of the normal force, and of the part along the ground
+        # gravity minus its part along the normal force is its part along the ground
         multiple = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
         return gx - multiple * nx, gy - multiple * ny
 
@@ -176,7 +183,8 @@ class Chassis:
         """
         x, y, z = point
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
-        velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x  # v + w x point
+        # velocity of the point: v + w x point
+        velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
         slip_x, slip_y, slip_z = minus(velocity, normal, dot(velocity, normal))
         force_per_slip = -HULL_FRICTION * load / (hypot(slip_x, slip_y, slip_z) + HULL_SLIP_SPEED)
         return (force_per_slip * slip_x, force_per_slip * slip_y, force_per_slip * slip_z)
@@ -187,7 +195,7 @@ class Chassis:
         A contact on a tyre whose normal points upwards carries the wheel: it updates the wheel's load and
         footprint. All other contacts are bumps, which `drive` turns into friction.
         """
-        # pose of base_link before the last step, for which the engine found the contacts
+        # pose of base_link before the last step, because the engine found the contacts at this pose
         axes, (px, py, pz) = self._contact_axes, self._contact_position
         # sums over the contacts of each wheel: the load [N], and the load times x, y and z of the contact
         # point in base_link [N m]
@@ -197,7 +205,8 @@ class Chassis:
         self._hull_contacts = []
         for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
             point, normal = along_axes(axes, (x - px, y - py, z - pz)), along_axes(axes, normal_in_world)
-            # wheel on whose tyre the contact is, or None, and cosine of the slope of the contact
+            # index of the wheel if the contact is on a tyre (otherwise None), and cosine of the contact's
+            # slope
             wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
                 bumped_bodies.add(body)
@@ -211,7 +220,7 @@ class Chassis:
             sums[1] += load * point[0]
             sums[2] += load * point[1]
             sums[3] += load * point[2]
-        # the direction of this sum is the direction in which the ground faces, see `_downhill`
+        # `_downhill` uses the direction of this sum as the normal of the ground
         self._ground_force = (ground_x, ground_y, ground_z)
         for wheel, (load, x, y, z) in enumerate(wheel_loads):
             if load <= 0.0:

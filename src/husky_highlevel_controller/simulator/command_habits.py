@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 
-# [s] time over which the rate of commands is counted, from the first command that moves the robot
+# [s] the rate of a sender is reported when it has sent commands for this time since its first command that
+# moves the robot
 RATE_TIME = 1.0
-# a sender is slow if this number of successive commands come after the previous command has expired
+# a sender is slow if this number of commands in a row came only after the last command had expired
 SLOW_GAPS = 8
-LONGEST_GAP = 3.0  # [s] a sender with longer gaps does not count as slow, because a person may press keys
-ZEROS_TIME = 10.0  # [s] time with only zero commands after which they are reported
-ZEROS_COUNT = 20  # least number of commands in ZEROS_TIME that are reported
-# [s] a node is reported if its zero commands, on a topic of higher priority, overrule another node this long
+# [s] a gap that is longer than this does not count as slow, because a person may be pressing keys
+LONGEST_GAP = 3.0
+ZEROS_TIME = 10.0  # [s] a sender is reported if all its commands for this time were zero
+ZEROS_COUNT = 20  # a sender is reported only if it has sent at least this number of zero commands
+# [s] if zero commands on a topic of higher priority stop another node for this time, this is reported
 OVERRULED_TIME = 2.0
 
 
@@ -37,7 +39,7 @@ class Finding(NamedTuple):
     topic: str
     rate: float = 0.0  # [1/s] number of commands per simulated second
     timeout: float = 0.0  # [s] age at which a command expires
-    stronger_sender: str = ""  # name of the node whose commands have priority over `sender`
+    stronger_sender: str = ""  # name of the node that stops `sender` by commands of higher priority
     stronger_topic: str = ""
 
 
@@ -50,9 +52,11 @@ class _Sender:
     count: int = 0
     # [s] stamp of the sender's first command that is not zero; None if all are zero
     moves_since: Optional[float] = None
-    moves_count: int = 0  # commands since then
-    gaps: Tuple[float, ...] = ()  # [s] last successive gaps between commands that are longer than the timeout
-    # [s] stamp of the first command that another topic has overruled; None if none is overruled
+    moves_count: int = 0  # number of commands since `moves_since`
+    # [s] the last gaps between commands in a row, if each of them is longer than the timeout
+    gaps: Tuple[float, ...] = ()
+    # [s] stamp of the first command that was blocked by another topic; None if the last command was not
+    # blocked
     overruled_since: Optional[float] = None
 
 
@@ -68,7 +72,7 @@ class CommandHabits:
         """
         self._timeout, self._may_stand = timeout, may_stand
         self._senders: Dict[Tuple[str, str], _Sender] = {}
-        # sender of the last command of each topic whose last command was zero
+        # for each topic whose last command was zero, the sender of this command
         self._zero_senders: Dict[str, str] = {}
         self._reported: Set[Tuple[Habit, str]] = set()
 
@@ -88,7 +92,7 @@ class CommandHabits:
         memory = self._senders.setdefault((topic, sender), _Sender(stamp, stamp))
         gap, memory.last = stamp - memory.last, stamp
         memory.count += 1
-        # the sender stays there only if the last command of the topic is zero
+        # `_zero_senders` has a topic only if the last command on it was zero
         self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
@@ -129,8 +133,8 @@ class CommandHabits:
             if duration >= RATE_TIME:
                 yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
 
-        # SLOW: many successive commands come after the one before has expired; a command in time, or after a
-        # long pause, begins the count again
+        # SLOW: many commands in a row came only after the last command had expired. A command in time, or
+        # after a long pause, starts the count again.
         is_gap_long = self._timeout < gap <= LONGEST_GAP
         memory.gaps = (*memory.gaps, gap) if is_gap_long else ()
         if len(memory.gaps) >= SLOW_GAPS:
@@ -142,8 +146,8 @@ class CommandHabits:
         if lasts and is_zero and memory.moves_since is None and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)
 
-        # OVERRULED: another node commands zero on the stronger topic, so the sender cannot move the robot;
-        # `holder` is the node whose last command on the stronger topic is zero; empty if it is not zero
+        # OVERRULED: a zero command of another node on the stronger topic keeps the sender from moving the
+        # robot. `holder` is the name of this other node; empty if its last command was not zero.
         holder = "" if stronger_topic is None else self._zero_senders.get(stronger_topic, "")
         if is_zero or stronger_topic is None or not holder:
             memory.overruled_since = None

@@ -21,8 +21,8 @@ from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
-# random streams of the seed; each sensor has its own stream, so that no sensor changes another's noise; None
-# is the seed itself
+# Each sensor has a random stream of its own, so that no sensor changes the noise of another sensor. A number
+# is a spawn key of numpy's SeedSequence; None means the seed without a key.
 LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
 
 
@@ -32,7 +32,7 @@ class Sensor(NamedTuple):
     steps: int  # number of physics steps between two samples
     device: Any  # sensor, an object with reset(rng) and sample(state, stamp)
     field: str  # name of the sensor's field in `Snapshot`
-    stream: Optional[int]  # random stream of the seed
+    stream: Optional[int]  # spawn key of the sensor's random stream; None for the seed without a key
 
 
 class Equipment(NamedTuple):
@@ -66,7 +66,8 @@ def equip(
     scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
     ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
-    # [m] distance between the wheels for turns, by which odometry allows for wheels that skid
+    # [m] distance between the wheels that odometry uses for turns; the wheels skid, so it is not the real
+    # distance
     effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
@@ -81,8 +82,8 @@ def equip(
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    # the encoders are read only together with odometry, so their period must be a multiple of the periods of
-    # odometry and of the physics; `steps_per` raises HuskyError if it is not
+    # the encoders are read only together with odometry, so their period must be a multiple of the period of
+    # odometry and of the physics step; otherwise `steps_per` raises HuskyError
     for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))

@@ -24,9 +24,10 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy, transfor
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
 FALL_DEPTH = 10.0  # [m] a robot this far below its start has fallen off the world
-MAX_SLAB = 0.12  # [m] largest height of a slab on which the robot starts; the robot's hull is higher
-MAX_RISE = 5.0  # [m] largest height of a floor above the requested start height
-# [m] largest height from which the robot falls to the floor; from a larger height it is put on the floor
+# [m] if the robot starts on a slab up to this height, the slab is the floor; the robot's hull is higher
+MAX_SLAB = 0.12
+MAX_RISE = 5.0  # [m] up to this height above the start, the top of a thick floor is searched
+# [m] the robot falls to the floor from at most this height; if it would start higher, it is put on the floor
 MAX_DROP = 1.0
 _WHEEL_REACH = 0.3  # [m] approximate distance from base_link to the wheels along x and y
 _MIDDLE_POINTS = (
@@ -36,12 +37,14 @@ _MIDDLE_POINTS = (
     (0.0, -_WHEEL_REACH),
     (0.0, _WHEEL_REACH),
 )
-_FLOOR_REACH = 1.0  # [m] a floor reaches at least this far from the robot along x and y
+# [m] a body that does not reach this far from the robot along x and y is an obstacle, not a floor
+_FLOOR_REACH = 1.0
 _RISE_STEP = 0.1  # [m] step of the search for the top of a floor
-_LEVEL_TOLERANCE = 1e-3  # [m] largest difference of heights on a level floor
+_LEVEL_TOLERANCE = 1e-3  # [m] a floor is level if its heights differ by less than this
 _LOOKING_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
-# a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
+# rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
+# rospy
 log = logging.getLogger("rosout.world")
 
 
@@ -65,22 +68,22 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
-    # the floor is searched downwards, from a height above any slab; a drop is the way down to the first body:
-    # 0 if the search begins inside a solid body, and inf if there is no body below
+    # The floor is searched downwards, from a height above any slab. A drop is the distance down to the first
+    # body. It is 0 if the search begins inside a solid body, and inf if there is no body below.
     top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
-    # drops of 0 at all corners, near and far, mean that a wide body contains all of them
+    # if the drops are 0 at all corners, near and far, then all corners are inside a wide body
     is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
     if is_in_wide_body:
         for step in range(1, round(MAX_RISE / _RISE_STEP)):
             height_above = MAX_SLAB + _RISE_STEP * step
             drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
-            if all(drops_above):  # this height is above the body in which the robot would start
+            if all(drops_above):  # no drop is 0, so this height is above the wide body
                 top, drops = height_above, drops_above
                 break
     height = top - drops[0]  # [m] height at the first corner; the other corners are compared below
     if height < 0.0:
-        # the floor is below the pose, so the hull may stand on an object between the wheels, which makes the
-        # drops unequal
+        # the floor is below the pose, so the hull might stand on an object between the wheels; the drops at
+        # the middle points show such an object
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
     # a drop of 0 or inf means that there is no floor to stand on; then the robot stays at the pose
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)

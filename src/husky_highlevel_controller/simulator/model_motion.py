@@ -11,7 +11,7 @@ from husky_highlevel_controller.datatypes import IDENTITY, ModelMotion, Pose, Ve
 from husky_highlevel_controller.geometry import compose, cross, inverse, minus, quat_inverse, rotate
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked_pose
 
-# [m/s, rad/s] largest component of a velocity, because a faster body would jump in one step of 5 ms
+# [m/s, rad/s] largest component of a velocity; a faster body would jump too far in one step of 5 ms
 MAX_SPEED = 100.0
 
 

@@ -36,14 +36,14 @@ MAX_SEED = 2**31 - 1  # largest seed that the simulator accepts
 STANDING_TIME = 3.0  # [s] time for which the robot stands before and after it drives
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
-# rates [Hz] in the bag; point clouds are rare, because one cloud is as large as all other messages of ten
+# [Hz] rates in the bag; point clouds are rare, because one cloud is as large as all other messages of ten
 # seconds
 IMU_RATE, POINTS_RATE = 50, 1
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
 # topics of the point cloud and the IMU, as in the bags of both courses
 POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"
-TRUTH_TOPIC = "/ground_truth/odom"  # topic of the second bag, which has the true path
+TRUTH_TOPIC = "/ground_truth/odom"  # topic of the true path, which is in the second bag
 
 
 def command_at(stamp: float, yaw: float) -> Twist2D:
@@ -67,7 +67,8 @@ def messages_of_drive(
         duration: simulated time after which the messages end [s].
     """
     config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
-    profile = config.robot.profiles[-1]  # "robot" if the drivers of the real robot can be simulated
+    # the last profile is "robot" if the drivers of the real robot can be simulated
+    profile = config.robot.profiles[-1]
     if profile == "robot":
         config = replace(config, real=RobotProfile().on(ground))
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
@@ -84,7 +85,7 @@ def messages_of_drive(
             if step == 1:
                 yield snapshot, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, stamp)
             if step % command_steps == 0:
-                # the driver steers by the true heading of the robot
+                # the command depends on the true heading of the robot
                 simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
             if odometry is not None and step % truth_steps == 0:
                 yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
@@ -113,7 +114,8 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
             raise HuskyError(f"{path} already exists; move it, or choose another folder")
     try:
         _write(paths, messages_of_drive(name, ground, seed, DURATION))
-    except BaseException as error:  # Ctrl-C raises KeyboardInterrupt, which is not an Exception
+    # Ctrl-C raises KeyboardInterrupt, which is not an Exception; then, too, the unfinished bags are deleted
+    except BaseException as error:
         for path in paths:
             path.unlink(missing_ok=True)
         if isinstance(error, OSError):
@@ -137,7 +139,7 @@ def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]])
                 "md5sum": msg._md5sum,
                 "message_definition": msg._full_text,
                 "callerid": "/husky_simulator",
-                # rosbag play keeps a latched message for late subscribers
+                # /tf_static is latched, so rosbag play keeps its message for late subscribers
                 "latching": str(int(topic == "/tf_static")),
             }
             stamp = conversions.time_to_msg(snapshot.stamp)

@@ -13,9 +13,9 @@ from typing import Iterable, List
 
 from husky_highlevel_controller.xml_rpc import ask
 
-# pattern of the end of an RViz node's name, also of an anonymous node (NAME_HOST_PID_TIME)
+# the name of an RViz node ends like this; an anonymous node also has _HOST_PID_TIME at the end
 NAMES = re.compile(r"(rviz|gazebo_gui)(_\w+_\d+_\d+)?$")
-SERVICE = "reload_shaders"  # private service of every RViz with an open window
+SERVICE = "reload_shaders"  # RViz offers this private service only after its window is open
 
 
 def is_rviz(node: str) -> bool:

@@ -17,10 +17,12 @@ import rospy
 
 from husky_highlevel_controller.datatypes import Snapshot
 
-# environment variable with the path of the socket; without it, the true states are not sent
+# environment variable with the path of the socket to which true states are written; without it, none are
+# written
 VARIABLE = "HUSKY_TRUTH_SOCKET"
-SEND_TIMEOUT = 5.0  # [s] wall time after which a reader that does not read is given up
-POLL_PERIOD = 0.02  # [s] wall time between two checks whether the reader lets simulated time begin
+# [s] if the reader neither reads nor answers for this wall time, nothing more is sent to it
+SEND_TIMEOUT = 5.0
+POLL_PERIOD = 0.02  # [s] wall time between two checks whether the reader has let simulated time begin
 
 
 class TruthLog:
@@ -30,7 +32,8 @@ class TruthLog:
         """Connect to the reader, if the environment names its socket."""
         path = os.environ.get(VARIABLE)
         self._socket: Optional[socket.socket] = None
-        self._lock = threading.Lock()  # held while sending, because services run in threads of their own
+        # held while a line is sent, because the threads of services also send lines
+        self._lock = threading.Lock()
         if path:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             self._socket.settimeout(SEND_TIMEOUT)

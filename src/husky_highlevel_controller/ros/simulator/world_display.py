@@ -32,11 +32,13 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose
 
 PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
-TIPPED_ANGLE = 0.1  # [rad] a body that tips by more than this is drawn again
-NOTICEABLE_MOVE = 0.001  # [m] a body that has moved by less than this is not sent again
-# [m] distance up to which a turn of odom is visible; at larger distances, the lidar's noise hides the turn
+# [rad] a body that has tipped by more than this gets a new marker, which can be dragged horizontally
+TIPPED_ANGLE = 0.1
+NOTICEABLE_MOVE = 0.001  # [m] the marker of a body that has moved by less than this is not sent again
+# [m] a turn of the frame odom counts as the motion of a point at this distance; farther away, the lidar's
+# noise hides the turn
 TURN_RADIUS = 2.0
-# [m] size of a box, high enough for the lidar, which looks 0.44 m above the ground
+# [m] edges of a new box, which is high enough for the lidar's scan plane, 0.44 m above the ground
 BOX_SIZE = (0.4, 0.4, 0.8)
 BOX_MASS = 5.0  # [kg]
 BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
@@ -44,10 +46,10 @@ BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 
 class _Shown(NamedTuple):
     body: Body
-    # vertical direction in the body's frame when the marker was made; a drag moves the marker across this
-    # axis
+    # vertical direction in the frame of the body when the marker was made; the marker can be dragged only
+    # perpendicular to this direction
     up: Vector3
-    pose_in_world: Optional[Pose]  # pose of the marker as sent; None if it must be sent again
+    pose_in_world: Optional[Pose]  # pose with which the marker was sent; None if it must be sent again
 
 
 class _Server(InteractiveMarkerServer):
@@ -95,7 +97,7 @@ class WorldDisplay:
         """Set up the markers, and subscribe to RViz's tools."""
         self._simulation, self._calls = simulation, calls
         self._shown_markers: Dict[str, _Shown] = {}
-        self._world_in_odom = Pose()  # pose of the world in odom with which all objects were last drawn
+        self._world_in_odom = Pose()  # pose of the world in odom when all objects were last drawn
         self._next_refresh = 0.0  # [s] simulated time of the next refresh
         self._dragged: Set[str] = set()
         self._transforms: Optional[tf2_ros.Buffer] = None
@@ -115,7 +117,7 @@ class WorldDisplay:
     def refresh(self) -> None:
         """Draw new and moved bodies, and delete others; nothing without a subscriber."""
         if self._transforms is None and any(tool.get_num_connections() for tool in self._tools):
-            # TF is followed only from the first click on, because it costs CPU time
+            # this node listens to TF only when one of RViz's tools is connected, because TF costs CPU time
             self._transforms = tf2_ros.Buffer(debug=False)
             tf2_ros.TransformListener(self._transforms)
         if self._server.is_watched:
@@ -151,7 +153,7 @@ class WorldDisplay:
             is_upright = shown is not None and dist(shown.up, up) < TIPPED_ANGLE
             if shown and is_upright:
                 self._server.setPose(name, conversions.pose_to_msg(pose_in_odom))
-                up = shown.up  # the marker keeps the axis with which it was made
+                up = shown.up  # the marker keeps its old vertical direction, because only its pose was sent
             else:
                 self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
             self._shown_markers[name] = _Shown(body, up, pose)
@@ -177,7 +179,8 @@ class WorldDisplay:
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         """Put a body where its marker was dragged, and return a sentence about it."""
         name = feedback.marker_name
-        if name in self._shown_markers:  # the body is drawn again, because its marker may be at another place
+        # None lets the body be drawn again, because the drag has moved only the marker in RViz
+        if name in self._shown_markers:
             self._shown_markers[name] = self._shown_markers[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
@@ -198,7 +201,7 @@ class WorldDisplay:
         """Pose of a frame in odom; ObjectError if TF does not have it."""
         if frame == ODOM:
             return Pose()
-        # the latest transform is good enough, because a person's click takes longer than TF needs
+        # the latest transform is good enough, because TF is faster than a click of a person
         pose = None if self._transforms is None else lookup_pose(self._transforms, ODOM, frame)
         if pose is None:
             raise ObjectError(f"no transform from '{frame}' to '{ODOM}'")
@@ -209,10 +212,11 @@ class WorldDisplay:
         name, event = feedback.marker_name, feedback.event_type
         if event == InteractiveMarkerFeedback.MENU_SELECT and feedback.menu_entry_id == DELETE:
             self._ask(self._delete, feedback)
-        elif event == InteractiveMarkerFeedback.POSE_UPDATE:  # comes again and again during a drag
+        # RViz sends this event again and again during a drag
+        elif event == InteractiveMarkerFeedback.POSE_UPDATE:
             self._dragged.add(name)
         elif event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged:
-            # MOUSE_UP also ends a click without a drag, after which the marker is not in `_dragged`
+            # MOUSE_UP also comes after a click without a drag; then the marker is not in `_dragged`
             self._dragged.remove(name)
             self._ask(self._drag, feedback)
 

@@ -23,11 +23,13 @@ from husky_highlevel_controller.ros.master_graph import (
 )
 from husky_highlevel_controller.spelling import likeness
 
-# names of nodes whose topics the user chooses, and of the simulator with its many topics
+# nodes that cause no finding: the user chooses the topics of a tool, and the simulator has many topics
 TOOLS = re.compile(
     r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
 )
-MIN_LIKENESS = 0.85  # smallest likeness by difflib's ratio; cmd_val is like cmd_vel, but cmd_vel_raw is not
+# a name may be misspelt if it has at least this likeness (difflib's ratio) to another name; cmd_val is like
+# cmd_vel, but cmd_vel_raw is not
+MIN_LIKENESS = 0.85
 
 
 class WrongTopic(NamedTuple):
@@ -83,14 +85,16 @@ class AbsentService(NamedTuple):
 
 
 Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter, AbsentTopic, AbsentService]
-# topics of Gazebo that the simulator does not have, with advice what to use instead; {} is their namespace
+# topics of Gazebo that the simulator does not have, with advice what to use instead; {} stands for the
+# namespace of the topic
 ABSENT = {
     "link_states": "use {}/model_states, or TF for the links of the robot",
     "performance_metrics": "see ./dev bench",
     "set_link_state": "call the service {}/set_model_state",
     "set_model_state": "call the service {}/set_model_state",
 }
-# services of Gazebo that the simulator does not have; the text for all services not listed is ELSEWHERE
+# services of Gazebo that the simulator does not have, with advice what to do instead; ELSEWHERE is the advice
+# for services that are not listed
 ABSENT_SERVICES = {
     "apply_body_wrench": "forces are not simulated; drive the robot by cmd_vel",
     "apply_joint_effort": "forces are not simulated; drive the robot by cmd_vel",
@@ -101,10 +105,10 @@ ABSENT_SERVICES = {
     "set_physics_properties": "launch with real_time_factor:=...",
 }
 ELSEWHERE = "see docs/gazebo_launch_files.md"
-# function of a node's name and True or False; it returns the types of topics that the node publishes (True)
-# or subscribes to (False)
+# function(node, publishes), which returns the types of the topics that a node publishes (True) or subscribes
+# to (False)
 KindsOf = Callable[[str, bool], Kinds]
-SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
+SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that may have several publishers
 
 
 def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongType]:
@@ -117,14 +121,15 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
     """
     found = []
     for publishes, nodes_by_topic in ((True, graph.publishers), (False, graph.subscribers)):
-        right_kinds = kinds_of(simulator, not publishes)  # the simulator is on the other side
-        # SHARED has /tf, whose type has two names (of tf and tf2_msgs), which would cause a false alarm
+        # the simulator subscribes to topics that the node publishes, and the other way round
+        right_kinds = kinds_of(simulator, not publishes)
+        # the type of /tf has two names (of tf and of tf2_msgs), so a check of /tf would cause a false alarm
         topics = set(right_kinds) - SHARED
         nodes_and_topics = {
             (node, topic) for topic in topics for node in nodes_by_topic.get(topic, ()) if node != simulator
         }
         for node, topic in sorted(nodes_and_topics):
-            kind = kinds_of(node, publishes).get(topic, "*")  # "*" is any type, or an unknown one
+            kind = kinds_of(node, publishes).get(topic, "*")  # "*" means any type or an unknown type
             if kind not in ("*", right_kinds[topic]):
                 found.append(WrongType(node, topic, kind, publishes, simulator, right_kinds[topic]))
     return found
@@ -135,7 +140,7 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
     return [
         SecondPublisher(node, topic, simulator)
         for topic, nodes in sorted(graph.publishers.items())
-        # a topic that the simulator also reads is one of its command topics
+        # a topic that the simulator also reads is a command topic, on which other nodes may publish
         if simulator in nodes and topic not in SHARED and simulator not in graph.subscribers.get(topic, ())
         for node in sorted(nodes)
         if node != simulator
@@ -201,7 +206,7 @@ def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
 def mistake_sentence(finding: Mistake) -> str:
     """Return a finding as a sentence for the log: what the node does wrong, and what to change."""
     if isinstance(finding, WrongType):
-        # verbs for the node, and for the simulator on the other side of the topic
+        # verb for the node, and verb for the simulator
         uses, others_use = ("publishes", "reads") if finding.publishes else ("reads", "publishes")
         return (
             f"{finding.node} {uses} {finding.kind} on {finding.topic}, but {finding.simulator} {others_use} "
@@ -262,7 +267,7 @@ def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, s
             if distance is not None:
                 candidates.append((distance, other))
     if candidates:
-        # the smallest distance; of equal distances, the first name
+        # the topic with the smallest distance; if distances are equal, the first name in the alphabet
         _, nearest = min(candidates)
         yield nearest
 
@@ -292,13 +297,13 @@ def main() -> None:
         *absent_services(master_uri),
         *unread_parameters(master_uri),
     ]
-    # each node publishes at least its log, so the publishers are all nodes
+    # every node publishes its log, so all nodes are among the publishers
     nodes = {node for names in graph.publishers.values() for node in names}
     for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == SIMULATOR):
         findings += second_publishers(graph, simulator)
         findings += wrong_types(graph, simulator, partial(read_kinds, master_uri))
         for node, sentence in read_findings(master_uri, simulator):
-            if node in nodes:  # a finding on a node that has ended is out of date
+            if node in nodes:  # a finding about a node that has ended is not printed
                 print(f"{simulator} has found: {sentence}")
     for finding in findings:
         print(mistake_sentence(finding))

@@ -18,9 +18,9 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
-# a contact point of the robot: name of the other body, the point in the world [m], the unit normal from the
-# other body to the robot, and the force along the normal [N]; a plain tuple, because every physics step makes
-# several
+# a contact point of the robot: name of the other body, position in the world [m], unit normal from the other
+# body to the robot, and force along the normal [N]. Every physics step makes several, so it is a plain tuple,
+# which is fast.
 ContactPoint = Tuple[str, Vector3, Vector3, float]
 
 
@@ -32,8 +32,8 @@ class RobotWorld(BulletWorld):
         self._model = model
         self._robot = self._load(pose)
         self._name_by_id[self._robot], self._ids_by_name[ROBOT] = ROBOT, [self._robot]
-        # Bullet's friction is switched off, because traction.py computes the friction; damping is switched
-        # off, too
+        # traction.py computes the friction, so Bullet's friction is switched off; Bullet's damping is also
+        # switched off
         self._engine.changeDynamics(
             self._robot, BASE_INDEX, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0
         )

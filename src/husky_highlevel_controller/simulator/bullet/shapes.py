@@ -16,7 +16,8 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-_FLATTEST = 1e-9  # [m^3] smallest volume, which a flat mesh gets
+# [m^3] a flat mesh counts with this volume, because a volume of 0 could make the centre of mass NaN
+_FLATTEST = 1e-9
 
 
 def center_of(geometries: Sequence[Geometry]) -> Vector3:
@@ -60,13 +61,14 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
         TriangleMesh: pybullet.GEOM_MESH,
     }
     shapes = [geometry.shape for geometry in geometries]
-    # Bullet takes a list for each property, with an entry for each shape, also for shapes without it
+    # Bullet takes one list for each property; each list has an entry for every shape, even for a shape
+    # without the property
     arguments: Dict[str, Any] = {}  # lists that only meshes need
-    # a new folder for each mesh, because Bullet caches files by name
+    # a new folder gives each mesh file a new path, because Bullet would not read a path a second time
     with tempfile.TemporaryDirectory() as folder:
         if any(isinstance(shape, TriangleMesh) for shape in shapes):
             names = [os.path.join(folder, f"{number}.obj") for number in range(len(shapes))]
-            # without a flag, Bullet uses the convex hull
+            # with flag 0, Bullet uses the convex hull of the mesh
             flag = 0 if is_movable else pybullet.GEOM_FORCE_CONCAVE_TRIMESH
             arguments["fileNames"] = [
                 _write_obj(shape, name) if isinstance(shape, TriangleMesh) else ""
@@ -78,7 +80,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
             shapeTypes=[kinds[type(shape)] for shape in shapes],
             radii=[getattr(shape, "radius", 0.0) for shape in shapes],
             lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-            # Bullet reads this list only for boxes
+            # Bullet uses these values only for boxes
             halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],
             collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
             collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],

@@ -32,25 +32,28 @@ from husky_highlevel_controller.geometry import (
 from husky_highlevel_controller.simulator.bullet.shapes import center_of, compound_shape
 
 ROBOT = "husky"  # name of the robot among the bodies
-BASE_INDEX = -1  # Bullet's link index of a body's base
+BASE_INDEX = -1  # index by which Bullet means the base of a body, not one of its links
 
-# a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
+# rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
+# rospy
 log = logging.getLogger("rosout.engine")
 
-# number of iterations; Bullet's default is 50, but 20 give the same motion to 0.1 % in half the time
+# Bullet's default is 50 iterations; 20 iterations take half the time, and the motion is equal to 0.1 %
 _SOLVER_ITERATIONS = 20
-# [m] Bullet's contact threshold; with the default of 0.02, a tyre's flanks would touch the ground 5 mm below
-# them
+# [m] bodies that are nearer than this have a contact; with Bullet's default of 0.02, the ground would also
+# touch the flanks of a tyre, which are 5 mm above it
 _BREAKING_THRESHOLD = 0.005
-# On rigid ground, the loads of four rigid wheels are not determined, so the solver may distribute the weight
-# in any way. On springs, only one distribution is possible, which depends neither on the solver nor on the
-# time step.
+# The ground acts like a spring. On rigid ground, the solver could distribute the weight over the four rigid
+# wheels in many ways. On springs, only one distribution is possible, which depends neither on the solver nor
+# on the time step.
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
-_LIFT_FROM = 1e-3  # [m] a body that is deeper in the ground than this is put on top of the ground
-# indices in a point of getClosestPoints: unit normal from the second body, and distance, negative inside
+_LIFT_FROM = 1e-3  # [m] a movable body that is deeper in the ground than this is put on top of the ground
+# indices in a tuple of getClosestPoints: the unit normal from the second body, and the distance, which is
+# negative if the bodies overlap
 _NORMAL, _DISTANCE = 7, 8
-# [m] a body that is deeper in another body than this stands inside it; triangles are 1 mm thick
+# [m] a body must not reach deeper than this into another body; Bullet's triangles are 1 mm thick, so a
+# smaller depth is allowed
 _TOO_DEEP = 2e-3
 
 
@@ -95,16 +98,18 @@ class BulletWorld:
             contactBreakingThreshold=_BREAKING_THRESHOLD,
             deterministicOverlappingPairs=1,
         )
-        # Bullet gives ids to bodies and shapes; a body here may be several bodies of Bullet's, one for each
-        # of its planes, and the last one for all its other shapes
+        # Bullet gives each of its bodies an id. A body of the world may be several bodies in Bullet: one for
+        # each of its planes, and the last one for all its other shapes.
         self._name_by_id: Dict[int, str] = {}
         self._ids_by_name: Dict[str, List[int]] = {}
-        self._shapes: Dict[Tuple[Any, ...], int] = {}  # ids of shapes by their content, to use them again
+        # ids of shapes by their content, because equal shapes share an id
+        self._shapes: Dict[Tuple[Any, ...], int] = {}
         self._shape_ids: Dict[int, int] = {}  # id of the shape of each body
         self._planes: List[int] = []  # ids of the bodies that are planes
-        # frame of the centre of mass in the body's frame, by id; Bullet's poses are poses of this frame
+        # pose of the centre-of-mass frame in the body's frame, by id; all poses from Bullet are poses of the
+        # centre-of-mass frame
         self._inertial_in_body: Dict[int, Pose] = {}
-        # ids of the bodies of each model that pass through one another
+        # ids of the bodies of each model, because bodies of one model pass through one another
         self._ids_by_model: Dict[str, List[int]] = {}
 
     def add_body(self, body: Body) -> None:
@@ -117,12 +122,13 @@ class BulletWorld:
             raise PlacementError(f"'{ROBOT}' is the name of the robot; give the body another name")
         solids = []
         for geometry in body.collisions:
-            if isinstance(geometry.shape, Plane):  # a compound of Bullet cannot hold a plane
+            # a compound shape of Bullet cannot contain a plane, so a plane becomes a body of its own
+            if isinstance(geometry.shape, Plane):
                 self._add_plane(body, geometry.shape.normal, geometry.pose_in_body)
             else:
                 solids.append(geometry)
         if solids:
-            # the body gets one shape of all its solids, and its centre of mass at the centre of their volume
+            # all solids together become one shape, and the centre of mass is at the centre of their volume
             shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
             # bodies of one model pass through one another, as in Gazebo
@@ -148,7 +154,8 @@ class BulletWorld:
     def _remove(self, body_id: int) -> None:
         """Remove a body of Bullet's, and forget all records of its id."""
         for bodies in self._ids_by_model.values():
-            # Bullet gives the id to the next body, together with the settings, so the settings are reset
+            # Bullet gives this id, with its collision settings, to the next new body, so the settings are
+            # reset
             if body_id in bodies:
                 bodies.remove(body_id)
                 self._set_collides(body_id, bodies, collides=True)
@@ -202,7 +209,7 @@ class BulletWorld:
         projection = self._engine.computeProjectionMatrixFOV(
             degrees(vertical_field_of_view), width / height, near, far
         )
-        # an image has the width, the height, colours, depths and bodies of the pixels; only depths are used
+        # the result is (width, height, colours, depths, body ids) of the image; only the depths are used
         _, _, _, depth, _ = self._engine.getCameraImage(
             width,
             height,
@@ -237,7 +244,8 @@ class BulletWorld:
         try:
             for other, pose in poses.items():
                 copies[other] = self._copy(other, pose)
-            # the bodies at their present poses do not count, because they leave them; their copies count
+            # the moving bodies do not count at their present poses, because they leave them; their copies
+            # stand at the new poses and count
             self.check_room(
                 name, copies[name], [body_id for other in poses for body_id in self._ids_by_name[other]]
             )
@@ -268,13 +276,14 @@ class BulletWorld:
         Raises:
             PlacementError: the body reaches into another body.
         """
-        # a body with planes has several numbers in Bullet
+        # a body with planes has several ids in Bullet
         checked_ids = self._ids_by_name[name] if copy is None else [copy]
         body_ids = set(self._ids_by_name[name])
         links_of_model = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
-            # first the bodies whose bounding boxes overlap, which Bullet finds quickly
+            # Bullet quickly finds the bodies whose bounding boxes overlap; only these bodies are checked
+            # exactly
             parts = range(BASE_INDEX, self._engine.getNumJoints(checked_id))
             boxes = [self._engine.getAABB(checked_id, part) for part in parts]
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
@@ -321,7 +330,7 @@ class BulletWorld:
         self._engine.changeDynamics(
             plane, BASE_INDEX, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
         )
-        # Bullet gives the pose of the plane, from which this pose leads back to the pose of its body
+        # Bullet knows only the pose of the plane; `_pose` uses this entry to compute the pose of the body
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 
