@@ -243,8 +243,8 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     # only settings that change the build stay in `choices`; the student's other settings get their defaults
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
-    # our code is part of the fingerprint, so after an update the whole class is marked again by the same
-    # simulator
+    # our code is part of the fingerprint, so after an update of our code the whole class is marked again, by
+    # the same simulator
     digest = hashlib.sha256(repr(built).encode())
     # errors are ignored here, because the marking program reports unreadable files and too many files later
     with contextlib.suppress(UnreadableFileError, OSError):

@@ -66,7 +66,7 @@ class FrameTree:
 
     # name of the parent frame, by the name of each frame
     parents: Mapping[str, str] = field(default_factory=dict)
-    # names of the parameters with a URDF that has frames of this run as links
+    # names of the parameters with a URDF, if the links of the URDF are frames of TF
     descriptions: Tuple[str, ...] = ()
 
     def connects(self, frame: str) -> bool:
@@ -81,7 +81,7 @@ class FrameTree:
         return frame
 
 
-# frames while only the simulator runs; they are used if the submission was not started
+# frames of a run in which only the simulator publishes; they count if the submission was not started
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 
@@ -186,8 +186,8 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
-        # the SMB's own launch file sets /smb_description, but our simulator sets only /robot_description, so
-        # an RViz display of /smb_description counts as visible, too
+        # the SMB's launch file sets /smb_description, but our simulator does not; so a display of
+        # /smb_description counts as a display of /robot_description
         descriptions.add("/smb_description")
     topics = []  # topics of markers
     for each in markers:

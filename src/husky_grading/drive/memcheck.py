@@ -108,8 +108,8 @@ def find_unwritten_variable(
         MarkingError: the network or the simulator does not start.
     """
     with Network(folder) as network:
-        # without a socket for true poses, the simulator does not use lockstep, so it does not wait for slow
-        # valgrind
+        # without a socket for true poses, the simulator runs without lockstep, and does not wait for the
+        # submission, which valgrind slows down
         simulator = simulate(network, trial, replace(robot.config, pace=1.0))
         process, _ = start(network, submission, "memcheck")
 
@@ -212,7 +212,7 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
         return ""
     texts = _texts(sources)
     declarations = _declared(texts)  # file and line of declarations without a value, by the variable's name
-    # the first read whose line of code names a variable that was declared without a value
+    # look for the first read whose line of code names a variable that was declared without a value
     for line, _ in reads:
         if line is not None:
             code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]

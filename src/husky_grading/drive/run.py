@@ -175,7 +175,8 @@ def _await_joining(
         heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
         if heard_config is not None and heard_config != robot.config:
             return heard_config
-    # lockstep waits for the submission, so the recorder takes part in its place
+    # simulated time begins only when a program takes part, so the recorder takes part in place of the
+    # submission
     recorder.send(GoOn())
     return robot.config
 

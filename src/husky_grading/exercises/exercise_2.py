@@ -32,7 +32,8 @@ ITEMS = (
 )
 # [m] tolerance when a printed number is compared with the smallest ranges that the lidar measured
 SAME = 0.02
-# at least this number of printed lines must have a smallest range of the lidar; otherwise there are no points
+# at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
+# item gets no points
 LEAST_LINES = 5
 # all points are given only if the printed numbers change by at least this fraction of the change of the
 # smallest range

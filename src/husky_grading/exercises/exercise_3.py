@@ -47,8 +47,8 @@ PAST, MIN_PAST = 0.1, 1.0
 # a robot that covers only this fraction of the way gets half of the points for the approach
 FIRST_STEPS = 0.1
 # the robot should turn towards the pillar while the sine of the pillar's bearing is above ASIDE. If more than
-# the fraction MOSTLY of its turns then leads towards the pillar, the sign of the turns is right. If at most 1
-# - MOSTLY does, the sign is wrong.
+# the fraction MOSTLY of its turns do so, their sign is right; if at most the fraction 1 - MOSTLY of them do
+# so, their sign is wrong.
 ASIDE, MOSTLY = 0.1, 0.6
 # turns slower than TURNS_ON [rad/s] do not count; the robot turns in circles if the fraction ONE_WAY of its
 # other turns goes to the same side

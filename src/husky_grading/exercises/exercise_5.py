@@ -33,8 +33,8 @@ ITEMS = (
 BEFORE = 0.5  # [s] the speed before a call is the highest speed within this simulated time before the call
 # [s] the speed after a call is the highest speed between these two simulated times after the answer
 SETTLED, CALM = 1.5, 4.0
-# a node that has looked the service up at least this often calls it; a node that only waits for the service
-# makes fewer lookups
+# a node that makes at least this number of lookups of the service calls it; a node that only waits for the
+# service makes fewer lookups
 MANY = 5
 SLOW, FAST = 0.05, 0.1  # [m/s] the robot stands up to the speed SLOW, and drives from the speed FAST on
 SET_BOOL = "std_srvs/SetBool"
@@ -65,7 +65,7 @@ class Call:
     """Call of a start/stop service."""
 
     at: float  # [s] simulated time of the call
-    data: bool  # value of the request
+    data: bool  # value of the request, which means stop or start
     success: bool
     answer: str  # text of the service's answer, or the error of the call
     # [s] simulated time of the answer; on a busy machine, the answer may come more than a second after the

@@ -36,9 +36,11 @@ from husky_grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
 MAX_TEXT = 1_000_000  # [bytes] paths are repaired only in launch files up to this size
-# the workspace is built at most this often, because CMake reports only one missing package in each build
+# a build is repeated after a missing package, at most this often, because CMake reports only one in each
+# build
 MAX_MISSING = 10
-# at most this number of missing packages get an empty stand-in, because a build can print any number of names
+# at most this number of missing packages get an empty replacement, because a build can print any number of
+# names
 MAX_STAND_INS = 50
 # [kB] GCC collects garbage only if it uses more memory than this; compiling is then a tenth faster
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"
@@ -323,7 +325,8 @@ def _make_again(
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
-        repair = OLD_BOOST  # the errors of code for an old Boost may appear only in the second build
+        # the errors of code for an old version of Boost may appear only in the second build
+        repair = OLD_BOOST
         output, code = _catkin_make(folders, needed, underlay, repair)
     return (output, code), bool(repair)
 

@@ -89,7 +89,7 @@ def _without_our_rviz_nodes(planned: Plan) -> Plan:
     A submission that includes our simulator.launch starts such a node. This configuration is not the
     student's work, so it must get no points. But if our own package is graded, the configuration counts.
     """
-    share = share_folder()  # folder with the data of our package
+    share = share_folder()  # folder with the data of the package husky_highlevel_controller
     # package.xml is checked instead of its folder, because in the workspace of ./dev the folder of our
     # package has only links, which lead into `share`
     if planned.package_path and is_below(planned.package_path / "package.xml", share):

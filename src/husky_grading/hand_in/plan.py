@@ -40,8 +40,8 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
         name, needs = read_manifest(package / "package.xml")
     except NotMarkableError:
         return []
-    # folders that may have packages: of the workspace, our replacement packages, Debian's, and the folder
-    # around this package
+    # folders in which packages are searched: the workspace, our replacement packages, Debian's ROS packages,
+    # and the folder that contains this package
     roots = {*_roots(workspace), COMPAT, DEBIAN, package.parent}
     files = (
         file for root in roots for pattern in ("package.xml", "*/package.xml") for file in root.glob(pattern)

@@ -293,9 +293,10 @@ class _Copies(NamedTuple):
     """Copies of the packages of a submission."""
 
     packages: List[Package]  # packages of the exercise
-    folders: Folders  # workspace with the copies of these packages, in which they are built
+    folders: Folders  # workspace in which copies of the packages of the exercise are built
     known: List[Package]  # packages of a course or of the robot to which the student has added files
-    # folders with the copies of the known packages; launch files can find them, but they are not built
+    # folders with copies of the packages in `known`; launch files can find these copies, but nothing builds
+    # them
     known_folders: Folders
 
 
