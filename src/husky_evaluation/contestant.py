@@ -161,7 +161,8 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
             )
         package, file = first.split("/")
         return launch_kind(text, package, file, arguments)
-    place, colon, function = first.rpartition(":")  # `place` is a Python file or the name of a module
+    # the text is PLACE:FUNCTION; `place` is a Python file or the name of a module
+    place, colon, function = first.rpartition(":")
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
@@ -196,7 +197,7 @@ def _source(place: str) -> str:
 def _module(source: str) -> ModuleType:
     """Return a new module that has executed a source text."""
     module = ModuleType(f"contestant_{abs(hash(source))}")
-    # needed if the source text defines a dataclass, because a dataclass looks up its module here
+    # needed if the source text has a dataclass, because a dataclass looks up its module in sys.modules
     sys.modules[module.__name__] = module
     exec(compile(source, module.__name__, "exec"), vars(module))
     return module

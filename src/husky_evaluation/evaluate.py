@@ -92,8 +92,8 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     """Return the figures of the runs from random starts."""
     bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
-    # `ratios` and `delays` have a value for each run; the row of a worst value links the replay of the run
-    # with this value
+    # `ratios` and `delays` have a value for each run; the table shows the largest ratio and the largest
+    # delay, with links to the replays of their runs
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
     worst_ratio, worst_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
@@ -285,7 +285,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure misses its limits."""
     options = evaluate_options(arguments)
     with exit_codes(name_as_typed("evaluate")):
-        # called only for its error if profile, ground and robot do not fit together
+        # only a check: it raises an error if profile, ground and robot do not fit together
         setup_of(options.profile, options.ground, options.robot)
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)

@@ -128,7 +128,8 @@ def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = de
         # [s] the run continues for this time after the arrival; longer if the robot has to touch the pillar,
         # because it may still push the pillar
         settle=3.0 if setup.control.stop_distance == 0.0 else 1.0,
-        # longer for a real Husky, because it may first have to search for the pillar
+        # [s] time limit of the run; longer for a real Husky, because it may first have to search for the
+        # pillar
         seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,
         controller=controller,
     )
@@ -150,8 +151,8 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, robot, lidar_x),
         final_error=float(distances[-1]) - control.stop_distance,
-        # the hull's front is hull[0], half its length, in front of base_link, and the lidar is `lidar_x` in
-        # front of base_link
+        # distance from the lidar to the pillar, minus the distance from the lidar to the hull's front, which
+        # is hull[0] in front of base_link
         gap=float(distances[-1]) - (robot.footprint.hull[0] - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,
@@ -164,8 +165,8 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
     """Return the shortest time to the stop point [s], straight ahead, with limited speed and acceleration."""
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
-    # [m] distance from the lidar to the pillar at the stop; the hull's front touches the pillar before the
-    # distance can become smaller than this
+    # [m] distance from the lidar to the pillar at the stop: the wanted distance, but at least the distance at
+    # which the hull's front touches the pillar
     stop = max(control.stop_distance, robot.footprint.hull[0] - lidar_x)
     # [m] distance that the robot has to drive: from base_link to the pillar's centre, minus the pillar's
     # radius, the distance at the stop, and the distance from base_link to the lidar
@@ -173,8 +174,8 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
     if length < speed**2 / acceleration:  # the robot brakes before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
-    # time at full speed, plus the time that is lost during acceleration and braking: half of speed /
-    # acceleration each
+    # time at full speed, plus the time that acceleration and braking cost: half of speed / acceleration for
+    # each of them
     return length / speed + speed / acceleration
 
 

@@ -129,7 +129,8 @@ def rollout(
                 touches.setdefault(name, snapshot.stamp)  # keeps the time of the first touch
             scan, odometry = snapshot.scan, snapshot.odometry
             if scan is None or odometry is None:
-                # this physics step has no new scan, so there is no decision; a scan always has odometry
+                # no new scan in this physics step, so there is nothing to decide; a scan never comes without
+                # odometry
                 continue
             base_in_odom = odometry.filtered.pose_base_in_odom
             scan_age = snapshot.stamp - scan.stamp

@@ -23,9 +23,9 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 Disc = Tuple[float, float, float]  # x, y, radius [m], in the laser's frame
 Solid = Tuple[Union[Box, Cylinder], Pose]  # shape and its pose in the laser's frame
 
-# [m] limits of the random distance from base_link at the start of a run to the pillar's centre
+# [m] limits of the random distance between base_link and the pillar's centre at the start of a run
 _NEAREST_START, _FARTHEST_START = 2.0, 25.0
-# [m] limits of the random distance from the lidar to the pillar's centre in a single scan
+# [m] limits of the random distance between the lidar and the pillar's centre in a single scan
 _NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0
 # [m] smallest gap between the pillar and another object, because a pillar close to a wall looks like a part
 # of the wall

@@ -194,7 +194,7 @@ def parse_axis(text: str) -> Axis:
         values = [int(round(value)) for value in values]  # rounding may make several values equal
     different_values = tuple(dict.fromkeys(values))
     for value in different_values:
-        Setup().with_values({name: value})  # called only for its error if the value is not allowed
+        Setup().with_values({name: value})  # only a check: it raises an error if the value is not allowed
     return Axis(name, different_values, is_geometric)
 
 

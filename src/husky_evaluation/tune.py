@@ -116,7 +116,7 @@ def parse_range(text: str, base: Setup) -> Range:
     except ValueError:
         raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
     for limit in (low, high):
-        # called only for its error if the limit is not allowed
+        # only a check: it raises an error if the limit is not allowed
         base.with_values({name: type(values[name])(limit)})
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
@@ -179,7 +179,7 @@ def tune(
         costs = [objective.cost(result) for result in results]
         mean_costs = np.reshape(costs, (len(setups), len(scenes))).mean(axis=1).tolist()
         for trial, values, mean in zip(optuna_trials, proposals, mean_costs):
-            study.tell(trial, mean)  # Optuna's next proposals depend on the costs that it has been told
+            study.tell(trial, mean)  # Optuna needs the costs so far for its next proposals
             rows.append({**values, "objective": mean})
     best = min(rows, key=lambda row: row["objective"])
     return Tuned({key: value for key, value in best.items() if key != "objective"}, rows)

@@ -107,13 +107,13 @@ def _fade(length: float) -> np.ndarray:
 def scenery(look: Look) -> bytes:
     """Return ground, with a checker of 1 m and lines every SECTION, and sky as a binary glTF."""
     parts = (checker(look), _surroundings(look))
-    # (N, 4, 3) each: corners [m] of N quads, which have four corners, and the colours of the corners
+    # corners [m] of N four-sided faces (quads), and colours of the corners; each is an array (N, 4, 3)
     quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))
-    # glTF allows colours up to 1, so all colours are divided by the largest value; `make_unlit` lets the
-    # browser multiply them by it again
+    # all colours are divided by the largest value, because glTF allows colours only up to 1; the material of
+    # the mesh multiplies them by the largest value again
     brightness = float(colors.max())
     rgb = np.round(255.0 * colors / brightness).astype(np.uint8).reshape(-1, 3)
-    # (N, 2, 3) two triangles for each quad; a triangle has the indices of its three corners
+    # (N, 2, 3) two triangles for each quad, each with the indices of its three corners
     faces = 4 * np.arange(len(quads))[:, None, None] + np.array([(0, 1, 2), (0, 2, 3)])
     mesh = trimesh.Trimesh(quads.reshape(-1, 3), faces.reshape(-1, 3), vertex_colors=rgb, process=False)
 
@@ -181,7 +181,7 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 def _quads_between(rings: np.ndarray) -> np.ndarray:
     """Return the values at the corners of the quads between rings (R, P, 3) of points, (N, 4, 3)."""
-    # ring at the inner side and ring at the outer side of each band of quads
+    # rings of points at the inner and at the outer side of each band of quads
     inner, outer = rings[:-1], rings[1:]
     corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]
     return np.stack(corners, axis=2).reshape(-1, 4, 3)

@@ -38,7 +38,8 @@ class Camera:
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
         self._name = FOLLOW
-        self._is_placed = False  # true if the camera has been moved to the offset of the chosen name
+        # true if the camera has been moved to the offset of the camera that was chosen last
+        self._is_placed = False
         # true if the page has reported a position that was sent after the last jump; before that, its reports
         # are too old
         self._is_settled = False

@@ -18,10 +18,11 @@ from husky_web.viser_private import wxyz
 # at any distance
 LETTER_SCALE = 1.0
 LINE_WIDTH = 0.01  # [m] width of a line whose marker gives no width
-# [m] length of each dash and of each gap; length of a dashed line after which no more dashes are drawn
+# [m] length of each dash and of each gap; largest length of a dashed line
 DASH, MAX_DASHES = 0.25, 100.0
 MIN_OPACITY = 0.02  # a piece with less opacity is not drawn, as in RViz
-_warned: Set[str] = set()  # sources whose first error has been logged
+# topics and other sources whose first error has been logged; later errors are not logged
+_warned: Set[str] = set()
 
 
 @contextmanager

@@ -197,8 +197,8 @@ class DriveTab:
         service = f"{self._simulator}/{name}"
 
         def work() -> str:
-            # only the reset moves the robot and objects, so only then the state bar shows that they are being
-            # moved
+            # the reset is the only service here that moves the robot and objects, so only the reset is shown
+            # as a motion in the state bar
             with self._moves("robot and world") if name.startswith("reset") else nullcontext():
                 return call(service, *request, timeout=timeout)
 

@@ -51,6 +51,7 @@ class Frames:
         if top_of_child == root:
             return child_in_top
         # `root` is not above `child` in the tree, so the poses of both are compared in the frame at the top
+        # of the tree
         top_of_root, root_in_top = self._in_top(root, top_of_child, stamp)
         return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 

@@ -79,7 +79,8 @@ class LogBuffer:
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
         """Put the last EARLIER lines of a file before the lines of messages, each line once."""
-        # the stamps in the file have six digits, so stamps are rounded before they are compared
+        # the stamps in the file have six digits after the point, so stamps are rounded before they are
+        # compared
         received = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
         earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in received]
         earlier = earlier[-EARLIER:]
@@ -93,7 +94,7 @@ class LogBuffer:
         searched.
         """
         counts: Counter[Any] = Counter()
-        newest_lines: Dict[Any, Line] = {}  # newest line of each row
+        newest_lines: Dict[Any, Line] = {}  # newest line for each row of the shown log
         for number, line in enumerate(reversed(list(self._lines))):
             if condition.passes(line):
                 without_numbers = (line.level, line.node, _NUMBER.sub("#", line.text))

@@ -17,7 +17,7 @@ from husky_web.state_bar import Moving
 if TYPE_CHECKING:
     from husky_web.world_tab import WorldTab
 
-# [m] a point farther away than this is ignored, because a click just below the horizon is not exact
+# [m] a clicked point farther away than this is ignored, because a click just below the horizon is not exact
 FARTHEST = 200.0
 # if the mouse's ray falls with a larger slope than this, a dragged object moves in the level plane through
 # the clicked point; with a flatter ray, it would move too far, so it moves in an upright plane
@@ -190,7 +190,7 @@ def _intersection(
     if abs(direction_along_normal) < 1e-9:  # the ray is parallel to the plane
         return None
     distance_along_normal = sum((p - o) * n for p, o, n in zip(point, origin, normal))
-    # distance from the origin to the plane, as a multiple of `direction`
+    # distance from the origin of the ray to the plane, as a multiple of `direction`
     lengths = distance_along_normal / direction_along_normal
     if not 0.0 < lengths * hypot(*direction) < FARTHEST:
         return None

@@ -47,7 +47,7 @@ from husky_web.world_tab import WorldTab
 
 READINGS_PERIOD = 0.2  # [s] time between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] time between two updates of curves and of the log
-NETWORK_PERIOD = 3.0  # [s] time between two queries of the topics of the ROS graph
+NETWORK_PERIOD = 3.0  # [s] time between two questions to the ROS master for all published topics
 # number of bytes that are read from the end of rosout.log; a line has about 700 bytes
 ROSOUT_BYTES = 1_000_000
 IDLE_PERIOD = 1.0  # [s] while no page is open, the node checks after each of these periods if it must end
@@ -86,7 +86,7 @@ class WebNode:
     def __init__(self) -> None:
         (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
         self._config: WebConfig = config
-        self._description = ""  # URDF of the robot that is drawn; empty before the first one
+        self._description = ""  # URDF of the robot that is drawn; empty before the first URDF has come
         self._log = LogBuffer()  # lines of /rosout_agg, also while no page is open
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         self._topics = Topics(_topic_names(config))
@@ -298,8 +298,8 @@ class WebNode:
         reason_time = None if self._teleop.is_locked else numbers.time
         newest_warning = self._log.warning  # newest line with the level WARN or worse, or None
         self._reason.update(activity, reason_time, newest_warning)
-        # true if a person drives, at first only by a page; name of the driving node, empty if it is the
-        # controller
+        # `is_by_hand` is true if a person drives, here with a page; `other_driver` is the name of the node
+        # that drives, empty if it is the controller
         is_by_hand, other_driver = self._teleop.is_held, ""
         # last command of the input that the robot obeys now; None if it obeys no command
         obeyed = self._drivers.command(numbers.time, now)

@@ -28,7 +28,8 @@ from husky_web.topics import Received
 from husky_web.viser_private import place
 
 Key = Tuple[str, str]  # topic of the interactive marker's server, and name of the marker
-# [m] a part of an object that is wider than this is not drawn, because the page has its own ground
+# [m] a part of an object that is wider than this counts as ground and is not drawn, because the page draws
+# its own ground
 WIDEST = 50.0
 MOVABLE = (
     InteractiveMarkerControl.MOVE_PLANE,
@@ -58,7 +59,8 @@ class Objects:
         # function that binds the mouse to a new object
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None
         self.dragged: Dict[Key, Pose] = {}  # pose in the fixed frame of each object that a page drags
-        self._feedback: Dict[str, rospy.Publisher] = {}  # publisher to each server, by the server's name
+        # publisher of feedback to each server, by the server's name
+        self._feedback: Dict[str, rospy.Publisher] = {}
 
     def update(self, received: List[Received]) -> None:
         """Take in messages of servers, then move all objects to their present poses."""
@@ -76,8 +78,8 @@ class Objects:
     def _take(self, topic: str, msg: Any) -> None:
         """Take in a change, or all markers of a server, which come on a topic of their own at the start."""
         if isinstance(msg, InteractiveMarkerInit):
-            # this message comes on SERVER/update_full, but the keys have the topic of the changes,
-            # SERVER/update
+            # this message has come on SERVER/update_full, but the keys of `shown` have the topic
+            # SERVER/update, so the ending is removed
             server, names = topic[: -len("_full")], {marker.name for marker in msg.markers}
             for key in [key for key in self.shown if key[0] == server and key[1] not in names]:
                 self._erase(key)

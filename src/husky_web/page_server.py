@@ -35,7 +35,8 @@ from husky_web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
-MAX_MESSAGE = 1000  # [bytes] largest message on the drive channel
+# [bytes] largest message on the drive channel, the WebSocket on which a page sends its driving commands
+MAX_MESSAGE = 1000
 # largest number of pages that are open at the same time; each page takes up to 1.6 MB in this process
 MAX_PAGES = 20
 TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
@@ -78,7 +79,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
     gate = Gate(is_loopback, token, on_message, on_leave)
-    # context manager: a server that is started in it checks all requests by the gate, and has the drive
+    # context manager: a server that is started in it asks the gate about each request, and has the drive
     # channel
     behind_gate = started_behind(gate.answer, gate.with_drive_channel)
     # the output of viser is hidden, because viser prints an address without the token, which would not work

@@ -70,7 +70,8 @@ TRAIL_JUMP = 1.0
 # size [m] and colour of the box that stands for the robot while the mouse drags it
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
-# [s] if a scan is older than the newest pose by more than this, the view ignores the scan's stamp
+# [s] if a scan is older than the newest pose by more than this, the robot is drawn at its newest pose, and
+# not at its pose at the time of the scan
 MAX_SCAN_AGE = 0.3
 LOOKS_PERIOD = 0.2  # [s] time between two updates of the appearance of markers and plan
 MAX_AXES = 200  # largest number of TF frames that are shown
@@ -103,8 +104,8 @@ class Scene:
         # name of each layer, and true if the layer is shown; the boxes of the page change this
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s] stamp of the newest scan
-        # [s] stamp of the drawn scan; everything has its pose at this time; None if the newest poses are
-        # drawn
+        # [s] stamp of the drawn scan, for which the robot is drawn; None if the robot is drawn at its newest
+        # pose
         self.moment: Optional[float] = None
         self._robot: Dict[str, Any] = {}  # viser's node of each frame of the robot
         self.robot_name = ""  # name of the robot in its URDF; empty before the first URDF
@@ -146,7 +147,7 @@ class Scene:
         except HuskyError as error:
             rospy.logwarn(str(error))
             return
-        # the base comes first, because it is the parent of the other frames
+        # the base comes first, because its node is the parent of the nodes of the other frames
         for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
             # links are children of the base in the scene, so that the pose of the base moves all of them
             parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"

@@ -37,9 +37,10 @@ FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 # [s] a warning counts as the reason of the controller's stop if it comes at most this time before or after
 # the stop
 REASON_TIME = 3.0
-# [s] simulated time after the motion of an object until the controller has noticed it; one or two scans
+# [s] simulated time of one or two scans; this time after the motion of an object, the controller has noticed
+# it
 SEEN_AFTER = 0.03
-# [s] wall time after the motion of an object until the controller has noticed it, if simulated time is
+# [s] wall time after which the controller has noticed the motion of an object, even if simulated time is
 # unknown
 SEEN_AT_LAST = 0.3
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
@@ -126,11 +127,11 @@ class StopReason:
 
     def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
         """Take in the controller's state at a time [s], None if unknown, and the newest warning."""
-        # the warning is forgotten as soon as the controller is not stopped
+        # the warning is forgotten if the controller is not stopped, or if the time is unknown
         if time is None or activity != STOPPED:
             self.text, self._drove_at = "", -inf if time is None else time
-        # a warning is the reason of the stop only if it came near the stop; a later warning has another
-        # reason
+        # a warning is the reason of the stop only if it came near the time of the stop; a later warning has
+        # another reason
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
             self.text = warning.text
 

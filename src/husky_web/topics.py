@@ -20,8 +20,8 @@ from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdat
 
 from husky_highlevel_controller.robot import load_robot
 
-# [s] after a message, its thread pauses, so that the next messages are read together; NUMBERS_PAUSE is for
-# messages that are only shown as numbers
+# [s] after a message, the thread that has read it pauses, so that the next messages are read together;
+# NUMBERS_PAUSE is for messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
 # if a message is read within this fraction of a pause after the pause has ended, it came during the pause, so
 # no other pause follows
@@ -62,7 +62,7 @@ class Topics:
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
-        # the names are not resolved, so that `take_all("inputs")` also returns the names of INPUTS
+        # the topics keep their relative names, so that `take_all("inputs")` returns the names of INPUTS
         for name in INPUTS:
             self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 

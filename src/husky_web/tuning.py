@@ -100,7 +100,7 @@ class _Server:
         self.parameters: List[Parameter] = []  # empty until the server has sent its description
         self.values: Dict[str, Any] = {}  # last values that the server has sent, by parameter
         self._description: Dict[str, Any] = {}
-        self._fields: Dict[str, Any] = {}  # field of the page, by parameter
+        self._fields: Dict[str, Any] = {}  # field of each parameter in the page
         self._waiting: Dict[str, Any] = {}  # requested values that are not sent yet, by parameter
         self._is_closed = False
         # lock of the values and fields, because callbacks of ROS and of viser come in several threads

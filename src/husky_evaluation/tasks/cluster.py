@@ -42,7 +42,7 @@ class _Run(NamedTuple):
     """Group of tasks that was sent to the scheduler and has not ended."""
 
     number: int  # number of the group
-    workers: FrozenSet[str]  # addresses of the workers that may compute it
+    workers: FrozenSet[str]  # addresses of the workers that may compute the group
 
 
 class Cluster:
@@ -56,7 +56,8 @@ class Cluster:
         """
         self._address = address
         self._refused: Dict[str, str] = {}  # reason of each rejection, by the worker's address
-        self._fit: FrozenSet[str] = frozenset()  # addresses of workers that have passed the check
+        # addresses of the workers that have passed the check of threads, Python and version
+        self._fit: FrozenSet[str] = frozenset()
         try:
             self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:

@@ -14,7 +14,7 @@ from typing import Any, Dict
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-RESULTS = "results.sqlite"  # name of the file in a command's folder of results
+RESULTS = "results.sqlite"  # name of the file with the kept results, in a command's output folder
 
 
 class Store:
