@@ -16,7 +16,7 @@ import defusedxml.ElementTree
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy, rpy_from_quat
 
-MAX_NUMBER = 1e6  # [m], [kg] or products of them; the numbers of robots are far smaller
+MAX_NUMBER = 1e6  # a URDF with a larger number is refused; the numbers of real robots are far smaller
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
 
 Elements = Dict[str, ET.Element]  # elements by name

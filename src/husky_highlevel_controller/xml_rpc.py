@@ -10,7 +10,7 @@ from typing import Any, Optional, Tuple
 from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error, ServerProxy, Transport
 
-DEADLINE = 5.0  # [s] longest wall time of one answer
+DEADLINE = 5.0  # [s] longest wall time for which a call waits for its answer
 
 
 class _Transport(Transport):

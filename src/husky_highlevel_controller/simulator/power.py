@@ -29,8 +29,8 @@ FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0  # [V] voltage at rest of two lead-acid
 RESISTANCE = 0.04  # [Ohm] resistance of the battery and its wires
 ELECTRONICS_CURRENT = 1.5  # [A] current of the controller and of connected devices
 AMBIENT_TEMPERATURE = 20.0  # [deg C]
-HEATING_TIME = 600.0  # [s] time constant of drivers and motors
-DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2] final warming per squared current
+HEATING_TIME = 600.0  # [s] time constant with which motor drivers and motors become warm
+DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2] rise of the temperature after a long time, per squared current
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class Power:
     def reset(self) -> None:
         """A battery as charged as the config says, and everything cold."""
         self._uptime, self._charge = 0.0, self._config.charge
-        # [A^2] low-passed squared currents of both motors, which warm drivers and motors
+        # [A^2] squared currents of the left and the right motor after a low-pass filter; they warm drivers
+        # and motors
         self._squared_currents = (0.0, 0.0)
 
     def update(
@@ -71,13 +72,13 @@ class Power:
         # currents of the two motors [A]
         left, right = (self._current(torque, speed) for torque, speed in zip(torques, speeds))
         current = left + right + ELECTRONICS_CURRENT
-        # [V] the voltage falls with the charge, and by the resistance while current flows
+        # [V] the voltage is lower if less charge is left, and if current flows through the resistance
         open_circuit = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
         voltage = open_circuit - RESISTANCE * current
         energy = voltage * current * duration / 3600.0  # [Wh]
         self._charge = max(self._charge - energy / self._config.capacity, 0.0)
         self._uptime += duration
-        # low-pass filter of the squared currents, which warm drivers and motors
+        # low-pass filter of the squared currents, because drivers and motors become warm slowly
         fraction = min(duration / HEATING_TIME, 1.0)
         left_square, right_square = self._squared_currents
         left_square += fraction * (left * left - left_square)

@@ -74,8 +74,7 @@ class Simulation:
             wheel_separation=left.position[1] - right.position[1],
             wheel_radius=left.radius,
         )
-        # in the profile of a real robot, the ground has its own grip; the config has the grip of Gazebo's
-        # ground
+        # for a real robot, the grip comes from its ground; otherwise the grip of Gazebo's ground stays
         if config.real:
             ground = config.real.ground
             traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
@@ -90,12 +89,12 @@ class Simulation:
         self._bullet = RobotWorld(self.dt)
         self._objects = WorldObjects(self._bullet)
         self._chassis = Chassis(self._bullet, robot, config.traction, self.dt)
-        # the stamp counts the steps of both, because simulated time goes on after a reset
+        # the stamp is the sum of these two step counts, because simulated time goes on after a reset
         self._steps_before_reset = self._steps_since_reset = 0
         try:
             self.reset()
         except Exception:
-            self.close()  # an engine that is not closed would keep 35 MB of memory
+            self.close()  # `close` frees 35 MB of memory, which the engine would keep
             raise
 
     def _equip(self) -> Equipment:
@@ -121,8 +120,8 @@ class Simulation:
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
             devices.append((self._equipment.points, POINTS_STREAM))
-        # each device has random numbers of its own, by its stream, which is None for the seed itself; a
-        # negative seed raises here, before anything changes
+        # each device has random numbers of its own: its stream is the spawn key, and None means no key. A
+        # negative seed raises ValueError here, before anything changes.
         spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
         seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed
@@ -160,7 +159,7 @@ class Simulation:
             HuskyError: the world cannot be simulated, or something stands at the start. Then nothing changes.
         """
         start, height = pose_to_2d(self._start_pose), self._start_pose.position[2]
-        # another simulation of the new world raises the errors before this one is changed
+        # this simulation of the new world is only a test, which raises the errors before anything changes
         Simulation(world, self._robot, self._config, start, self._seed, height).close()
         self._world = world
         self._equipment = self._equip()
@@ -195,7 +194,7 @@ class Simulation:
         A sensor's sample is in the snapshot only at the end of the sensor's period.
         """
         equipment = self._equipment
-        # the command in force, and the speeds of the wheels on either side [rad/s]
+        # the command in force, and the speeds of the left and the right wheels [rad/s]
         command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
         self._chassis.drive((left, right, left, right))  # front left, front right, rear left, rear right
         self._bullet.step()
@@ -227,7 +226,8 @@ class Simulation:
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
                 lidar = copy(sensor.device)
-                # random numbers from a new generator, so that the other sensors keep their noise
+                # this scan takes random numbers from a new generator, so that it does not change the noise of
+                # later samples
                 lidar.reset(np.random.default_rng(self._seed))
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
         return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
@@ -329,7 +329,8 @@ class Simulation:
         Raises:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
-        # the bodies return together with the robot, so it is checked against their first poses
+        # the bodies return to their first poses together with the robot, so these poses must leave room for
+        # the robot
         self._bullet.check_moves(
             {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}, ROBOT
         )

@@ -17,7 +17,7 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.sensors.point_lidar import PointsConfig
 from husky_highlevel_controller.simulator.traction import TractionConfig
 
-ODOMETRY_RATE = 50  # [Hz] rate of odometry on both robots; each scan also has new odometry
+ODOMETRY_RATE = 50  # [Hz] rate of the odometry; in addition, each scan comes with new odometry
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class SimulatorConfig:
     points: PointsConfig = setting("the 3D lidar")
     robot: Robot = field(default_factory=load_robot)
     traction: TractionConfig = field(default_factory=TractionConfig)
-    real: Optional[RobotProfile] = None  # differences of a real Husky from Gazebo's; None for Gazebo's robot
+    # drivers, battery and ground of a real Husky; None for Gazebo's robot
+    real: Optional[RobotProfile] = None
 
 
 @lru_cache(maxsize=None)

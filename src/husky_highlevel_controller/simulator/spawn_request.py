@@ -23,8 +23,8 @@ from husky_highlevel_controller.datatypes import (
 
 SIZES = (0.001, 1000.0)  # [m]
 MASSES = (0.001, 1e5)  # [kg] limits of the mass of a movable body
-FARTHEST = 1e4  # [m] largest distance from the world's origin
-ROUNDING = 1e-3  # largest deviation of a quaternion's length from 1
+FARTHEST = 1e4  # [m] largest coordinate of a position
+ROUNDING = 1e-3  # a quaternion is refused if its length differs from 1 by more than this
 
 
 class ObjectError(HuskyError):

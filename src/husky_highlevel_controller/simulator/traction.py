@@ -37,7 +37,8 @@ from husky_highlevel_controller.datatypes import Vector3
 Vector2 = Tuple[float, float]
 
 LOAD_SENSITIVITY = -1.0 / 3.0
-# largest number of iterations; the last iteration changes the speeds by less than this fraction of vs
+# the iterations end after MAX_ITERATIONS, or when an iteration changes the velocity by less than SETTLED
+# times vs
 MAX_ITERATIONS, SETTLED = 3, 0.1
 STANDARD_GRAVITY = 9.81  # [m/s^2]
 
@@ -46,7 +47,8 @@ STANDARD_GRAVITY = 9.81  # [m/s^2]
 class TractionConfig:
     """The tyres."""
 
-    # coefficient of friction at a quarter of the robot's weight (Husky URDF: mu1 = mu2 = 1.0)
+    # coefficient of friction of a wheel that carries a quarter of the robot's weight (Husky URDF: mu1 = mu2 =
+    # 1.0)
     friction: float = 1.0
     # slip speed vs [m/s] below which friction is viscous; a robot on a slope creeps at about tan(slope) * vs
     slip_speed: float = 0.01
@@ -87,7 +89,7 @@ def ground_forces(
         dt: duration of the step [s].
         config: the tyres.
     """
-    vx, vy, yaw_rate = last = velocity  # `last` is the velocity of the round before
+    vx, vy, yaw_rate = last = velocity  # `last` is the velocity after the last round
     grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
     # position of each contact, its largest friction force [N], and the speed of the wheel's tread
     treads = [
@@ -99,19 +101,21 @@ def ground_forces(
         )
         for x, y, load, speed in contacts
     ]
-    # momentum and spin after the step without friction; base_link turns meanwhile, hence the last terms
+    # momentum and spin after the step if there were no friction; base_link turns during the step, which gives
+    # the terms with yaw_rate
     push_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
     push_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
     spin = yaw_inertia * yaw_rate
     ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
-        # the equations [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py, pw); they begin with
-        # the terms without friction, and each wheel adds its own
+        # The velocity after the step solves [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py,
+        # pw). These are the terms without friction; each wheel adds its own terms below.
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
         px, py, pw = push_x, push_y, spin
         ks = []
         for x, y, limit, speed in treads:
-            # largest force divided by the slip (forward, to the left), which is at least `slip_speed`
+            # force per slip: the largest force divided by the speed of the slip, which is never 0 because of
+            # `slip_speed`
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
             kdt = k * dt
@@ -123,10 +127,10 @@ def ground_forces(
             px += kdt * speed
             pw -= kdt * speed * y
         # eliminate vx and vy, solve for the yaw rate, and put it back
-        c_by_e = c * (a / e)  # a == e for equal grip: then this is c itself, to the last bit
+        c_by_e = c * (a / e)  # exactly c if a == e, which means equal grip in all directions
         yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
-        # another round would change the slip by too little
+        # this round has hardly changed the velocity, so no other round is needed
         if hypot(vx - last[0], vy - last[1], yaw_rate - last[2]) < SETTLED * config.slip_speed:
             break
         last = (vx, vy, yaw_rate)

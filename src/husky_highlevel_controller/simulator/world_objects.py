@@ -122,7 +122,8 @@ class WorldObjects:
         Raises:
             PlacementError: no model has this name, or another object is in the way; then nothing changes.
         """
-        # motion in the world that leads from the model's present pose to the new one, for all its bodies
+        # transform in the world from the model's present pose to its new pose; it applies to all bodies of
+        # the model
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
         solid = [name for name in self.members(model) if self._bodies[name].collisions]
         if not solid:

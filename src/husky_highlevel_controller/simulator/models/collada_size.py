@@ -58,8 +58,8 @@ class _Scene:
             size = SceneSize(0, sum(map(_corners, element.iter())))
         elif tag in ("instance_node", "instance_geometry"):
             targets = self._elements_by_id.get(element.get("url", "").lstrip("#"), [])
-            # if several elements have this id, the COLLADA reader uses any one of them, so the largest size
-            # counts
+            # several elements may have this id, and the COLLADA reader uses any one of them, so the largest
+            # size counts
             sizes = [self._size_of(target) for target in targets]
             size = SceneSize(*(max(numbers) for numbers in zip(NOTHING, *sizes)))
         elif tag in ("node", "visual_scene"):
@@ -86,7 +86,8 @@ def _corners(primitive: ElementTree.Element) -> int:
     for child in primitive:
         if _tag(child) == "p":
             text = child.text or ""
-            # two bounds of the numbers in a text; the second one counts a digit and a space for each number
+            # the text has at most one number more than spaces, and each number takes at least two characters
+            # (a digit and a space)
             spaces = sum(map(text.count, " \t\r\n"))
             indices += min(spaces + 1, (len(text) + 1) // 2)
     return indices // indices_per_corner

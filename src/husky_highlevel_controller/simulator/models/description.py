@@ -20,12 +20,12 @@ _FLAG = ("|".join(FLAGS), "true|false")
 CAMERA_FRAME = "camera_frame_optical"
 _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
-# patterns of the environment variables of the Husky's launch files; those of drivers have no effect in this
-# simulator
+# environment variables of the Husky's launch files that cause no warning: variables that have an effect in
+# this simulator, and variables of drivers, which are not simulated
 _WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
 _OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
-# pattern of each argument's value, and the form that messages show; no value may contain a `$`, because xacro
-# would expand it
+# for each argument, the pattern of its values, and the description for messages; no value may contain a `$`,
+# because xacro would expand it
 ARGUMENTS = {
     "robot": ("|".join((*ROBOTS, *VERSIONS)), "|".join((*ROBOTS, *VERSIONS))),
     "laser_enabled": _FLAG,
@@ -93,7 +93,8 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     Raises:
         DescriptionError: the parameter that VARIABLE names holds no text.
     """
-    # imported only here, because every launch waits for this program, and few have a description of their own
+    # imported only here, because every launch waits for this program, but few launches have a description of
+    # their own
     from husky_highlevel_controller.xml_rpc import ask
 
     master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
@@ -107,11 +108,12 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     frames = []  # frames of the sensors that the arguments enable
     if _is_true(arguments.get("laser_enabled", "true")):
         husky_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
-        # the argument laser_prefix names the frame on the Husky only
+        # the argument laser_prefix changes the name of the lidar's frame only on the Husky
         frames.append(robot.lidar_mount.frame if name == "smb" else husky_frame)
     if _is_true(arguments.get("kinect_enabled", "false")):
         frames.append(CAMERA_FRAME)
-    # with meshes and with plain shapes, because the user's own description may have been made from either
+    # one description with meshes and one with plain shapes, because the user's description may come from
+    # either of them
     fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
     text, warning = choose_description(own, given, fully_equipped, robot, frames)
     if warning:

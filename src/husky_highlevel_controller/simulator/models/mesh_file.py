@@ -41,8 +41,9 @@ class MeshError(HuskyError):
 class MeshFiles:
     """Mesh files of one world, each read once."""
 
-    bytes_left: int = MAX_BYTES_IN_ALL  # [bytes] size that further files may have together
-    known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)  # meshes by file and part
+    bytes_left: int = MAX_BYTES_IN_ALL  # [bytes] total size of the files that may still be read
+    # meshes that were read, by file and part
+    known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)
     coarser: List[str] = field(default_factory=list)  # names of the files whose meshes were made coarser
 
     def read(self, uri: str, source: str, part: str = "") -> TriangleMesh:
@@ -89,15 +90,17 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         import trimesh
     except ImportError:
         raise MeshError("needs the Python package trimesh, which is not installed") from None
-    ending, unit = path.suffix.lower(), 1.0  # unit of the file [m], which only a .dae file can state
+    # length of the file's unit [m]; only a .dae file can state another unit
+    ending, unit = path.suffix.lower(), 1.0
     try:
         data = read_bytes(path)
         if ending == ".dae":
             document = parse_xml(data, str(path))
             unit = _unit_of(document)
-            # only a .dae file can use one mesh many times, so that a small file becomes large
+            # only a .dae file can use one mesh many times, so only this small file can become a large scene
             _check_size(scene_size(document))
-        # a scene keeps the names of its parts; vertices stay as they are in the file; materials are not used
+        # "scene" keeps the names of the parts; without "process", the vertices stay as they are in the file;
+        # materials are not used
         options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
         scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
         vertices, faces = _parts_of(scene, part)

@@ -13,9 +13,9 @@ from husky_highlevel_controller.robot import ROBOTS, Robot, load_robot
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.urdf import DescriptionError
 
-# environment variable with the name of the parameter that has a user's own robot description
+# environment variable that names the parameter with the user's own robot description
 VARIABLE = "HUSKY_SIMULATOR_DESCRIPTION"
-# environment variable that holds the name of the robot's model in Gazebo, as spawn_model was told
+# environment variable with the name that the robot gets in Gazebo, from the arguments of spawn_model
 MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"
 
 
@@ -54,8 +54,8 @@ def choose_description(
         frames: names of links that the simulator's sensors need.
     """
     try:
-        # links and joints that only the user's description has; optional equipment of the robot is none;
-        # `robot_model` raises DescriptionError if the physics cannot use the description
+        # links and joints that the user has added to the robot; optional equipment of the robot does not
+        # count. `robot_model` raises DescriptionError if the physics cannot use the user's description.
         added_parts = _parts([own]) - _parts([given, *fully_equipped])
         fixed_links = robot_model(own, robot).fixed_poses
     except DescriptionError as error:
@@ -65,7 +65,7 @@ def choose_description(
     missing = [frame for frame in frames if frame not in fixed_links]
     if missing:
         return _refused(given, f"no link '{missing[0]}' for a sensor is fixed to base_link", robot)
-    # the user's links whose collision meshes have no effect, for the warning
+    # links of the user with a collision mesh; the mesh has no effect, so a warning names these links
     _, links, _ = urdf.read_urdf(own)
     links_with_mesh = sorted(
         name

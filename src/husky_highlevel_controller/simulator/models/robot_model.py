@@ -35,11 +35,11 @@ FLANK_DEPTH = 0.005  # [m]
 # becomes NaN without an error.
 MIN_MASS = 0.001  # [kg] least mass of the body and of each wheel
 MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
-# largest ratio of a moment of inertia to the sum of the other two; it is 1 for a flat plate, plus a margin
-# for rounding
+# each moment of inertia may be at most this multiple of the sum of the other two; 1 is a flat plate, and the
+# rest is a margin for rounding
 FLATNESS = 1.001
-MIN_SEPARATION = 0.01  # [m] least distance of left and right wheels
-MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of collision shapes
+MIN_SEPARATION = 0.01  # [m] least distance between the left and the right wheels
+MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of the size of a collision shape
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Wheel:
 
     joint: str
     link: str
-    pose: Pose  # pose of the wheel's link in base_link at angle 0
+    pose: Pose  # pose of the wheel's link in base_link, when the angle of its joint is 0
     radius: float  # [m] radius of the collision cylinder
     width: float  # [m] width of the collision cylinder
     mass: float  # [kg]
@@ -70,8 +70,9 @@ class RobotModel:
     """Robot as physics needs it: one rigid body that stands on four wheels."""
 
     fixed_poses: Mapping[str, Pose]  # pose in base_link of every link that is fixed to it
-    fixed_joints: Tuple[Tuple[str, str, Pose], ...]  # parent and child link, pose_child_in_parent
-    # frame of the lidar, the origin of the rays; not in `fixed_poses` if the robot has no lidar
+    # parent link, child link, and pose of the child in the parent
+    fixed_joints: Tuple[Tuple[str, str, Pose], ...]
+    # name of the lidar's link, at which the rays begin; not in `fixed_poses` if the robot has no lidar
     laser_frame: str
     mass: float  # [kg] mass of the robot, wheels included
     com: Vector3  # [m] centre of mass in base_link, wheels included
@@ -104,15 +105,15 @@ def robot_model(
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; the wheels' joints are {', '.join(wheel_joints)}")
 
-    # the joints as (parent, child, pose of the child in the parent), and the pose in base_link of each link
-    # that they join to it
+    # `fixed_joints` has (parent, child, pose of the child in the parent) for each fixed joint; `poses` has
+    # the pose in base_link of each link that these joints connect with base_link
     fixed = [joint for joint in joints.values() if joint.get("type") == "fixed"]
     fixed_joints = urdf.joined_links(links, fixed)
     poses = urdf.poses_of_links("base_link", fixed_joints)
     # base_link and all links fixed to it become one body, to which the wheels are added
     physics = ET.Element("robot", name=root.get("name", "robot"))
     fixed_links = [(links[name], pose) for name, pose in poses.items()]
-    # `_merge` adds masses, centres of mass and inertias of several parts
+    # `_merge` computes the mass, the centre of mass and the inertia of all parts together
     body = _merge([_inertial(link, pose) for link, pose in fixed_links])
     _require_solid(body, "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
@@ -180,7 +181,7 @@ def _write_wheel(
     _require_solid(_inertial(link, Pose()), link_label)
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
-    # the flanks, which are smaller by FLANK_DEPTH, need a radius, too
+    # the flanks have a radius that is smaller by FLANK_DEPTH, so the radius of the wheel must be large enough
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
@@ -234,13 +235,13 @@ def _require_solid(inertial: Inertial, what: str) -> None:
     """
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)  # principal moments, ascending [kg m^2]
-    # moments of this mass with the smallest and the largest radius of gyration
+    # smallest and largest moment of inertia that are allowed for this mass
     smallest, largest = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:
         problem = "they must be positive"
     elif moments[-1] > FLATNESS * (moments[0] + moments[1]):
-        # the engine would set all three moments of inertia to zero
+        # with such moments, the engine would set all three to zero
         problem = "no moment can be above the sum of the other two"
     elif mass < MIN_MASS or moments[0] < smallest or moments[-1] > largest:
         gyration = f"the radii of gyration must be within {MIN_GYRATION} and {MAX_GYRATION:g} m"
@@ -278,7 +279,8 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
                     f"{where}: a <collision> needs a <geometry> of {', '.join(urdf.SIZES)}"
                 )
             shape, sizes = shape_and_sizes
-            if shape.tag == "mesh":  # the mesh may be in a file that only RViz can find or read
+            # a mesh is left out, because its file may be one that only RViz can find or read
+            if shape.tag == "mesh":
                 continue
             if not all(MIN_SIZE <= size <= MAX_SIZE for size in sizes):
                 raise DescriptionError(

@@ -22,17 +22,18 @@ class FrameScope:
     Its members are its links, the models in it and its <frame>s. The empty name means this world or model.
     """
 
-    holder: Node  # element of the world or model whose frames these are
+    holder: Node  # element <world> or <model> that contains these frames
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
-    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None until it is resolved
+    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if it must still be found there
     _resolved: Dict[str, Pose] = field(default_factory=dict)  # poses of members that are known so far
-    # names of the members whose poses are being resolved, outermost first
+    # names of the members whose poses are being computed, outermost first; a name that comes twice is an
+    # error
     _unfinished: List[str] = field(default_factory=list)
 
     @cached_property
     def _models(self) -> Dict[str, Model]:
-        # reversed, so that the first of several models with one name counts
+        # reversed, so that the first of several models with the same name stays in the dictionary
         return {model.name: model for model in reversed(list(models_in(self.holder)))}
 
     @cached_property

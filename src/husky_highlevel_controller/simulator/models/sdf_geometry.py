@@ -60,7 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        node.load.lost += 1  # counted for the warning that the lidar sees nothing
+        node.load.lost += 1  # this count decides whether the warning "the lidar sees nothing" is logged
     return None
 
 
@@ -145,7 +145,7 @@ def rgba_of(node: Node) -> Rgba:
             rgba = _SCRIPT_COLOURS[name.text]
         elif name:
             name.note("a material's colour is not known, so grey is drawn", name.text)
-        # <diffuse> is read last, so that it comes before <ambient>
+        # <diffuse> is read last, so that its colour replaces the colour of <ambient>
         for colour in (*material.children("ambient"), *material.children("diffuse")):
             rgba = colour.unless_broken(
                 partial(_colour, colour), rgba, "a colour that cannot be read is left out"

@@ -23,14 +23,14 @@ from husky_highlevel_controller.simulator.models.sdf_parser import (
 )
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
-# Model of the ground in every Gazebo world: a static plane, of which 100 m are drawn (osrf/gazebo_models,
-# ground_plane).
+# Model of the ground in every Gazebo world: a static plane, of which 100 m x 100 m are drawn
+# (osrf/gazebo_models, ground_plane).
 _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</static><link name="link">
 <collision name="ground"><geometry><plane><size>100 100</size></plane></geometry></collision>
 <visual name="ground"><geometry><plane><size>100 100</size></plane></geometry></visual>
 </link></model></sdf>"""
-# addresses of the models ground plane and sun on Fuel (app.gazebosim.org), which are known here without a
-# network
+# addresses of the models ground plane and sun on Fuel (app.gazebosim.org); this program knows both models, so
+# it needs no network for them
 _FUEL = re.compile(r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE)
 
 
@@ -57,7 +57,7 @@ def models_in(holder: Node) -> Iterator[Model]:
         if node.tag == "model":
             yield Model(node)
         elif node.tag == "include":
-            # results are kept, because the models of a holder are listed several times
+            # the results are kept, because the models of one world or model are listed several times
             included, element = node.load.included, node.element
             if element not in included:
                 included[element] = _included(node)
@@ -75,14 +75,15 @@ def _included(include: Node) -> Optional[Node]:
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        # a broken pose is replaced here, because it would be an error when the pose of the model is read
+        # a broken pose is replaced here; otherwise it would be an error later, when the pose of the model is
+        # read
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
     uri_node = include.child("uri")
     if uri_node is None:
         include.note("an <include> without a <uri> is left out")
         return None
     uri = uri_node.text
-    # the ground plane and the sun of Fuel are those of Gazebo, which are known here without a file
+    # the ground plane and the sun on Fuel are the same as in Gazebo, and they need no file here
     fuel_address = _FUEL.fullmatch(unquote(uri))
     if fuel_address:
         uri = "model://" + fuel_address.group(1).lower().replace(" ", "_")
@@ -95,7 +96,7 @@ def _included(include: Node) -> Optional[Node]:
         return None
     path, files = _find_model(uri, include.source), include.load.files
     if path is None:
-        # the counts are for a warning, if the lidar sees nothing because models are missing
+        # these counts decide whether a warning says that the lidar sees nothing because models are missing
         include.load.models += 1
         include.load.lost += 1
         include.note(
@@ -148,10 +149,10 @@ def _newest_file(config: Path, plain: Path) -> Path:
         return plain
     # an offer without a version counts as the oldest version
     readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
-    # if no version is readable, `minor_version` raises the error about the first one
+    # if no offer is readable, all offers are used, and `minor_version` raises the error about the first one
     name_by_minor_version = {
         minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers
     }
-    # the newest version up to NEWEST, otherwise the oldest one after it
+    # the newest version that is not after NEWEST; if there is none, the oldest version after NEWEST
     best = min(name_by_minor_version, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
     return config.parent / (name_by_minor_version[best] or "").strip()

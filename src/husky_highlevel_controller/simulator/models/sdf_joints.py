@@ -16,7 +16,7 @@ from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
-_WORLD = "world"  # name of the world, which may be the end of a joint
+_WORLD = "world"  # a joint may have the world, by this name, as its parent or child
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Assembly:
     # for each frame, name of the frame, link or model to which it is attached
     frames: Dict[str, str] = field(default_factory=dict)
     joints: List[Node] = field(default_factory=list)
-    # full name of the model that contains each joint of `joints`
+    # full names of the models that contain the joints, in the order of `joints`
     scopes: List[str] = field(default_factory=list)
     self_colliding: Set[str] = field(default_factory=set)  # links
 
@@ -56,7 +56,8 @@ class Assembly:
         if is_static:
             yield from self.links.values()
             return
-        # each link, and the world, begins as a group of its own, named by it; a joint merges two groups
+        # at first, each link and the world are groups of their own, with their own names; each joint merges
+        # two groups
         group_of = {name: name for name in (*self.links, _WORLD)}
         for joint, scope in zip(self.joints, self.scopes):
             ends = [self._link_at_end(joint, tag, scope) for tag in ("parent", "child")]
@@ -65,7 +66,7 @@ class Assembly:
                 continue
             if joint.element.get("type") != "fixed":
                 joint.note("joints do not move, so a movable model with joints is one rigid body", self.name)
-            # the group of the child link ends; all its links move to the group of the parent link
+            # all links in the group of the child link move to the group of the parent link
             merged, ended = (group_of[end] for end in ends)
             group_of = {name: merged if group == ended else group for name, group in group_of.items()}
         links_by_group: Dict[str, List[str]] = {}
@@ -76,7 +77,8 @@ class Assembly:
             body = self._rigid_body(names, is_whole)
             # a joint, or a chain of joints, ties the links of this group to the world
             is_fixed = group == group_of[_WORLD]
-            # a model of one body has no other body to pass through
+            # bodies of one model pass through one another, except if the model has only this body, or if a
+            # link in the body has <self_collide>
             hits_other_bodies = is_whole or self.self_colliding.intersection(names)
             yield replace(
                 body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
@@ -95,7 +97,8 @@ class Assembly:
         if name == _WORLD:
             return _WORLD
         name = f"{scope}::{name}"
-        # repeated, because a frame may be attached to another frame, at most as often as there are frames
+        # a frame may be attached to another frame, so each round follows one attachment; there are at most as
+        # many as frames
         for _ in self.frames:
             name = self.frames.get(name, name)
         return name if name in self.links else ""

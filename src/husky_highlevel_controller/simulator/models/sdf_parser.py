@@ -16,9 +16,9 @@ from husky_highlevel_controller.simulator.models.mesh_file import MeshFiles
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
-NEWEST = 7  # minor version of the newest SDF 1.x that is read completely
+NEWEST = 7  # minor version: SDF 1.7 is the newest version that is read completely
 
-# Children that each element may have without a warning, because they are read or have no effect in this
+# For each element, the children that cause no warning, because they are read or have no effect in this
 # simulator.
 KNOWN = {
     "sdf": "world",
@@ -42,17 +42,18 @@ Value = TypeVar("Value")
 class Load:
     """State of one load: files read so far, and notes for warnings."""
 
-    # place of each element by its id, for each sentence of a warning; by id, because an element may be read
-    # more than once
+    # for each sentence of a warning, the places of the elements that it is about, by the id of the element;
+    # an element that is read twice is named once
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # names of models and bodies that are already used
     files: Dict[str, Node] = field(default_factory=dict)  # element <sdf> of each model file, by path
     # element <model> for each <include> that was read; None if the <include> adds no model
     included: Dict[ElementTree.Element, Optional[Node]] = field(default_factory=dict)
-    # paths of the model files that are being included, outermost first
+    # paths of the model files that are being read, each included by the file before it
     open_files: List[str] = field(default_factory=list)
     meshes: MeshFiles = field(default_factory=MeshFiles)
-    models: int = 0  # number of models in the world, including ignored models, but without grounds
+    # number of models in the world, also of models that are left out; ground planes do not count
+    models: int = 0
     lost: int = 0  # number of shapes and models that the lidar would see, but that are left out
     includes: int = 0  # number of included models so far; a model that is included twice counts twice
 

@@ -43,7 +43,8 @@ from husky_highlevel_controller.simulator.spawn_request import FARTHEST, MASSES,
 MAX_GRAVITY = 1000.0  # [m/s^2]
 MAX_INCLUDES = 1000  # largest number of model files that a world may include
 
-# a child of rospy's logger, so the lines reach /rosout, but this module need not import rospy
+# rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
+# rospy
 log = logging.getLogger("rosout.world")
 
 
@@ -84,7 +85,7 @@ def find_world(name: str) -> Path:
     folders = [share_folder() / "worlds", share_folder(), *search_path("GAZEBO_RESOURCE_PATH")]
     for folder in folders:
         path = folder / name  # an absolute `name` is the whole path
-        if os.path.isfile(path):  # `os.path.isfile` is also false for a name that is too long
+        if os.path.isfile(path):  # `path.is_file` would raise an error for a name that is too long
             return path
     for folder in folders:
         path = folder / Path(name).name
@@ -144,13 +145,14 @@ def _log_notes(load: Load) -> None:
 class _Place:
     """World, model or link that holds an element."""
 
-    frames: FrameScope  # frames of the world or the model
+    frames: FrameScope  # frames of the world or of the model
     state: SavedState = field(default_factory=SavedState)
-    full_name: str = ""  # name of the model, after the names of the models around it
+    # name of the model, with the names of the models around it in front, as in "outer::inner"
+    full_name: str = ""
     pose_in_world: Pose = IDENTITY
     static: bool = False
     self_collides: bool = False
-    # assembly to which the outermost model's links are added; None outside of models
+    # assembly that collects the links of the outermost model and of the models in it; None outside of models
     assembly: Optional[Assembly] = None
 
     def scoped(self, name: str) -> str:
@@ -166,7 +168,8 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
         read = _read_included if model.include else _read_model
-        # a model in the world gets an assembly of its own; a model inside a model adds to its assembly
+        # a model in the world gets a new assembly; a model inside a model uses the assembly of the outer
+        # model
         if place.assembly is None:
             yield from _whole_model(model, place, read)
         else:
@@ -185,7 +188,7 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
-    # grounds do not count, which have only planes
+    # a model that has only planes is a ground and does not count
     model.node.load.models += not shapes or not all(isinstance(shape, Plane) for shape in shapes)
     yield from bodies
 
@@ -216,7 +219,8 @@ def _read_model(model: Model, parent: _Place) -> None:
     assembly, node, name = parent.assembly, model.node, model.name
     assert assembly is not None
     node.note_unknown()
-    # an <include> without a <name> takes the name in the file, which another <include> may have taken before
+    # an <include> without a <name> uses the name in the model file; another <include> of the file may have
+    # taken this name
     if model.include and not model.include.child("name"):
         name = _free_name(name, parent, node)
     full_name = parent.scoped(name)
@@ -225,7 +229,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         return
     node.load.names.add(full_name)
     place = _place_of_model(model, name, parent)
-    is_outermost = not parent.full_name  # no model is around it
+    is_outermost = not parent.full_name  # true if no other model contains this model
     if is_outermost:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
 
@@ -234,7 +238,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         node.note("a <model> without a <link> is left out")
     has_one_link = len(links) == 1
     for link in links:
-        # if a model has only one link, the body has the name of the model, which is the name that users know
+        # if a model has only one link, its body has the name of the model, because users know this name
         body_name = full_name if has_one_link else _claim_link(link, place)
         body = _read_link(link, place, body_name)
         # name by which joints and frames refer to the link
@@ -253,7 +257,7 @@ def _read_model(model: Model, parent: _Place) -> None:
 
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
     """Return the place of a model in its parent; `name` is its free name there."""
-    # the saved state has a pose only for some models; it comes before the <pose>
+    # if the saved state of the world has a pose for the model, this pose replaces the <pose>
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")
     return _Place(
@@ -301,12 +305,12 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
         full_name: name of the body.
     """
     link.note_unknown()
-    # a movable link has gravity and obeys forces; other values would have an effect, so they are noted
+    # in this simulator, a movable link always has gravity and obeys forces, so any other value is noted
     for tag, supported in (("gravity", ("true", "1")), ("kinematic", ("false", "0"))):
         node = link.child(tag)
         if node and node.text.lower() not in supported and not model.static:
             node.note(f"<{tag}> of a link is not supported and is left out", node.text)
-    # the pose of the saved state comes before the <pose>
+    # if the saved state of the world has a pose for the link, this pose replaces the <pose>
     pose_in_model, state = model.frames.pose_of(link.child("pose")), model.state.of("link", link.named())
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
@@ -422,7 +426,8 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
         return Geometry(shape, pose, rgba)
     smallest, largest = SIZES  # [m] limits of the edges of a shape
     if isinstance(shape, TriangleMesh):
-        if not smallest <= max(shape.size) <= largest:  # a flat mesh has a size of 0 along its normal
+        # only the largest edge is checked, because a flat mesh has a size of 0 along its normal
+        if not smallest <= max(shape.size) <= largest:
             bounds = f"{smallest:g} to {largest:g} m"
             node.note(f"a mesh whose size is not within {bounds} is left out", f"{max(shape.size):g} m")
             node.load.lost += 1

@@ -17,7 +17,7 @@ from defusedxml.ElementTree import DefusedXMLParser
 from husky_highlevel_controller.datatypes import HuskyError
 
 # Parts of a file that Gazebo's XML parser (TinyXML) accepts, but that Python's parser may reject: comments,
-# <?...> and a single &. Each alternative of the pattern reads its bytes only once.
+# <?...> and a single &. Each alternative of the pattern reads a byte only once, so the time does not explode.
 _LOOSE = re.compile(
     rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|<\?(?!xml\s)[^>]*(?:>|\Z)"
     rb"|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
@@ -62,9 +62,11 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
     builder = _LineBuilder(element_factory=_Element)
     try:
         content = data.encode() if isinstance(data, str) else data
-        # a str is UTF-8 now, whatever encoding its declaration names; None lets the parser find the encoding
+        # a str was encoded as UTF-8 above, whatever its declaration says; None lets the parser find the
+        # encoding of bytes
         encoding = "utf-8" if isinstance(data, str) else None
-        # `_strict` reads single bytes and ends at a NUL, which UTF-16 has in most characters
+        # UTF-16 is not changed, because most of its characters contain a NUL byte, at which `_strict` would
+        # stop
         if not _UTF_16.match(content):
             content = _strict(content)
             encoding = encoding or _encoding_of(content)
@@ -89,7 +91,7 @@ def _strict(data: bytes) -> bytes:
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
     text, _, _ = text.partition(b"\0")
     text = _LOOSE.sub(_strict_part, text)
-    # space before the declaration <?xml ...?> goes behind it, so that the lines keep their numbers
+    # space before the declaration <?xml ...?> moves behind it, so that the lines keep their numbers
     return _DECLARATION.sub(rb"\2\1", text, count=1) if _DECLARATION.match(text) else text
 
 

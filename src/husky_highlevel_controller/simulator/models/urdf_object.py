@@ -46,7 +46,8 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     geometries: List[Geometry] = []
     files = MeshFiles()
     mass = 0.0
-    # `pose` is the pose of a link in the root link, whose frame is the frame of the body
+    # `pose` is the pose of a link in the root link, because the frame of the root link is the frame of the
+    # body
     for link_name, pose in urdf.poses_of_links(roots.pop(), joined).items():
         link, where = links[link_name], urdf.label_of(links[link_name])
         for collision in link.findall("collision"):

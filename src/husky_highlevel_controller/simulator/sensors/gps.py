@@ -51,7 +51,8 @@ class Gps:
 
     def sample(self, state: RobotState, stamp: float) -> GpsFix:
         """The fix at one instant, one period after the last."""
-        # each error keeps a part of the last one; the rest is new, so that its deviation stays `drift`
+        # each new error is a part of the last error plus a random part, so that the standard deviation stays
+        # `drift`
         new_part = self._config.drift * sqrt(1.0 - self._kept_fraction**2)
         draws = self._rng.standard_normal(3).tolist()
         self._error = [self._kept_fraction * old + new_part * draw for old, draw in zip(self._error, draws)]
@@ -62,5 +63,5 @@ class Gps:
             latitude=self._config.latitude + degrees(north / self._north_radius),
             longitude=self._config.longitude + degrees(east / self._east_radius),
             altitude=up,
-            velocity=(vy, -vx, vz),  # towards north, west and up; x points east
+            velocity=(vy, -vx, vz),  # components (north, west, up), because x of the world points east
         )

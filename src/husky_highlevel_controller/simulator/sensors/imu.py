@@ -20,7 +20,7 @@ from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, MagSample, RobotState, Vector3
 from husky_highlevel_controller.geometry import cross, minus, quat_inverse, rotate
 
-FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T] components east, north, up
+FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T] magnetic field of the earth: components east, north, up
 # [T] standard deviation of the noise on each axis; a typical value of such sensors, not measured
 FIELD_NOISE = 0.3e-6
 
@@ -65,9 +65,10 @@ class Imu:
         """The sample at one instant, one period after the last."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
         turning = cross(state.angular_velocity_in_base, self._position_in_base)
-        velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))  # v + w x r
-        # the force is computed in the world's frame, where gravity is constant and velocities may be
-        # subtracted
+        # velocity of the IMU: v + w x r
+        velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))
+        # the specific force is computed in the world's frame, where gravity is constant and where old and new
+        # velocities can be subtracted
         force_in_world = [
             (now - before) / self._period - gravity
             for before, now, gravity in zip(

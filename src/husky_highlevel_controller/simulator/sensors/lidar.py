@@ -16,8 +16,8 @@ from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, even_beams
 from husky_highlevel_controller.geometry import compose
 
-# function of the laser's pose in the world, its beams and max_range [m]; it returns the distances (N,) [m],
-# +inf if a beam meets nothing
+# function that takes the laser's pose in the world, N beams and max_range [m]; it returns the distances (N,)
+# [m], +inf for a beam that meets nothing
 CastRays = Callable[[Pose, Beams, float], np.ndarray]
 
 
@@ -56,7 +56,7 @@ class Lidar:
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
         ranges = self._cast_rays(pose_laser_in_world, self._beams, config.range_max)
-        # one random number for every beam, even if it meets nothing, so that the noise of a beam does not
+        # every beam gets a random number, even if it meets nothing, so that the noise of one beam does not
         # depend on the other beams
         noisy = self._rng.normal(0.0, config.noise, len(ranges))
         noisy += ranges

@@ -27,15 +27,17 @@ from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, 
 from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
-RAYS_PER_BEAM = 5  # number of rays from one beam to the next
-WIDEST_SPOT = 0.0208  # [rad] half the angle of the spot at 0.3 m and at smaller distances
-# number of pieces of a scan; the rays of a piece start at the pose at its middle; the error is below 1.5 mm
-# at 1 m/s
+RAYS_PER_BEAM = 5  # number of steps from one beam to the next; a ray is cast at each step
+# [rad] rays are cast up to this angle on either side of a beam; it is half the angle of the light spot at 0.3
+# m
+WIDEST_SPOT = 0.0208
+# number of pieces of a scan if the robot moves; all rays of a piece start at the pose in its middle, with an
+# error below 1.5 mm at 1 m/s
 SWEEP_PIECES = 5
 MAX_ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
 FARTHEST = 60.0  # [m] largest distance of an echo
 STANDING_SPEED = 1e-3  # [m/s], [rad/s] slower motion counts as standing
-DARK_REMISSION, DARK_RANGE = 0.1, 18.0  # remission of a dark surface, and its detection range [m]
+DARK_REMISSION, DARK_RANGE = 0.1, 18.0  # a surface with this remission is detected up to this range [m]
 # intensity of a full spot on a surface that returns all light; the scale is our own choice
 INTENSITY_SCALE = 255.0
 
@@ -100,7 +102,7 @@ class Lms1xx:
             depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
             echoes.append(_echoes(depths, piece, config))
         ranges, light_fractions = (np.concatenate(part) for part in zip(*echoes))
-        # one random number for every beam, even if it meets nothing, so that the noise of a beam does not
+        # every beam gets a random number, even if it meets nothing, so that the noise of one beam does not
         # depend on the other beams
         noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
         noisy = np.round(noisy / config.resolution) * config.resolution
@@ -135,7 +137,7 @@ class _Piece(NamedTuple):
 
     beams: int  # number of beams
     age: float  # [s] time from the middle beam of this piece to the end of the scan
-    rays: Beams  # rays that sample all spots of the beams
+    rays: Beams  # rays that sample the light spots of these beams
     offsets: np.ndarray  # (S,) [rad] angles of the rays of a spot, relative to the beam
 
 
@@ -173,26 +175,30 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
     # distances of the S rays that sample the spot of each beam, (N, S)
     spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
-    # the loop keeps only the beams without a strong echo so far: their indices, and rows of their rays
+    # the loop keeps the beams that have no strong echo yet: `beams` has their indices, and `depth` and
+    # `weights` have one row for each of them
     (beams,) = np.isfinite(spots).any(axis=1).nonzero()
     depth, weights = spots[beams], _weights(spots[beams], piece.offsets, config)
     depth[weights <= 0.0] = inf  # a ray outside of the round spot carries no light
     for _ in range(MAX_ECHOES):
         if not len(beams):
             break
-        # the nearest echo of each beam: all its rays that end within `echo_length` behind the nearest ray
+        # the nearest echo of a beam consists of all its rays that end at most `echo_length` behind its
+        # nearest ray
         in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
         light = np.where(in_echo, weights, 0.0)
         fraction = light.sum(axis=1)
         mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
-        # the light that comes back falls with the square of the distance
+        # an echo is strong if it returns at least the light of a dark surface at DARK_RANGE; the light falls
+        # with the square of the distance
         is_strong = (fraction > 0.0) & (
             fraction * config.remission >= DARK_REMISSION * (mean / DARK_RANGE) ** 2
         )
         ranges[beams[is_strong]] = mean[is_strong]
         fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
-        depth[in_echo] = inf  # the echo is too weak, so the next echo behind it counts
-        # a beam without light in its echo has no further echo
+        # these rays do not count any more, so the next round finds the next echo behind them
+        depth[in_echo] = inf
+        # only beams with a weak echo go on; a beam without any light has no further echo
         is_weak = ~is_strong & (fraction > 0.0)
         beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions
@@ -208,8 +214,9 @@ def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np
     """
     # half the angle [rad] of the spot at each distance
     half_angle = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))
-    # a ray stands for a strip of the disc: its chord times the step between rays, by the disc's area
-    from_centre = offsets / half_angle  # -1 to 1 inside the disc
+    # a ray stands for a strip of the round spot; its fraction of the light is the area of the strip (chord
+    # times step), divided by the area of the spot
+    from_centre = offsets / half_angle  # position of the ray across the spot, from -1 to 1 inside the spot
     step = offsets[1] - offsets[0]
     fractions: np.ndarray = (
         np.sqrt(np.maximum(1.0 - from_centre * from_centre, 0.0)) * (2.0 / pi * step) / half_angle

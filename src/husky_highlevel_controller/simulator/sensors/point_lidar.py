@@ -51,15 +51,14 @@ class PointLidar:
             pose_in_base: pose of the lidar in base_link.
         """
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
-        # upright planes in the lidar's frame, each with a column of the first half turn and the opposite one
+        # each upright plane contains a column of beams in the first half turn, and the opposite column
         half = config.columns // 2
         azimuths = 2.0 * pi / config.columns * np.arange(half)
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # beams of a plane: first the beams of its column, then the beams of the opposite column; in the
-        # plane, a beam of the opposite column at an elevation e has the angle pi - e, or -pi - e if e is not
-        # positive, so that all angles are within [-pi, pi]
+        # beams of a plane: first the column, then the opposite column. In the plane, an opposite beam at an
+        # elevation e > 0 has the angle pi - e, otherwise -pi - e, so that all angles are within [-pi, pi].
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
         self._order = np.argsort(bearings)  # ray casting needs ascending angles

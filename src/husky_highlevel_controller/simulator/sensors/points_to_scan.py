@@ -15,7 +15,7 @@ import numpy as np
 
 from husky_highlevel_controller.config import number, setting
 
-FAR = 1e6  # [m] height above all points
+FAR = 1e6  # [m] larger than any coordinate of a point, so it limits nothing
 MAX_DIRECTIONS = 100_000
 
 

@@ -19,14 +19,15 @@ from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat
 
 Indices = np.ndarray
 
-_SLACK = 1e-9  # [rad] additional width of a segment, so that no beam passes between two neighbouring segments
+# [rad] each segment gets this additional width, so that no beam passes between two neighbouring segments
+_SLACK = 1e-9
 
 
 class RayMesh(NamedTuple):
     """Mesh of a scene."""
 
     vertices: np.ndarray  # (V, 3) [m] corners in the mesh's frame
-    faces: np.ndarray  # (3, F), rows of `vertices`
+    faces: np.ndarray  # (3, F) corners of each triangle, as indices of rows of `vertices`
     centre: Vector3  # [m] centre of the ball around the mesh, in the mesh's frame
     bound: float  # [m] radius of the ball around the mesh
     position: Vector3  # [m] position of the mesh's frame in the world
@@ -69,13 +70,13 @@ def meet_mesh(
     x, y, z = along_axes(laser, minus(middle, origin))
     if abs(z) > mesh.bound or hypot(x, y) - mesh.bound > max_range:
         return 0.0
-    # 2. heights of the corners above the scan plane, by the laser's axes in the mesh's frame
-    # (3, 3) the laser's axes in the mesh's frame, and position of the mesh's frame in the laser's frame
+    # 2. heights of the corners above the scan plane: `turned` (3, 3) has the laser's axes in the mesh's
+    # frame, and `offset` is the position of the mesh's frame in the laser's frame
     turned = np.array([along_axes(mesh.axes, axis) for axis in laser])
     offset = along_axes(laser, minus(mesh.position, origin))
     heights = mesh.vertices @ turned[2] + offset[2]
     # 3. the plane cuts the triangles that have corners on both sides
-    a, b, c = (heights > 0.0)[mesh.faces]  # (F,) each, whether a triangle's corner is above the plane
+    a, b, c = (heights > 0.0)[mesh.faces]  # (F,) each: true if this corner of a triangle is above the plane
     cut = np.flatnonzero((a != b) | (b != c))
     if len(cut):
         ends = _segments(mesh, cut, heights, turned[:2], np.array(offset[:2]))
@@ -97,13 +98,15 @@ def _segments(
     """
     corners = mesh.faces[:, cut]  # (3, K)
     above = heights[corners] > 0.0
-    # turn each triangle so that the corner that is alone on its side of the plane comes first
+    # one corner of each triangle is alone on its side of the plane; change the order so that this corner
+    # comes first
     lone = np.where(above[1] == above[2], 0, np.where(above[0] == above[2], 1, 2))
     corners = corners[(lone + np.arange(3)[:, None]) % 3, np.arange(len(cut))]
     first, second, third = heights[corners]
-    x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))  # (3, K) each [m]
-    # two edges begin at the first corner, which is alone on its side; the plane crosses them at these
-    # fractions of their length
+    # x and y of the corners in the laser's frame, (3, K) each [m]
+    x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))
+    # the plane crosses the two edges that begin at the first corner, because this corner is alone on its
+    # side; the crossings are at these fractions of the edges' length
     to_second, to_third = first / (first - second), first / (first - third)
     start = np.array([each[0] + to_second * (each[1] - each[0]) for each in (x, y)])
     end = np.array([each[0] + to_third * (each[2] - each[0]) for each in (x, y)])
@@ -130,21 +133,22 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
         np.concatenate([np.where(is_over_seam, high, low), np.full(is_over_seam.sum(), -inf)]),
         np.concatenate([np.where(is_over_seam, inf, high), low[is_over_seam]]),
     )
-    # bearings ascend, so the beams of an entry are neighbours
+    # bearings ascend, so the beams that may meet a segment are neighbours
     first = beams.bearings.searchsorted(low - _SLACK)
     count = beams.bearings.searchsorted(high + _SLACK, side="right") - first
     met = np.flatnonzero(count)
     if not len(met):
         return
-    # pairs of a beam and a segment, (P,) each
+    # P pairs of a beam and a segment that this beam may meet
     beam, segment = beams_of(first[met], count[met]), segment[met].repeat(count[met])
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]
-    # the beam meets the line of the segment where t direction = start + s along; the cross product of both
-    # sides with `along` removes s, and gives the distance t
+    # a beam meets the line of a segment at a distance t with t direction = start + s along; the cross product
+    # of both sides with `along` removes s and gives t
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
     entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
-    # a beam along its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because beams repeat
+    # a beam along its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because a beam may be
+    # in several pairs
     np.fmin.at(distances, beam, entries)
 
 

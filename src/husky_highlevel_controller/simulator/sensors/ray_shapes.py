@@ -113,13 +113,14 @@ class Formula(NamedTuple):
     enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-FORMULAS = (  # formulas of BOX, CYLINDER and SPHERE
+FORMULAS = (  # formulas in the order of the numbers BOX, CYLINDER and SPHERE
     Formula(slice(0, 3), _prepare_box, _enter_box),
     Formula(slice(2, 3), _prepare_cylinder, _enter_cylinder),
     Formula(slice(0, 0), _prepare_sphere, _enter_sphere),
 )
 
-# smallest and largest distance [m] along a ray inside the shape; nan or reversed if the ray misses the shape
+# a ray is inside the shape from the first to the second distance [m]; if it misses the shape, a distance is
+# nan or the first is larger
 Span = Tuple[np.ndarray, np.ndarray]
 
 

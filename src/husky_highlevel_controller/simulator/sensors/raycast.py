@@ -46,9 +46,9 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     enter_flank,
 )
 
-# Largest number of solid shapes that are computed one by one. If there are more, all are computed at once, as
-# arrays. With arrays, a scan in the course's world would take three times as long. One by one, a scan of 1000
-# objects would take ten times as long.
+# Up to this number of solid shapes, the shapes are computed one by one; if there are more, all at once, as
+# arrays. In the course's world of few shapes, arrays would take three times as long. In a world of 1000
+# shapes, one by one would take ten times as long.
 MAX_ONE_BY_ONE = 10
 KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
@@ -118,7 +118,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
             continue
         x, y, z = shape.size
         kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
-        # [m] from the centre to a corner of the box, to the rim of the cylinder, and to the sphere's surface
+        # radius of the ball around each kind of shape [m]: to a corner of the box, to the rim of the
+        # cylinder, and to the surface of the sphere
         bounds = {BOX: hypot(*size), CYLINDER: hypot(*size[1:]), SPHERE: size[0]}
         solids.append(RaySolid(kind, size, bounds[kind], pose.position, axes_from_quat(pose.quat_xyzw)))
     return RayScene(
@@ -133,7 +134,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
     )
 
 
-# a beam parallel to a face gives inf or overflows; a beam beside a round shape gives nan
+# numpy gives no warnings, because inf and nan are expected: a beam parallel to a face gives inf or overflows,
+# and a beam beside a round shape gives nan
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
     """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range` [m].
@@ -144,12 +146,15 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    farthest = 0.0  # upper bound of all distances that follow; beyond `max_range` they are cut at the end
+    # [m] no beam meets a shape beyond this; if this is above `max_range`, longer distances are removed at the
+    # end
+    farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        # if the plane is farther, no beam can reach it, for example the floor below a level laser
+        # otherwise no beam reaches the plane, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
-            # distance to the plane along its normal, divided by the component of each beam along the normal
+            # distance along each beam: distance to the plane along its normal, divided by the beam's
+            # component along the normal
             along = height / np.dot((x, y), beams.directions)
             along[along < 0.0] = inf  # the plane is behind the laser
             np.fmin(distances, along, out=distances)
@@ -200,15 +205,16 @@ def _meet_one(
     rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
     if solid.kind == CYLINDER and flat > radius:
         ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
-        # if no point of a beam up to `farthest` lies beyond an end of the cylinder, the ends need no test;
-        # measured along the axis from the middle of the cylinder, such a point is at most this far
+        # The ends of the cylinder need no test if no point of a beam up to `farthest` lies beyond an end.
+        # Measured along the axis from the middle of the cylinder, such a point is at most as far as the left
+        # side says.
         if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= solid.size[2]:
             enter = enter_flank
     # 4. the beams towards the circle; all beams if the laser is inside the circle
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
         met = distances[first:last]
-        np.fmin(met, entries, out=met)  # `fmin` ignores nan, which means that the beam misses
+        np.fmin(met, entries, out=met)  # nan means that the beam misses; `fmin` ignores nan
     return farthest
 
 
@@ -216,7 +222,8 @@ def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
     """The beams within `spread` of `middle` [rad]: the first, and the one after the last."""
     low, high = middle - spread - 1e-9, middle + spread + 1e-9
     ends = [(low, high)]
-    # a ball behind the laser may contain the angle +-pi, so the beams beyond this angle are computed, too
+    # a ball behind the laser may reach over the angle +-pi, so the beams on the other side of this angle are
+    # computed, too
     if low < -pi:
         ends.append((low + 2.0 * pi, high + 2.0 * pi))
     if high > pi:
@@ -249,7 +256,7 @@ def _meet_many(
     # each candidate is a solid, with the first beam and the number of beams that may meet it
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
-    # the formula of a kind has a slice of the axes that it needs, and two functions, see `ray_shapes`
+    # the formula of each kind of shape names the axes that it needs, and has two functions, see `ray_shapes`
     for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
@@ -262,7 +269,8 @@ def _meet_many(
             # the terms of each solid are repeated for each of its beams, from (..., K) to (..., P)
             rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)
             x, y = beams.directions[:, beam]
-            # `fmin` ignores nan, which means that the beam misses; `at` is needed because beams repeat
+            # nan means that the beam misses, and `fmin` ignores nan; `at` is needed because a beam may be in
+            # several pairs
             np.fmin.at(distances, beam, enter(rows[:, 0] * x + rows[:, 1] * y, numbers))
 
 
@@ -282,18 +290,20 @@ def _candidates(
         number of neighbouring beams that may. A solid behind the laser may be two candidates, because it has
         beams at both ends of the scan.
     """
-    # the scan plane cuts a ball in a circle of this squared radius, which is negative if it misses the ball
+    # `square` is the squared radius of the circle in which the scan plane cuts a ball; it is negative if the
+    # plane misses the ball
     x, y, height = centers.T
     distance, square = np.hypot(x, y), bounds * bounds - height * height
     near = np.flatnonzero((square >= 0.0) & (distance - bounds <= max_range))  # indices of solids
     distance, radius = distance[near], np.sqrt(square[near])
-    # bearings of the two edges of each circle, seen from the laser [rad]; they are 1e-9 rad farther apart, so
+    # angle from the middle of each circle to its edges, seen from the laser [rad]; 1e-9 rad are added, so
     # that rounding loses no beam that touches an edge
     half_angle = np.arcsin(np.minimum(radius / distance, 1.0)) + 1e-9
     half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
     middle = np.arctan2(y[near], x[near])
     low, high = middle - half_angle, middle + half_angle
-    # a ball behind the laser may contain the angle +-pi, so its bearings are also tested after a full turn
+    # a ball behind the laser may reach over the bearing +-pi, so it becomes a second candidate, after a full
+    # turn
     for over, turn in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
         if len(over):
             near = np.concatenate([near, near[over]])

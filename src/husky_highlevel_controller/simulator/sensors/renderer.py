@@ -25,7 +25,7 @@ class RenderRequest(NamedTuple):
 
     bodies: Optional[Mapping[str, Body]]  # bodies of the world; None if they have not changed
     poses: Mapping[str, Pose]  # poses in the world of the bodies that may have moved
-    pose_camera_in_world: Pose  # pose of the optical frame
+    pose_camera_in_world: Pose  # pose of the camera's optical frame (z ahead, y down)
 
 
 class Renderer:
@@ -71,10 +71,10 @@ def _serve_requests(pipe: Connection) -> None:
     It ends when the pipe closes. The Bullet world here only holds shapes, and its physics never steps. Bodies
     that have changed are replaced, and the others are only moved.
     """
-    # Ctrl-C is ignored, because the process ends when its pipe is closed
+    # Ctrl-C is ignored, because this process ends when the simulator closes the pipe
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     config: CameraConfig = pipe.recv()
-    bullet = BulletWorld(1.0)  # any duration of a step will do
+    bullet = BulletWorld(1.0)  # the duration of a step does not matter, because no step is made
     bullet.clear((0.0, 0.0, 0.0))
     bodies_drawn: Mapping[str, Body] = {}
     while True:

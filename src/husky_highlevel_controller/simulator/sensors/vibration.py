@@ -29,10 +29,12 @@ from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, RobotState
 from husky_highlevel_controller.simulator.sensors.imu import Imu
 
-CORRELATION_1, CORRELATION_2 = 0.15, -0.40  # correlation of samples one and two periods apart, at 50 Hz
+# correlation between two samples that are one period and two periods apart, at 50 Hz
+CORRELATION_1, CORRELATION_2 = 0.15, -0.40
 # parameter of Student's distribution; with 7, a sample of 8 standard deviations comes once in 5 minutes
 DEGREES_OF_FREEDOM = 7
-# coefficients of x[n] = A x[n-1] + B x[n-2] + e[n] with variance 1, by the Yule-Walker equations
+# coefficients of noise x[n] = A x[n-1] + B x[n-2] + e[n] that has these correlations and variance 1
+# (Yule-Walker equations)
 A = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
 B = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
 INNOVATION = sqrt(
@@ -75,15 +77,15 @@ class VibratingImu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
         sample = self._imu.sample(state, stamp)
-        # autoregressive noise of variance 1 for each axis, from its last two values
+        # noise of variance 1 for each axis, from the last two values and a random number (autoregressive)
         draws = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
         noise = [
             A * last + B * before + INNOVATION * draw
             for last, before, draw in zip(self._last_noise, self._noise_before_last, draws)
         ]
         self._last_noise, self._noise_before_last = noise, self._last_noise
-        # its scale grows with the mean speed of the wheels; the mean of |linear - turning| (left wheels) and
-        # |linear + turning| (right wheels) is the larger one of |linear| and |turning|
+        # The vibration grows with the mean speed of the wheels. The mean of |linear - turning| (left wheels)
+        # and |linear + turning| (right wheels) is equal to the larger of |linear| and |turning|.
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
         wheel_speed = max(abs(linear), abs(turning))
         speed = min(wheel_speed, self._saturation_speed)
