@@ -30,7 +30,7 @@ COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 # control of the real Husky: the gains of config/robot.yaml, with the default limits
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)
 ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
-# parameters of the controller's node that have no effect on a rollout
+# parameters of the controller's ROS node that have no effect on a run without ROS
 NODE_ONLY = ("start_stop_service_name", "start_enabled", "scan_topic_name", "scan_topic_queue_size")
 MAX_VALUES = 1000  # largest number of values of one axis
 

@@ -110,7 +110,7 @@ def scenery(look: Look) -> bytes:
     # corners [m] of N four-sided faces (quads), and colours of the corners; each is an array (N, 4, 3)
     quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))
     # all colours are divided by the largest value, because glTF allows colours only up to 1; the material of
-    # the mesh multiplies them by the largest value again
+    # the mesh multiplies the colours by this value again
     brightness = float(colors.max())
     rgb = np.round(255.0 * colors / brightness).astype(np.uint8).reshape(-1, 3)
     # (N, 2, 3) two triangles for each quad, each with the indices of its three corners

@@ -33,7 +33,8 @@ or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to st
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
 # sliders: label, name of the limit in `Teleop` that the slider sets, and highest value [m/s] or [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
-# name, unit and digits of each number below the lights; the state bar has the other numbers
+# name, unit, and digits after the point of each number that this tab shows; the state bar shows the other
+# numbers
 READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("scans", "Hz", 1))
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
@@ -78,7 +79,8 @@ class DriveTab:
         self._actions, self._teleop, self._moves = actions, teleop, moves
         self._stops = Actions()  # a separate queue for stops, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
-        # level and message of each diagnostic, by its name, such as husky_highlevel_controller
+        # level and message of each diagnostic, by the name of the diagnostic, such as
+        # husky_highlevel_controller
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # state of the controller, from its diagnostics
         # True if a page has requested to start the controller, False if it has requested to stop it; None as

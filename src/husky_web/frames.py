@@ -11,7 +11,8 @@ from typing import Deque, Dict, List, Optional, Tuple
 from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 
-MEMORY = 100  # number of poses that are kept for each frame, which is 2 s at the 50 Hz of a Husky's odometry
+# number of poses that are kept for each frame; a Husky's odometry has 100 poses in 2 s, at 50 Hz
+MEMORY = 100
 MAX_DEPTH = 100  # largest number of frames from a frame up to the root; a longer chain must be a circle
 
 

@@ -53,7 +53,7 @@ def add_layers(gui: viser.GuiApi, on_change: Callable[[str, bool], None]) -> vis
                 color = tuple(round(255.0 * getattr(COLORS[namespace], part)) for part in "rgb")
                 rows.append(f'<div><i class="husky-dot" style="background: rgb{color}"></i>{title}</div>')
             gui.add_html(f'<div class="husky-block husky-legend">{"".join(rows)}</div>')
-    return box  # box of the last layer, which has the depth points
+    return box  # box of the last layer, the depth points
 
 
 def _pass_on(on_change: Callable[[str, bool], None], name: str, event: Any) -> None:

@@ -16,7 +16,7 @@ from husky_highlevel_controller.ros.refused_connection import shorten
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # largest number of lines that are kept
-EARLIER = 1000  # largest number of lines from before the page's start, which are read from rosout.log
+EARLIER = 1000  # largest number of older lines, from before the page's start, that are read from rosout.log
 # pattern of a line of rosout.log: stamp, level, node and message; the place in the code and the topics of the
 # node, both in brackets, are skipped
 _ROSOUT = re.compile(

@@ -141,8 +141,8 @@ class WebNode:
         self._pages = Pages(server, self._tabs, self._log)
         self._mouse = Mouse(self._scene, self._objects, world, self._moving, self._pages.open)
         server.scene.on_click()(self._mouse.on_ground)
-        # a node of the scene reacts to the mouse only if a page has a tool for it, so the reactions are bound
-        # again if a page chooses another tool
+        # a node of the scene reacts to the mouse only if the tool of a page acts on it, so `bind` updates the
+        # nodes if a page chooses another tool
         self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
         with self._tabs["Tune"]:
             self._tuning = Tuning(server, self._actions, self._tabs["Tune"])
@@ -240,7 +240,7 @@ class WebNode:
         self._tuning.follow(published)
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
         self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
-        # the master searches the parameter in the namespaces of this node, from the innermost to the root
+        # the master searches for the parameter in the namespaces of this node, from the innermost to the root
         description = str(parameter(self._ask("searchParam", "robot_description") or "robot_description", ""))
         if description and description != self._description:
             self._description = description

@@ -58,7 +58,7 @@ class Objects:
         self.shown: Dict[Key, Object] = {}
         # function that binds the mouse to a new object
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None
-        self.dragged: Dict[Key, Pose] = {}  # pose in the fixed frame of each object that a page drags
+        self.dragged: Dict[Key, Pose] = {}  # pose of each object that a page drags, in the fixed frame
         # publisher of feedback to each server, by the server's name
         self._feedback: Dict[str, rospy.Publisher] = {}
 

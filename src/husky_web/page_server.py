@@ -79,7 +79,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
     gate = Gate(is_loopback, token, on_message, on_leave)
-    # context manager: a server that is started in it asks the gate about each request, and has the drive
+    # context manager: a server that is started inside asks the gate about each request, and has the drive
     # channel
     behind_gate = started_behind(gate.answer, gate.with_drive_channel)
     # the output of viser is hidden, because viser prints an address without the token, which would not work
@@ -131,7 +131,8 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
     # checked
     if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
         return f"this page can be opened at {', '.join(sorted(LOOPBACK))} only, not at '{host}'"
-    origin = headers.get("Origin")  # address of the page that sends the request; None for a plain request
+    # address of the page that sends the request; None if the request does not come from a page
+    origin = headers.get("Origin")
     if origin is not None and urlsplit(origin).netloc != host:
         return f"the page of another site ('{origin}') may not act on the robot"
     if token is not None and not _shows(token, headers, path):

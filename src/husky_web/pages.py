@@ -61,7 +61,8 @@ class Page:
     def _make_view(self, tab: Any, is_dark: bool) -> None:
         with tab:
             gui = self.client.gui
-            # a negative order puts these fields above the fields of the tab that all pages share
+            # viser sorts the fields by `order`: this page's own fields come first, because their order is
+            # negative, and then the fields that all pages share
             self._chosen_camera = gui.add_html(choice_html(0), order=-2.5)
             camera = gui.add_button_group("Camera", CAMERAS, order=-2)
             camera.on_click(self._on_camera)

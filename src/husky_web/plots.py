@@ -20,7 +20,8 @@ WINDOW = 30.0  # [s] time that a chart shows
 RESOLUTION = 0.4
 # [px] width and height of a chart in a window of 1280 px, and space for labels at its four sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
-PLOT_RIGHT, PLOT_BOTTOM = WIDTH - RIGHT, HEIGHT - BOTTOM  # [px] right and lower edge of the curves
+# [px] right and lower edge of the area in which the curves are drawn
+PLOT_RIGHT, PLOT_BOTTOM = WIDTH - RIGHT, HEIGHT - BOTTOM
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
 # a curve may exceed the last tick by this fraction of the distance between two ticks, so that 1.003 m/s needs
 # no tick at 1.5 m/s
@@ -39,7 +40,7 @@ class Chart(NamedTuple):
     series: Tuple[str, ...]  # names of the lines in the chart; the line "commanded" is dashed
     # lowest and highest value that the y axis always contains, so that noise does not look large
     least: Tuple[float, float]
-    zero: str = ""  # name of the line at 0; empty if the chart has no such line
+    zero: str = ""  # text at the line of the value 0; empty if there is no text
 
 
 CHARTS = (

@@ -85,7 +85,7 @@ def _shape(
     shape_and_sizes, rgba = shape_of(visual, where), _material(visual, colors)
     if shape_and_sizes is None:
         return None
-    shape, sizes = shape_and_sizes  # sizes [m]; for a mesh the factors along x, y and z
+    shape, sizes = shape_and_sizes  # `sizes` are in metres; for a mesh they are factors along x, y and z
     if shape.tag == "mesh":
         x, y, z = sizes
         return MeshFile(shape.get("filename", ""), (x, y, z), rgba)

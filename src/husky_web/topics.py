@@ -31,7 +31,8 @@ BURST_SHARE = 0.2
 QUEUE = 2000
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
-# topics of commands, with the highest priority first and the controller's topic last; equal for every robot
+# topics of commands, with the highest priority first and the controller's topic last; the same for every
+# robot
 INPUTS = load_robot().topics.velocity
 Received = Tuple[str, Any]  # topic and message
 

@@ -59,7 +59,8 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
     # original function of websockets, which is put back at the end of the block
     original: Any = websockets.asyncio.server.serve
     logger = logging.getLogger("husky_web.websockets")
-    # errors are hidden, because websockets would report each plain request of the page as a failed handshake
+    # errors are hidden, because websockets would report each HTTP request for the page as a failed WebSocket
+    # handshake
     logger.setLevel(logging.CRITICAL)
 
     def serve(handler: Any, *args: Any, **kwargs: Any) -> Any:

@@ -32,10 +32,10 @@ except ImportError as missing:
     ) from None
 
 CONNECT_DEADLINE = 20.0  # [s] longest wait for the scheduler's answer
-WORKER_DEADLINE = 600.0  # [s] longest wait until a worker is connected that passes the check
+WORKER_DEADLINE = 600.0  # [s] longest wait for a first worker that passes the check
 POLL_PERIOD = 1.0  # [s] time between two updates of the list of workers
 OUR_PACKAGE = __name__.split(".")[0]
-ROS = "ROS"  # name of the Dask resource of workers on which ROS programs can be started
+ROS = "ROS"  # name of the Dask resource that a worker has if ROS programs can be started on it
 
 
 class _Run(NamedTuple):
@@ -141,7 +141,7 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
-            # facts of the scheduler on each connected worker, by its address; -1 stands for all workers
+            # the scheduler's facts on each connected worker, by the worker's address; -1 asks for all workers
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
             self._check({address: info for address, info in infos.items() if address not in self._refused})
             # a worker that has passed the check may have left since then
@@ -173,7 +173,7 @@ class Cluster:
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
-        # versions of Python and of libraries on each worker, by its address
+        # versions of Python and of libraries on each worker, by the worker's address
         pythons = self._client.get_versions()["workers"]
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")

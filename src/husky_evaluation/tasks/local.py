@@ -55,7 +55,8 @@ def run_here(
         starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups that are still to be sent
-    deaths: CounterType[int] = Counter()  # number of processes that have ended while they computed each group
+    # number of processes that have ended during each group, by the number of the group
+    deaths: CounterType[int] = Counter()
     while waiting:
         running: Dict[Future, int] = {}  # number of the group whose answer the future will have
         executor: Executor

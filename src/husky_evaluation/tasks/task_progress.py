@@ -11,7 +11,8 @@ from typing import Any, Callable
 
 from tqdm import tqdm
 
-LINE_PERIOD = 10.0  # [s] time between two lines if standard error is not a terminal, as in a CI log
+# [s] time between two lines of progress if standard error is not a terminal, as in a CI log
+LINE_PERIOD = 10.0
 
 
 class Progress:
