@@ -134,7 +134,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
                 _report_progress(result, number, len(waiting))
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; run the same command again to continue") from None
-    # if `--only` names some submissions, the others may have no result yet, and get no row
+    # if `--only` names some submissions, the others may have no result yet, and get no row in the tables
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
     for result in ordered:

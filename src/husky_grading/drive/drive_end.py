@@ -40,7 +40,7 @@ class DriveEnd:
         self._first_moved = self._reached_at = self._touched_at = inf
         # [m] gap between the robot's footprint and the pillar: now, and the smallest gap so far
         self._gap, self._nearest = 0.0, inf
-        # straight drive away from the pillar: heading in the world [rad] and simulated time [s] at its begin
+        # straight path away from the pillar: heading in the world [rad] and simulated time [s] at its begin
         self._heading, self._left_at = (
             0.0,
             0.0,
@@ -56,7 +56,7 @@ class DriveEnd:
         pose = pose_to_2d(state.pose_in_world)
         # [m] gap between the robot's footprint and the pillar
         gap = float(hull_gaps(np.array([pose]), self._pillar, self._robot)[0])
-        # if the robot comes nearer or turns, a straight drive away from the pillar can begin only now
+        # if the robot comes nearer or turns, a straight path away from the pillar can begin only now
         if gap <= self._gap or abs(wrap_angle(pose.yaw - self._heading)) > STRAIGHT:
             self._heading, self._left_at = pose.yaw, now
         self._gap, self._nearest = gap, min(self._nearest, gap)

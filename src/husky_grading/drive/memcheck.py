@@ -41,7 +41,8 @@ CPU, WALL = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # nested parentheses
-IN_PARENTHESES = "\0"  # replaces each pair of parentheses with its content, before C++ code is searched
+# character that stands for each pair of parentheses and everything in it, while C++ code is searched
+IN_PARENTHESES = "\0"
 # a fault counts only if at most this number of calls lies between it and the submission's own code
 DEPTH = 4
 
@@ -121,16 +122,16 @@ def find_unwritten_variable(
             return seconds
 
         nodes = len(submission.nodes)
-        # true if the submission subscribes to the scans; false if it first ends or has nothing more to do
+        # true if the submission subscribes to the scans; false if it ends or becomes idle before that
         gets_scans = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
-        heard = robot  # choice of the robot, now that the submission's subscriptions are known
+        heard = robot  # choice of the robot; it changes below if the submission listens to another robot
         if robot.is_guess:
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
         if heard.config != robot.config:
             simulator.kill()
             simulate(network, trial, replace(heard.config, pace=1.0))
             gets_scans = process.running
-        if gets_scans:  # the callbacks run until they have used CPU seconds of CPU time
+        if gets_scans:  # let the callbacks of the scans run until they have used the CPU time CPU [s]
             start_of_callbacks = cpu_seconds()
             wait(lambda: not process.running or cpu_seconds() - start_of_callbacks > CPU, WALL)
         # the logs are read before the node is ended, because an interrupted `getParam` leaves its variable

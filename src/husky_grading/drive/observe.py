@@ -20,7 +20,8 @@ from husky_grading.recording import RECORDING, recording_to_json
 from husky_grading.records import MarkingConfig
 from husky_grading.submission import Submission
 
-# name of a run's folder while the run lasts; the submission sees this name, so it has no number of the run
+# name of a run's folder while the run lasts; the submission can see this name, so it does not contain the
+# number of the run
 DRIVE = "drive"
 BAR = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
 

@@ -12,8 +12,8 @@ from husky_grading.isolation.process import Process, wait
 
 POLL_PERIOD = 0.1  # [s] wall time
 LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
-# [s] a program is idle if none of its threads has run for this wall time; IDLE holds after it has subscribed
-# to a topic, IDLE_BEFORE holds before
+# [s] a program is idle if none of its threads has run for this wall time; IDLE applies after the program has
+# subscribed to a topic, IDLE_BEFORE applies before
 IDLE, IDLE_BEFORE = 2.0, 12.0
 # A program that publishes in a loop is never idle. It has settled, so nothing new is expected from it, if it
 # has computed or slept for SETTLED [s] since its last registration with the ROS master, and has computed for
@@ -58,9 +58,10 @@ class _Activity:
         self._process, self._nodes, self._graph = process, nodes, graph
         self.cpu_seconds = 0.0  # [s] CPU time that the program has used since its start
         self._registered = Registered()
-        # [s] wall time without a running thread, counted from the last change of the registrations
+        # [s] wall time without a running thread, counted from the last change of the registrations with the
+        # ROS master
         self._slept = 0.0
-        # [s] CPU time that the program had used at the last change of the registrations
+        # [s] CPU time that the program had used at the last change of its registrations
         self._cpu_at_change = 0.0
         # [s] wall times: last measurement, last moment with a running thread, last query of the ROS graph
         self._measured_at = self._ran_at = self._looked_at = time.monotonic()

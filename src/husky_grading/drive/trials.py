@@ -13,7 +13,7 @@ from husky_highlevel_controller.datatypes import Pose2D
 
 # [m] smallest and largest distance between base_link and the pillar's centre at the start
 NEAREST, FARTHEST = 8.0, 20.0
-# [rad] at the start, the pillar is at most this far to the side, so the robot need not search for it
+# [rad] at the start, the pillar is at most this angle to the side, so the robot need not search for it
 SIDE = 1.0
 _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
 

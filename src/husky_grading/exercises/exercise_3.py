@@ -346,7 +346,7 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         return without_config(item, view, rules)
     if view.problem:  # RViz shows nothing, for example because the fixed frame does not exist
         return replace(item, evidence=f"{view.source}: {view.problem}", hint=hint_on_view(view))
-    # for each display: its points, and true if RViz shows it
+    # for each display: points for it, and true if RViz shows it
     parts = {
         TF: (6.0, view.tf),
         ROBOT: (7.0, view.robot),

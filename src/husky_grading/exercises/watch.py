@@ -70,7 +70,7 @@ class Watch:
 
     # message types; the submission's messages of these types are passed to `on_message`
     follows: FrozenSet[str] = frozenset()
-    reads_scans = True  # true if the recorder must subscribe to the scans, too
+    reads_scans = True  # true if the recorder needs the scans in this exercise
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         """Prepare for a run; `initial` is its recording before it begins, with pillar, robot and deadline."""

@@ -171,7 +171,7 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
         ArchiveError: the allowance is used up.
     """
     allowance.files -= 1
-    size = 0  # [bytes] number of bytes of the member that were read so far
+    size = 0  # [bytes] size of the part that was read so far
     with target.open("xb") as file:
         for chunk in iter(partial(content.read, CHUNK), b""):
             size += len(chunk)

@@ -39,8 +39,8 @@ MAX_TEXT = 1_000_000  # [bytes] paths are repaired only in launch files up to th
 # a build is repeated after a missing package, at most this often, because CMake reports only one in each
 # build
 MAX_MISSING = 10
-# at most this number of missing packages get an empty replacement, because a build can print any number of
-# names
+# at most this number of missing packages get an empty replacement, because the output of a build can name any
+# number of packages
 MAX_STAND_INS = 50
 # [kB] GCC collects garbage only if it uses more memory than this; compiling is then a tenth faster
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"
@@ -297,7 +297,7 @@ def _make_with_stand_ins(
         # build once; the last argument is empty, because the sources need no repair yet
         output, code = _catkin_make(folders, needed, underlay, "")
         unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
-        # all builds together make at most MAX_STAND_INS stand-ins
+        # all builds together replace at most MAX_STAND_INS missing packages
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
         if not code or not new:
             break

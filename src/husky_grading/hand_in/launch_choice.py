@@ -64,7 +64,8 @@ class LaunchFile:
     plan: Plan
     nodes: Tuple[str, ...] = ()  # package/type of each node of the submission that the launch file starts
     scans: bool = False  # true if the code of one of these nodes' packages names the message types of a lidar
-    # packages of the submission that may drive the robot, because their code names scans or velocities
+    # packages of the submission that may drive the robot, because their code names messages of scans or
+    # velocities
     able: FrozenSet[str] = frozenset()
     is_template: bool = False  # true if launch file and node are still as `./dev new` wrote them
 
@@ -102,7 +103,7 @@ def read_launch_files(
     files = list(islice(found, MAX_READ))
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
-    # packages whose code names scans; packages whose code may drive a robot
+    # packages whose code names messages of scans; packages whose code may drive a robot
     scanning, able = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
     holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
@@ -123,7 +124,7 @@ def read_launch_files(
         # first package
         possible_owners = [holder, *map(_package_of, nodes), *folders]
         owner = next(name for name in possible_owners if name in folders)
-        # true if one of the nodes is from a package that names scans
+        # true if one of the nodes is from a package whose code names messages of scans
         scans = not scanning.isdisjoint(map(_package_of, nodes))
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
         launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, able, is_template))

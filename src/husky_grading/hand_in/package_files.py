@@ -71,7 +71,7 @@ def _config_in_package(
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
-        # launch file that names an .rviz file, by the name of the .rviz file
+        # other launch files that name .rviz files; the key is the name of the .rviz file
         owners = _named_by_others(folder, launch_file, not planned.rviz)
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
@@ -167,7 +167,7 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):
-        # float() raises OverflowError for a number with hundreds of digits
+        # a number with hundreds of digits raises OverflowError; the file then counts as broken
         return read_rviz_config(source, {})
 
 

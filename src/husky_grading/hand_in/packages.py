@@ -206,8 +206,8 @@ def choose_packages(
         namesakes = by_name[name]
         if len(namesakes) > 1:
             namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))
-            # number of packages of this name that attempts can choose: those that fit the exercise, or all of
-            # them if none fits
+            # number of packages of this name from which an attempt can choose: those that fit the exercise,
+            # or all of them if none fits
             fitting = sum(fits_exercise(each.place, exercise) > 0 for each in namesakes) or len(namesakes)
             # the chosen package moves to the front
             namesakes.insert(0, namesakes.pop(min(attempt, fitting - 1)))

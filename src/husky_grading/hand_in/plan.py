@@ -94,7 +94,7 @@ def plans(
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
     for event in read_events(events_file):
-        if event.event == "launchable":  # the following events belong to the next launchable
+        if event.event == "launchable":  # the following events belong to the next launch file or node
             number += 1
         if number in events:  # the number is checked, because a submission can write any events
             events[number].append(event)

@@ -379,7 +379,8 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
             # 0 if the path has the number of another exercise
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fits and not is_in_package:
-                # `copy` does not follow links, because the build may have made a link here
+                # the build may have made a link with this name; `copy` replaces the link and does not follow
+                # it
                 copy(path, package / path.name)
                 added = True
     return added
