@@ -89,7 +89,7 @@ class Subject(Enum):
     DRIVE = "drive"
     SERVICE = "service"
     MARKER = "marker"
-    DISPLAYS = "displays"  # displays of RViz in its configuration file, which do not depend on a run
+    DISPLAYS = "displays"  # displays in RViz's configuration file; this item does not depend on a run
     MARKER_DISPLAY = "marker display"
 
 

@@ -62,7 +62,7 @@ class Closing:
     """Observations of a run from outside, which are added to the recorder's."""
 
     notes: Tuple[Note, ...] = ()
-    ended: Optional[Note] = None  # reason why the run was cut off
+    ended: Optional[Note] = None  # reason why the run was cut off; None if it was not cut off
     output: str = ""  # shortened output of the submission
 
 
@@ -105,9 +105,9 @@ class Recording:
     # sentence on a variable that the submission reads before it writes it; empty if no such variable was
     # found
     uninitialised: str = ""
-    # parent frame of each TF frame, by the name of the TF frame
+    # keys are TF frames, values are their parent frames
     frames: Mapping[str, str] = field(default_factory=dict)
-    # names of the parameters with a robot description that has a TF frame as a link
+    # names of the ROS parameters with a robot description; at least one link of the description is a TF frame
     descriptions: Tuple[str, ...] = ()
     # path that the submission has estimated; None if the exercise does not ask for an estimate
     estimate: Optional[EstimatedPath] = None
@@ -172,7 +172,7 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         recording: recording by the recorder, which does not know the submission's process.
         closing: observations by marking, which has started this process.
     """
-    # if the run was cut off, the reason for this replaces the reason of the recorder
+    # if the run was cut off, the reason for the cut-off counts, and not the reason that the recorder gives
     notes, ended = list(closing.notes), closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_node_ended = any(note.kind in ends for note in notes)

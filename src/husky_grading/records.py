@@ -30,8 +30,8 @@ WALL_BASE, WALL_SLOWNESS = (
     300.0,
     20.0,
 )
-# [m/s] ramming begins at the speed `gentle` plus this margin, because the robot does not follow a command
-# exactly
+# [m/s] touching the pillar counts as ramming above the speed `gentle` plus this margin, because the robot
+# does not follow a command exactly
 RAMMING_MARGIN = 0.05
 MAX_TEXT = 1000  # a longer evidence or note is cut to this number of characters
 
@@ -196,7 +196,9 @@ class Item:
     hint: str = ""  # advice to the student, if points are lost
     drive: int = 1  # number of the run that the evidence comes from
     subject: Subject = Subject.CODE
-    reason: Optional[Kind] = None  # reason for grading by hand, if other submissions may have the same reason
+    # reason for grading by hand that other submissions may also have, so that a teacher can grade them
+    # together
+    reason: Optional[Kind] = None
 
     @property
     def full(self) -> bool:

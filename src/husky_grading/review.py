@@ -122,7 +122,7 @@ class Marked(NamedTuple):
 
     result: MarkingResult
     job: Job
-    place: Path  # folder of its results
+    place: Path  # folder of the submission's results
 
 
 class Review(NamedTuple):
@@ -170,8 +170,8 @@ def open_items(out: Path) -> Review:
                 "a folder of your own, and run `grade --all` with that folder"
             )
     hand_ins = find_hand_ins(folder)
-    # names of the folders of results that belong to the present submissions. Other folders are old, because a
-    # student's folder gets another name if two students have the same name.
+    # names of the folders of results that belong to the present submissions. Other folders are old. For
+    # example, a student's folder gets another name if two students have the same name.
     current = {each.folder for each in hand_ins}
     # items without points, which the teacher must grade
     items = [

@@ -32,8 +32,8 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 def import_early() -> None:
     """Begin to import the programs' common modules in the background."""
-    # All programs are forked from one server process, which imports their modules only once. It does not
-    # import the bag player, because the other programs do not need the modules of the bag player.
+    # All programs in MODULES are forked from one server process, which imports their modules only once. It
+    # does not import the bag player, because the other programs do not need the modules of the bag player.
     _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])
     forkserver.ensure_running()
 

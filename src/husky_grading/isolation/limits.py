@@ -19,7 +19,8 @@ import psutil
 
 # [bytes] a program is ended if its processes and its temporary files use more memory than this together
 MEMORY = 6_000_000_000
-# folders for temporary files; in bubblewrap they are in memory, so their files count as memory
+# folders for temporary files; in the sandbox of bubblewrap, their files are in memory, so they count as
+# memory
 TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")
 TEMPORARY_FILES = 500_000_000  # [bytes] capacity of each folder in TEMPORARY
 THREADS = 1000  # a program is ended if its processes have more threads than this together

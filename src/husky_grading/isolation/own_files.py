@@ -21,10 +21,10 @@ from husky_highlevel_controller.paths import search_path, share_folder
 class Own(Enum):
     """Files of this package that an untrusted program may use besides launch files, worlds and messages."""
 
-    NOTHING = "nothing"  # a normal submission may use only launch files, worlds and messages
+    NOTHING = "nothing"  # a normal submission may use only our launch files, worlds and messages
     # a submission for exercise 4 may also use our filter, which replaces robot_localization
     FILTER = "filter"
-    ALL = "all"  # a launch file or node of this package may use all files, if a teacher grades it
+    ALL = "all"  # our own launch file or node may use all files, if a teacher gives it to `grade`
 
 
 # folder with the Python modules of husky_highlevel_controller; it is in the source tree, even if Python

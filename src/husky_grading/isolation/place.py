@@ -15,7 +15,8 @@ from pathlib import Path
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-# environment variable with the path of the neutral place; empty if the program cannot mount a folder there
+# environment variable with the path at which the marking program sees its folder of results; empty if the
+# program cannot mount the folder there
 VARIABLE = "HUSKY_GRADE_PLACE"
 FOLDER = "/var/tmp"
 MS_BIND = 0x1000  # flag of mount(2)
@@ -44,7 +45,7 @@ def show_results_at(out: Path) -> Path:
     Raises:
         HuskyError: the results cannot be mounted, and nothing can be built at the path of the folder.
     """
-    place = os.environ.get(VARIABLE, "")  # path of the place; empty if this program cannot mount a folder
+    place = os.environ.get(VARIABLE, "")  # empty if this program cannot mount the folder
     if place:
         out.mkdir(parents=True, exist_ok=True)
         libc = ctypes.CDLL(None, use_errno=True)

@@ -59,7 +59,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
         if number == signal.SIGTERM:
             return STOPPED
         if number != signal.SIGCHLD:
-            # no other process can get the pid of the child before waitpid is called
+            # the pid belongs to the child until waitpid is called, even if the child has ended
             os.kill(child.pid, number)
             continue
         # One SIGCHLD may report the end of several processes, so the loop asks until no ended process is

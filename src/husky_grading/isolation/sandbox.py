@@ -35,7 +35,8 @@ PROBE_DEADLINE = 10.0  # [s] wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
 NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
-# environment variables that a submission gets from `grade`; other variables may contain tokens or passwords
+# environment variables of `grade` that a submission gets, too; it gets no others, because they may contain
+# tokens or passwords
 KEPT_VARIABLES = (
     *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
     "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
@@ -48,7 +49,7 @@ _BUBBLEWRAP = [
     "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
     "--cap-drop", "ALL",
 ]  # fmt: skip
-_NO_NESTED_NAMESPACES = ["--disable-userns"]  # option of bubblewrap since version 0.8
+_NO_NESTED_NAMESPACES = ["--disable-userns"]  # older versions than bubblewrap 0.8 do not have this option
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 
 
@@ -162,7 +163,8 @@ class _Mount(NamedTuple):
     """Mount of a path in the sandbox."""
 
     path: Path
-    # at the same depth, rank 0 (hide a folder) is mounted before 1 (show a path) and 2 (make it writable)
+    # order of mounts at the same depth: 0 to hide a folder, then 1 to show a path, then 2 to make a path
+    # writable
     rank: int
     options: List[str]  # options of bubblewrap
 
@@ -187,7 +189,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed(workspace, env)
     shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
-    # a shown folder that contains a home would make this hidden home visible again, so it is left out
+    # home folders stay hidden, so a folder that contains a home folder is not shown either
     shown = {path for path in shown if not any(path in home.parents for home in homes)}
     mounts = [_Mount(path, 0, ["--tmpfs", str(path)]) for path in hidden]
     mounts += [_Mount(path, 1, ["--ro-bind", str(path), str(path)]) for path in shown]

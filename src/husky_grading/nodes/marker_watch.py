@@ -27,11 +27,11 @@ from husky_highlevel_controller.ros import conversions
 BASE = "base_link"
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
-# [s] simulated time after a recorded moment of a namespace, in which its further markers are left out
+# [s] after markers of a namespace were recorded, its next markers are recorded only after this simulated time
 PERIOD = 0.019
-# if more markers came at one moment, the next recorded moment is later, in proportion to their number
+# if more than CROWD markers came at the same time, PERIOD becomes longer, in proportion to their number
 CROWD = 10
-MAX_SAMPLES = 50_000  # further markers of a run are not recorded
+MAX_SAMPLES = 50_000  # only so many markers of a run are recorded
 # if all recorded markers of a run have more points together, the further points are cut off
 MAX_ALL_POINTS = 500_000
 MAX_MESSAGE = 2_000_000  # [bytes]
@@ -52,7 +52,8 @@ class MarkerWatch:
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now
-        self._packages = packages  # folders of the submission's packages, for meshes
+        # folders of the submission's packages, where the mesh files of markers are searched
+        self._packages = packages
         # recorded markers, as sample and message; their positions in the world are computed after the run
         self._samples: List[Tuple[MarkerSample, Marker]] = []
         self._points_left = MAX_ALL_POINTS
@@ -238,7 +239,8 @@ class MarkerWatch:
             return replace(sample, problem=str(error).split(". ")[0].strip())
         # row of the first true pose that is not earlier than `moment`; 1e-6 is a tolerance for rounding
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
-        # pose of the marker in the world, by the chain world, base_link, frame of the marker, marker
+        # pose of the marker in the world, composed of three poses: base_link in the world, the marker's frame
+        # in base_link, and the marker in its frame
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
         scale = (marker.scale.x, marker.scale.y, marker.scale.z)
         points = [(point.x, point.y, point.z) for point in marker.points]
@@ -259,7 +261,8 @@ class MarkerWatch:
             return sample.stamp or sample.at, Pose()
         if sample.stamp:
             return sample.stamp, self._lookup(sample.frame, sample.stamp)
-        # [s] time at which the marker came, then later times, because the transform may come after the marker
+        # [s] times to try: first when the marker came, then later, because the transform may come after the
+        # marker
         moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
         first_error: Optional[Exception] = None
         for moment in moments:
@@ -268,7 +271,8 @@ class MarkerWatch:
             except tf2_ros.TransformException as error:
                 first_error = first_error or error
         latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
-        # no newer transform came, because the run ended or the submission stopped sending them
+        # no transform came after the marker, because the run ended or the submission stopped sending
+        # transforms
         if latest < sample.at:
             return latest, self._lookup(sample.frame, latest)
         raise tf2_ros.TransformException(str(first_error))

@@ -66,7 +66,7 @@ VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name i
 # recorder's threads alone take some hundred million bytes
 MEMORY = 2_000_000_000
 MAX_VIOLATIONS = 5  # only so many broken rules are reported
-# largest number of topics whose messages the exercise's watch gets, and queue length of each of these topics
+# largest number of topics whose messages the exercise gets by `on_message`, and queue length of each topic
 MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000
 HITS_PERIOD = 1.0  # [s] simulated time between two scans whose points are kept for a picture
 
@@ -81,21 +81,21 @@ class DriveRecorder:
         self._initial = self._task.recording  # recording with the facts that are known before the run
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []
-        self._commands: List[float] = []  # [s] simulated times at which commands came, without repetitions
+        self._commands: List[float] = []  # [s] simulated times at which commands came, each time once
         self._command_count = self._zero_count = 0  # number of all commands, and of commands that are zero
         self._fastest = self._sharpest = 0.0  # largest commanded speed [m/s] and yaw rate [rad/s]
         self._nearest: List[Tuple[float, float]] = []  # time [s] and smallest range [m] of each scan
         self._scans: List[Scan] = []  # one scan every HITS_PERIOD, for the pictures
-        # keeps the markers of the submission, with their times and places
+        # keeps the markers of the submission, with their times and positions
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
-        self._followed: Set[str] = set()  # topics whose messages the exercise's watch gets
-        # true if the submission subscribes to the input topic of the exercise; if it subscribes to any topic;
-        # if it publishes velocity commands
+        self._followed: Set[str] = set()  # topics whose messages the exercise gets by `on_message`
+        # true if the submission subscribes to the input topic of the exercise (`_subscribed`), subscribes to
+        # any topic (`_listens`), or has a publisher of velocity commands (`_advertises`)
         self._subscribed = self._listens = self._advertises = False
         self._joined_at = inf  # [s] wall time at which `_join` made the recorder part of the run; inf before
         self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
         self._services: Tuple[str, ...] = ()  # names of the services that the submission offers
-        # true after the end of the run; true after the recording was sent
+        # true after the end of the run (`_is_over`), and after the recording was sent (`_handed_over`)
         self._is_over = self._handed_over = False
         self._types: Dict[str, str] = {}  # types by topic
         # topics to which the submission subscribes, but on which no node publishes
@@ -148,8 +148,8 @@ class DriveRecorder:
                 self._send(Over())
                 self._hand_over(cause)
         except Exception:
-            # After an error, `_handed_over` keeps the end of this program from sending a part of a recording.
-            # But if a shutdown has caused the error, the recording is sent.
+            # After an error, `_handed_over` is set, so that the end of this program does not send an
+            # incomplete recording. But if a shutdown has caused the error, the recording is sent.
             if not rospy.core.is_shutdown_requested():
                 self._handed_over = True
             raise
@@ -305,7 +305,7 @@ class DriveRecorder:
             return
         if not is_ready:
             self._access.advertise_commands()
-            # lets the watch send its first command, if the exercise drives the robot itself
+            # if the exercise drives the robot itself, this call sends its first command
             self._watch.on_scan(0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(

@@ -30,7 +30,8 @@ UNANSWERED = (
     xmlrpc.client.Error,
 )  # fmt: skip
 ANSWER_DEADLINE = 10.0  # [s] wall time
-# name by which the ROS master knows our own queries for types of services; they do not count as calls
+# our own queries for the types of services come to the ROS master under this name, so they do not count as
+# calls of the submission
 TYPE_CALLER = "/rosservice"
 # a service whose name ends like this comes from ROS itself, so its type is not requested
 EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")

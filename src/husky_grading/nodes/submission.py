@@ -265,7 +265,7 @@ def read_launchable(
     # not in a package.
     with contextlib.suppress(ResourceNotFound):
         reporter.write("package", path=RosPack().get_path(package))
-    if kind == "--node":  # a node gets a launch file of its own, so that only launch files must be read
+    if kind == "--node":  # a single node is put into a launch file, so that only launch files must be read
         text = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
         text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
         loader.load_string(text, config, verbose=False)

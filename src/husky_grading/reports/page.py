@@ -69,7 +69,7 @@ def class_page(
         )
         for result in ordered
     ]
-    # fraction of points that each student has, only of items that are not graded by hand; for the median and
+    # each student's fraction of the points, without items that are graded by hand; used for the median and
     # the histogram
     shares = [result.points / result.max_points for result in ordered if result.max_points]
     counts = [(state.value, sum(result.state == state for result in ordered)) for state in COLOURS]
@@ -79,8 +79,8 @@ def class_page(
         columns=columns,
         settings=ordered[0].settings if ordered else {},
         counts=[(state, count) for state, count in counts if count],
-        # largest possible sum of points of the class: first for the items that already have points, then for
-        # all items
+        # largest sum of points that the class can have: `decided` leaves out items that are graded by hand,
+        # `possible` has all items
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
         course_robot=_course_robot(ordered),

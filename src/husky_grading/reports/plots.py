@@ -89,7 +89,7 @@ def _label(
     angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
     offset = gap * cos(angle), gap * sin(angle)
     alignment = "center"
-    if abs(offset[0]) > 5.0:  # the text is completely on one side of the position, so it does not cover it
+    if abs(offset[0]) > 5.0:  # the whole text is on one side, so that it does not cover the position
         alignment = "left" if offset[0] > 0.0 else "right"
     axis.annotate(
         text, at, offset, textcoords="offset points", ha=alignment, va="center", fontsize=9, zorder=8, **more

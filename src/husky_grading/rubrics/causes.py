@@ -9,8 +9,8 @@ from husky_grading.notes import Kind, Note
 from husky_grading.recording import Recording
 from husky_grading.records import Item
 
-# [s] if a run still lasts for this simulated time after the last command, the submission stopped sending
-# commands
+# [s] the submission stopped sending commands if its last command came this simulated time before the end of
+# the run, or earlier
 SILENT = 5.0
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
 MOVES_NOTHING = 1e-3  # [m/s, rad/s] a command up to this size does not move the robot

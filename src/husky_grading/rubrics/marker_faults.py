@@ -13,18 +13,18 @@ from husky_grading.records import Rules
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.robot import load_robot
 
-FEW = 3  # fewer markers or moments are too few to judge them
-# a fault is reported if at least this fraction of the wrong markers has it; for a fault of direction, only
-# markers with the pillar to the side of the robot count
+FEW = 3  # fewer than FEW markers or moments are not enough for a judgement
+# a fault is reported if at least this fraction of the tested markers has it
 MOSTLY = 0.8
 # additional tolerance for a mirrored or swapped position [m], for each metre between robot and pillar
 IMAGE_SLOPE = 0.1
-EXACT = 0.05  # [m] a coordinate with this error still counts as 0, or as a whole number of metres
-THERE = 0.15  # [m] a marker with this error still counts as being at a position
+EXACT = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
+THERE = 0.15  # [m] a marker counts as being at a position up to this distance from it
 OUT_OF_THE_WORLD = 1e6  # [m] a larger coordinate comes from a variable that was never set
 # [m] a marker loses no points if it is up to this height above the pillar or below the ground
 HEIGHT_MARGIN = 0.3
-# [m] a marker loses all points if it is this height beyond HEIGHT_MARGIN; linear in between
+# [m] a marker loses all points at HEIGHT_MARGIN + HEIGHT_FADE above the pillar or below the ground; linear in
+# between
 HEIGHT_FADE = 0.7
 FAULTS = {
     Kind.Y_IS_ZERO: "y is always 0",
@@ -188,7 +188,7 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> b
     if marker.frame == "odom" and from_start <= THERE:
         return True
     x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
-    # [m] x in base_link of the origins that count: the lidar, and base_link itself if it is the marker's
+    # [m] x in base_link of each origin to compare with: the lidar, and base_link itself if it is the marker's
     # frame
     origins = (0.0, mount) if marker.frame == "base_link" else (mount,)
     return min(hypot(x - ahead, y) for ahead in origins) <= THERE

@@ -37,7 +37,8 @@ from husky_highlevel_controller.robot import load_robot
 LARGEST = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-MOST = 0.5  # a moment has a score if at least this fraction of the drawn markers reaches the score
+# the score of a moment is the highest score that at least this fraction of the drawn markers reaches
+MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
 # markers get all points if they are right for the fraction ALWAYS of the time or more, and none for NEVER or
@@ -78,7 +79,7 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
         return [_judge(recording, markers, rules)]
     for marker in markers:
         for (topic, namespace), members in series.items():
-            # `delete all` deletes the markers of all namespaces of a topic, so each namespace gets it
+            # `delete all` deletes the markers of all namespaces of a topic, so it is added to each namespace
             if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
                 members.append(marker)
     return [_judge(recording, members, rules) for members in series.values()]
@@ -144,8 +145,8 @@ def _with_fault(
     fault = find_fault(recording, wrong, len(wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
         # While the pillar is straight ahead, mirrored markers are near it and get points. But their y always
-        # has the wrong sign, so the score is limited. The sign only shows while the pillar is to the side. If
-        # fewer than FEW markers came then, the score is not limited.
+        # has the wrong sign, so the score is limited. The sign only shows while the pillar is to the side, so
+        # the limit needs at least FEW markers from such moments.
         if len(off_axis(recording, wrong, rules)) >= FEW:
             score = min(score, MOST_IF_MIRRORED)
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
@@ -226,7 +227,7 @@ def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules)
     ahead: List[Moment] = []
     for moment in moments:
         _, bearing = pillar_from_robot(recording, moment.at)
-        # a pillar behind the robot is also on the robot's axis, but counts as to the side
+        # a pillar behind the robot is also on the robot's x axis, but the moment is added to `aside`
         if abs(bearing) > 0.5 * pi or is_off_axis(recording, moment.at, rules):
             aside.append(moment)
         else:
@@ -264,7 +265,7 @@ def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
     if fractions_ahead:  # true if there is a second group, with the pillar ahead
         aside, ahead = map(_seconds, groups.values())
         weight_ahead = min(ahead / (aside + ahead), 0.5)
-        # now the weighted mean of the two groups
+        # `right_fraction` becomes the weighted mean of the two groups
         right_fraction += weight_ahead * (fractions_ahead[0] - right_fraction)
     return mean_score * min(max((right_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
