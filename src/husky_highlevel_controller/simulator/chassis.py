@@ -51,7 +51,7 @@ class Chassis:
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Put the robot into a Bullet world that has none."""
         self._gravity = gravity
-        # [rad] angles of the wheels, which go on beyond one turn
+        # [rad] angles of the wheels since the start, also beyond one turn
         self._wheel_angles = [0.0] * len(self._robot.wheels)
         self._bullet.add_robot(self._robot, pose_base_in_world)
         self._reset_contacts()

@@ -12,7 +12,7 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 # [s] the rate of a sender is reported when it has sent commands for this time since its first command that
 # moves the robot
 RATE_TIME = 1.0
-# a sender is slow if this number of commands in a row came only after the last command had expired
+# a sender counts as slow after this number of gaps in a row in which its last command expired
 SLOW_GAPS = 8
 # [s] a gap that is longer than this does not count as slow, because a person may be pressing keys
 LONGEST_GAP = 3.0
@@ -53,7 +53,7 @@ class _Sender:
     # [s] stamp of the sender's first command that is not zero; None if all are zero
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands since `moves_since`
-    # [s] the last gaps between commands in a row, if each of them is longer than the timeout
+    # [s] the last gaps between commands, as long as every gap is longer than the timeout
     gaps: Tuple[float, ...] = ()
     # [s] stamp of the first command that was blocked by another topic; None if the last command was not
     # blocked
@@ -133,15 +133,15 @@ class CommandHabits:
             if duration >= RATE_TIME:
                 yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
 
-        # SLOW: many commands in a row came only after the last command had expired. A command in time, or
-        # after a long pause, starts the count again.
+        # SLOW: in many gaps in a row, the last command expired. A command in time, or after a long pause,
+        # starts the count again.
         is_gap_long = self._timeout < gap <= LONGEST_GAP
         memory.gaps = (*memory.gaps, gap) if is_gap_long else ()
         if len(memory.gaps) >= SLOW_GAPS:
             yield Finding(Habit.SLOW, sender, topic, len(memory.gaps) / sum(memory.gaps), self._timeout)
             memory.gaps = ()
 
-        # ZEROS: the sender has never moved the robot
+        # ZEROS: the sender has sent commands for some time, but none of them has moved the robot
         lasts = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
         if lasts and is_zero and memory.moves_since is None and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)

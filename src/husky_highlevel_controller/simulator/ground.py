@@ -24,7 +24,8 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy, transfor
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
 FALL_DEPTH = 10.0  # [m] a robot this far below its start has fallen off the world
-# [m] if the robot starts on a slab up to this height, the slab is the floor; the robot's hull is higher
+# [m] if the robot starts on a slab that is not higher than this, the slab is the floor; the robot's hull is
+# above it
 MAX_SLAB = 0.12
 MAX_RISE = 5.0  # [m] up to this height above the start, the top of a thick floor is searched
 # [m] the robot falls to the floor from at most this height; if it would start higher, it is put on the floor

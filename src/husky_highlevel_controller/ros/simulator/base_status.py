@@ -50,7 +50,7 @@ class BaseStatus:
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
     """The base's state at `stamp` [s], without faults except battery and emergency stop."""
-    left, right = range(2)  # each pair in `power` has the value of the left side, then of the right side
+    left, right = range(2)  # index of the left side, and of the right side, in each pair of `power`
     return HuskyStatus(
         header=conversions.header(stamp, ""),
         uptime=round(1000.0 * power.uptime),

@@ -38,7 +38,7 @@ class CallQueue:
         future: Future = Future()
         (self._calls_between_steps if between_steps else self._calls).append((work, future))
         self._arrived.set()
-        while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # the loop ends when the owner has made the call
+        while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # the loop ends when the call is made
             if rospy.is_shutdown():
                 raise rospy.ROSInterruptException("the simulator ends")
         return future.result()

@@ -98,7 +98,8 @@ class Commands:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                # this node is the first subscriber; a message is published only if there is another one
+                # this node itself is the first subscriber; a message is published only for further
+                # subscribers
                 if self._passed_publisher.get_num_connections() > 1:
                     publish(self._passed_publisher, msg)
             else:

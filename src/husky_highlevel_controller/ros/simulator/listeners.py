@@ -19,7 +19,7 @@ import rospy
 
 # [s] a process counts as asleep if none of its threads has run for this wall time. A sleeping roscpp node
 # checks the clock every 1 ms, but a busy computer may wake the node later. With 3 ms, at a load average of
-# 11, two of three runs of such a node were not repeatable.
+# 11, two of three runs of such a node gave other results than before.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two checks of the processes
 # names of two files of a thread in /proc: STAT has its state; SCHEDULE counts its turns on a CPU, if the
@@ -56,8 +56,8 @@ class Listeners:
         self._topic_receivers: Set[int] = set()  # processes that receive the topic
         self._clock_receivers: Set[int] = set()  # processes that receive the clock
         self._sees_all_receivers = False  # true if all processes that receive the topic are on this machine
-        self._all_in_python = False  # true if all these processes run Python
-        # turns of the threads of each process when all processes were last found asleep
+        self._all_in_python = False  # true if all processes in `_processes` run Python
+        # turns on the CPU of the threads of each process, when all processes were last found asleep
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
@@ -99,7 +99,8 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # two checks notice a run between them only if the kernel counts the turns of a thread (file SCHEDULE)
+        # the short check of Python processes needs a kernel that counts the turns of each thread (file
+        # SCHEDULE)
         self._all_in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
@@ -200,7 +201,7 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
         if pair in ports:
             ports_by_socket[f"socket:[{inode}]"] = pair
     # the folder /proc/PROCESS/fd has a link to each socket of the process
-    owners: Dict[Ports, int] = {}  # id of the process that receives, by connection
+    owners: Dict[Ports, int] = {}  # id of the process that receives from each connection
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
             links = list(folder.iterdir())

@@ -25,7 +25,7 @@ RESEND_TIMEOUT = 1.0
 # [s] an idle controller that sends no command for this wall time gets an additional tick of /clock; after the
 # same time again, it counts as sleeping
 SLEEP_TIMEOUT = 0.3
-# [s] longest wait at a tick until all subscribers sleep; then the simulator stops such waits, because some
+# [s] longest wait at a tick until all subscribers sleep; after it, there are no more such waits, because some
 # subscribers, such as RViz, never sleep
 WATCH_TIMEOUT = 1.0
 POLL_PERIOD = 0.05  # [s] wall time between two checks for service calls during a wait

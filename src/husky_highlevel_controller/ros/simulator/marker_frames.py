@@ -18,7 +18,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 FRAME_TOPICS = ("/tf", "/tf_static")
 MESSAGES = 50  # number of messages of each topic that are checked; later messages are ignored
-# only this node may also publish frames; if any other node does, no markers are checked
+# besides the simulator, only this node may publish frames; if any other node does, no markers are checked
 OTHER_FRAMES = "robot_state_publisher"
 
 

@@ -101,7 +101,7 @@ class SimulatorNode:
         world = self._read_world(start.world_name)
 
         # events of the run that are logged only once
-        self._has_fallen = False  # true while the robot is below the world
+        self._has_fallen = False  # true while the robot is far below its start
         self._touched: Set[str] = set()  # names of the objects that the robot has touched since the start
         self._arrival = ArrivalWatch(config.robot.footprint)  # detects an arrival at a pillar
         # true if the node arrival_exit was launched; it logs the arrival, so this node does not
@@ -116,8 +116,8 @@ class SimulatorNode:
             # the program that records a run for grading gets a line about each scan that was not answered
             self._publishers.truth_log.write_line,
         )
-        # at unlimited speed without lockstep, the simulation would run far ahead of a slow controller, so it
-        # sometimes waits for the controller
+        # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller, so
+        # this limit makes the simulation wait
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
         self._findings = Findings()  # mistakes of other nodes, for the log and for ./dev doctor
         self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
@@ -186,7 +186,7 @@ class SimulatorNode:
         # if another launched node estimates the pose, this node stops publishing the filtered odometry and
         # the transform of odom
         filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
-        # while a student's program is graded, it gets no hints about its markers
+        # while a student's program is graded, the program gets no hints about its markers
         markers = None if publishers.is_graded else MarkerFrames(publishers.frames, findings.tell)
         GraphWatch(lambda: self._simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
         self._registration.start()
@@ -198,8 +198,8 @@ class SimulatorNode:
         miss the first scans. In lockstep, the recorder of a graded run must also be ready.
         """
         publishers = self._publishers
-        # time also waits for the subscribers of these topics, because a message that is lost at the start
-        # changes the run
+        # simulated time also waits for the subscribers of these topics, because a message that is lost at the
+        # start changes the run
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
@@ -405,8 +405,8 @@ class SimulatorNode:
         if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
         # Each service has a name of this node and the name from Gazebo. The last value of a row is true if
-        # the service changes the world; then lockstep finishes the present step first, and the recording of a
-        # graded run gets a line about the call.
+        # the service changes the world. Then lockstep finishes the present step first, and the program that
+        # records a run for grading gets a line about the call.
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),
@@ -422,7 +422,8 @@ class SimulatorNode:
         """Pause or resume the world, and return a sentence with the time."""
         self._paused = paused
         self._paused_topic.publish(paused)
-        self._use_wall_time_if_not_simulated()  # wall time has passed during the pause
+        # wall time has passed during the pause, so the stamp may need a new value
+        self._use_wall_time_if_not_simulated()
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:

@@ -82,7 +82,7 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
     """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
-        # rotation of the sheet's z axis to the plane's normal
+        # rotation that turns the z axis of the sheet to the normal of the plane
         turned = Pose(quat_xyzw=quat_between(Z, shape.normal))
         return _sheet(compose(pose, turned), shape.size, PLANE_COLOR)
     if isinstance(shape, Box) and shape.size[2] < PAINT_HEIGHT:

@@ -60,7 +60,7 @@ class Publishers:
         self._kept_scan: Optional[Scan] = None  # scan for nodes that subscribe before simulated time begins
         # bodies that the robot has touched since the last message on the topic bumps
         self._bumped_bodies: Set[str] = set()
-        # connections to the subscribers of /tf at the last check for new ones
+        # connections to the subscribers of /tf at the last check for new subscribers
         self._transform_connections: List[Any] = []
         self.leaves_filter = False  # true if another node publishes the estimated pose; any thread may set it
 
@@ -100,8 +100,8 @@ class Publishers:
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
         if not self.is_graded:
-            # The true poses have a topic of their own. On /tf, they would give odom a parent frame, but a
-            # localization node may add this parent, as on a real Husky.
+            # The true poses have a topic of their own. On /tf, they would give the frame odom a parent. But
+            # odom can have only one parent, and a localization node may publish it, as on a real Husky.
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
@@ -311,7 +311,7 @@ class Publishers:
         """Set rospy's time of this process, if the node uses simulated time."""
         if self.tells_time:
             # Private function of rospy, which rospy's own subscriber of /clock also calls. A subscription to
-            # /clock would cost the simulator 3 % more CPU time in lockstep, and its time would be late.
+            # /clock would cost the simulator 3 % more CPU time in lockstep, and would set the time too late.
             rospy.rostime._set_rostime(now)
 
 

@@ -41,7 +41,7 @@ STEERING_GAIN = 2.0  # [1/s]
 IMU_RATE, POINTS_RATE = 50, 1
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
-# topics of the point cloud and the IMU, as in the bags of both courses
+# these topics have the same names as in the bags of both courses
 POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"
 TRUTH_TOPIC = "/ground_truth/odom"  # topic of the true path, which is in the second bag
 

@@ -146,7 +146,7 @@ class WorldDisplay:
                 shown = None
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
-                # a turn of the body counts by the motion of a point 1 m away from its origin
+                # a turn of the body counts as the motion of a point 1 m away from its origin
                 if last_pose == pose or not _noticeable(last_pose, pose, 1.0):
                     continue
             pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)

@@ -23,12 +23,13 @@ from husky_highlevel_controller.ros.master_graph import (
 )
 from husky_highlevel_controller.spelling import likeness
 
-# nodes that cause no finding: the user chooses the topics of a tool, and the simulator has many topics
+# nodes that are never reported: the user chooses the topics of a tool, and the simulator has many topics that
+# no other node needs
 TOOLS = re.compile(
     r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
 )
-# a name may be misspelt if it has at least this likeness (difflib's ratio) to another name; cmd_val is like
-# cmd_vel, but cmd_vel_raw is not
+# a name may be misspelt if it has at least this likeness (difflib's ratio) to another name, as cmd_val to
+# cmd_vel; cmd_vel_raw is not like cmd_vel
 MIN_LIKENESS = 0.85
 
 
@@ -303,7 +304,7 @@ def main() -> None:
         findings += second_publishers(graph, simulator)
         findings += wrong_types(graph, simulator, partial(read_kinds, master_uri))
         for node, sentence in read_findings(master_uri, simulator):
-            if node in nodes:  # a finding about a node that has ended is not printed
+            if node in nodes:  # a mistake of a node that has ended is not printed
                 print(f"{simulator} has found: {sentence}")
     for finding in findings:
         print(mistake_sentence(finding))

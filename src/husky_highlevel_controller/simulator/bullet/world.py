@@ -38,10 +38,10 @@ BASE_INDEX = -1  # index by which Bullet means the base of a body, not one of it
 # rospy
 log = logging.getLogger("rosout.engine")
 
-# Bullet's default is 50 iterations; 20 iterations take half the time, and the motion is equal to 0.1 %
+# Bullet's default is 50 iterations; 20 iterations take half the time, and the motion differs by at most 0.1 %
 _SOLVER_ITERATIONS = 20
 # [m] bodies that are nearer than this have a contact; with Bullet's default of 0.02, the ground would also
-# touch the flanks of a tyre, which are 5 mm above it
+# touch the flanks of a tyre, which are 5 mm above the ground
 _BREAKING_THRESHOLD = 0.005
 # The ground acts like a spring. On rigid ground, the solver could distribute the weight over the four rigid
 # wheels in many ways. On springs, only one distribution is possible, which depends neither on the solver nor

@@ -24,8 +24,8 @@ LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_R
 # this simulator, and variables of drivers, which are not simulated
 _WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
 _OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
-# for each argument, the pattern of its values, and the description for messages; no value may contain a `$`,
-# because xacro would expand it
+# for each argument, the pattern of its values, and the text that tells the user these values; no value may
+# contain a `$`, because xacro would expand it
 ARGUMENTS = {
     "robot": ("|".join((*ROBOTS, *VERSIONS)), "|".join((*ROBOTS, *VERSIONS))),
     "laser_enabled": _FLAG,

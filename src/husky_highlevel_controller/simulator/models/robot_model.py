@@ -132,7 +132,7 @@ def robot_model(
             f"link '{min(other_links)}' is neither fixed to base_link nor a wheel; only wheels can move"
         )
     for element in physics.iter():
-        element.tail = "\n"  # each element ends a line, because Bullet cuts lines after 8 kB
+        element.tail = "\n"  # each element ends with a line break, because Bullet cuts lines after 8 kB
     return RobotModel(
         fixed_poses=MappingProxyType(poses),
         fixed_joints=fixed_joints,

@@ -83,7 +83,7 @@ def _included(include: Node) -> Optional[Node]:
         include.note("an <include> without a <uri> is left out")
         return None
     uri = uri_node.text
-    # the ground plane and the sun on Fuel are the same as in Gazebo, and they need no file here
+    # the ground plane and the sun on Fuel are the same as in Gazebo, and this program needs no file for them
     fuel_address = _FUEL.fullmatch(unquote(uri))
     if fuel_address:
         uri = "model://" + fuel_address.group(1).lower().replace(" ", "_")
@@ -108,7 +108,7 @@ def _included(include: Node) -> Optional[Node]:
         files[str(path)] = open_sdf(read_bytes(path), str(path), include.load)
     root = files[str(path)]
     model = root.child("model")
-    # a file with only a light, such as model://sun, needs no note, because the robot cannot touch a light
+    # a file with only a light, such as model://sun, causes no warning, because the robot cannot touch a light
     if model is None and not root.child("light"):
         include.note("an <include> of a file without a <model> is left out", uri)
     return model

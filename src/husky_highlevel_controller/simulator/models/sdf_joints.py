@@ -98,7 +98,7 @@ class Assembly:
             return _WORLD
         name = f"{scope}::{name}"
         # a frame may be attached to another frame, so each round follows one attachment; there are at most as
-        # many as frames
+        # many attachments as frames
         for _ in self.frames:
             name = self.frames.get(name, name)
         return name if name in self.links else ""

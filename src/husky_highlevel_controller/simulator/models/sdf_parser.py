@@ -42,8 +42,8 @@ Value = TypeVar("Value")
 class Load:
     """State of one load: files read so far, and notes for warnings."""
 
-    # for each sentence of a warning, the places of the elements that it is about, by the id of the element;
-    # an element that is read twice is named once
+    # Keys are the sentence of a warning, then the id of an element; the value is the place of the element.
+    # Because of the id, an element that is read twice is named only once.
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # names of models and bodies that are already used
     files: Dict[str, Node] = field(default_factory=dict)  # element <sdf> of each model file, by path
@@ -109,7 +109,7 @@ class Node:
         """Note every child that is neither read nor harmless to leave out."""
         supported = KNOWN[self.tag].split()
         for child in self.children():
-            # an empty <wind> needs no note, because Gazebo saves one in every world
+            # an empty <wind> causes no warning, because Gazebo saves one in every world
             is_default_wind = child.tag == "wind" and not len(child.element)
             if child.tag not in supported and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")

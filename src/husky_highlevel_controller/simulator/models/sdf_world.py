@@ -84,7 +84,7 @@ def find_world(name: str) -> Path:
     """
     folders = [share_folder() / "worlds", share_folder(), *search_path("GAZEBO_RESOURCE_PATH")]
     for folder in folders:
-        path = folder / name  # an absolute `name` is the whole path
+        path = folder / name  # `folder` has no effect if `name` is an absolute path
         if os.path.isfile(path):  # `path.is_file` would raise an error for a name that is too long
             return path
     for folder in folders:
@@ -188,7 +188,7 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
-    # a model that has only planes is a ground and does not count
+    # a model that has only planes is a ground, and grounds are not counted
     model.node.load.models += not shapes or not all(isinstance(shape, Plane) for shape in shapes)
     yield from bodies
 
@@ -305,7 +305,8 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
         full_name: name of the body.
     """
     link.note_unknown()
-    # in this simulator, a movable link always has gravity and obeys forces, so any other value is noted
+    # in this simulator, a movable link always has gravity and obeys forces, so any other value causes a
+    # warning
     for tag, supported in (("gravity", ("true", "1")), ("kinematic", ("false", "0"))):
         node = link.child(tag)
         if node and node.text.lower() not in supported and not model.static:
@@ -347,7 +348,7 @@ def _mass(link: Node, model: _Place) -> float:
         inertial.note_unknown()
         _note_unused_inertia(inertial, link, model)
         node = inertial.child("mass")
-        # a mass of 0 in a static model has no effect, so it is not noted
+        # a mass of 0 in a static model has no effect, so it causes no warning
         is_usual_zero = model.static and node is not None and node.text in ("0", "0.0")
         if node and not is_usual_zero:
             mass = node.unless_broken(

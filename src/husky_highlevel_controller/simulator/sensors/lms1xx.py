@@ -28,8 +28,7 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
 RAYS_PER_BEAM = 5  # number of steps from one beam to the next; a ray is cast at each step
-# [rad] rays are cast up to this angle on either side of a beam; it is half the angle of the light spot at 0.3
-# m
+# [rad] rays are cast up to this angle on either side of a beam; it is half the light spot's angle at 0.3 m
 WIDEST_SPOT = 0.0208
 # number of pieces of a scan if the robot moves; all rays of a piece start at the pose in its middle, with an
 # error below 1.5 mm at 1 m/s

@@ -125,8 +125,9 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     # bearings between which the beams may meet each segment [rad]
     start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
     low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
-    # a segment behind the laser may cross the bearing +-pi, so its beams are at both ends of the scan; it
-    # gets two entries, one from `high` to the last beam, and one from the first beam to `low`
+    # A segment behind the laser may cross the bearing +-pi, so its beams are at both ends of the scan. Then
+    # the segment is listed twice: for the beams from `high` to the last beam, and from the first beam to
+    # `low`.
     is_over_seam = high - low > pi
     segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_over_seam)])
     low, high = (

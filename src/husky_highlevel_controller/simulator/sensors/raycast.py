@@ -205,9 +205,9 @@ def _meet_one(
     rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
     if solid.kind == CYLINDER and flat > radius:
         ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
-        # The ends of the cylinder need no test if no point of a beam up to `farthest` lies beyond an end.
-        # Measured along the axis from the middle of the cylinder, such a point is at most as far as the left
-        # side says.
+        # The ends of the cylinder need no test if no point of a beam up to `farthest` lies beyond an end. The
+        # left side is the largest possible distance of such a point from the cylinder's middle, along its
+        # axis.
         if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= solid.size[2]:
             enter = enter_flank
     # 4. the beams towards the circle; all beams if the laser is inside the circle
@@ -302,8 +302,8 @@ def _candidates(
     half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
     middle = np.arctan2(y[near], x[near])
     low, high = middle - half_angle, middle + half_angle
-    # a ball behind the laser may reach over the bearing +-pi, so it becomes a second candidate, after a full
-    # turn
+    # a ball behind the laser may reach over the bearing +-pi, so it becomes a second candidate, with bearings
+    # that are turned by 2 pi
     for over, turn in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
         if len(over):
             near = np.concatenate([near, near[over]])
