@@ -183,8 +183,8 @@ def main(
                 )
             end_programs_on_signals()
         options.out.mkdir(parents=True, exist_ok=True)
-        # results are kept in a file, so that the next call can reuse them; but not if a contestant is a
-        # launch file, because its programs may have changed by then
+        # a file keeps results for the next call; results of a launch file are not kept, because its programs
+        # may have changed by then
         with Workers(
             options.jobs, options.cluster, None if has_launch_file else options.out / RESULTS
         ) as workers:

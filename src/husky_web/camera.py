@@ -27,8 +27,8 @@ TURN_SHARE = 0.08  # fraction of the heading error that the camera corrects in e
 # [m], [rad] if the camera would move less than STILL and turn less than STILL_ANGLE, no message is sent to
 # the page
 STILL, STILL_ANGLE = 0.002, 0.001
-# the last SENT positions that were sent to the page are kept; if the page reports a position that is nearer
-# than SAME [m] to one of them, the mouse has not moved the camera
+# if the page reports a position that is nearer than SAME [m] to one of the last SENT positions that were sent
+# to the page, the mouse has not moved the camera
 SENT, SAME = 100, 0.01
 
 
@@ -38,7 +38,7 @@ class Camera:
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
         self._name = FOLLOW
-        # true if the camera has been moved to the offset of the camera that was chosen last
+        # true if the camera has been moved to the position that belongs to the choice, such as FOLLOW
         self._is_placed = False
         # true if the page has reported a position that was sent after the last jump; before that, its reports
         # are too old

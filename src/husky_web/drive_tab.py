@@ -47,8 +47,8 @@ SERVICES: Dict[str, Any] = {
     RESUME: ("resume", CALL_TIMEOUT, Trigger),
     BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
-# [s] wall time after a request to start or stop the controller; a status that contradicts the request within
-# this time is older than the request, so it does not count
+# [s] for this wall time after a request to start or stop the controller, a status that contradicts the
+# request is ignored, because the status is older than the request
 STALE_STATUS = 1.0
 # largest number of diagnostics that are shown; largest number of characters of a name or a message
 MAX_LIGHTS, MAX_LETTERS = 50, 200

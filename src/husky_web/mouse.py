@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # [m] a clicked point farther away than this is ignored, because a click just below the horizon is not exact
 FARTHEST = 200.0
 # if the mouse's ray falls with a larger slope than this, a dragged object moves in the level plane through
-# the clicked point; with a flatter ray, it would move too far, so it moves in an upright plane
+# the clicked point; with a flatter ray, the object would jump too far, so its plane is upright
 STEEP = 0.05
 
 

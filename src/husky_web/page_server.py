@@ -181,8 +181,8 @@ class Gate:
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            # None opens the WebSocket; `handle` limits the number of connections, because two requests may
-            # come at the same time
+            # the answer None opens the WebSocket; `handle` limits the number of connections, because two
+            # requests may come at the same time
             return None
         # each open page has one connection of viser, so this is the number of open pages
         if self._connections[False] >= MAX_PAGES:

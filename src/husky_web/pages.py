@@ -18,8 +18,8 @@ from husky_web.plots import choice_html
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 # viser's "brand" colour for light (False) and dark (True) pages; with it, text has a contrast of at least 4.5
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}
-# keys of the browser's storage: DARK has the user's choice, and IS_DARK is "1" if page.js has found that the
-# page has to be dark, by this choice or by the settings of the browser
+# keys of the browser's storage: DARK has the user's choice; page.js sets IS_DARK to "1" if the page has to be
+# dark, by this choice or by the settings of the browser
 DARK, IS_DARK = "dark", "is-dark"
 # [s] longest wait for a value from the browser's storage; it is long, because a browser without a graphics
 # card answers late

@@ -209,7 +209,7 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
     """
     if len(times) < 3:
         return ""
-    # number of the interval in which each time lies, if time is divided into intervals of RESOLUTION
+    # time is divided into intervals of RESOLUTION; number of the interval of each sample
     bins = np.floor(times / RESOLUTION)
     # index of the last sample of each interval
     rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)

@@ -21,8 +21,8 @@ SIDES = 24  # number of sides of a cylinder, of a cone, and of a sphere's equato
 MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box that replaces an unreadable mesh
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
-# if a part of a mesh file has more than MANY triangles, it is simplified, because the Husky's triangles take
-# a third of the time of a picture without a graphics card; details larger than 1 / CELLS of the part's length
+# a part of a mesh file with more than MANY triangles is simplified, because a browser without a graphics card
+# spends a third of its time on the Husky's triangles; details larger than 1 / CELLS of the part's length
 # remain
 MANY, CELLS = 500, 25.0
 
@@ -84,8 +84,8 @@ Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
     """Return a mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
-    # corners (N, V, 3) and faces (N, F, 3) of N copies of a unit with V vertices and F faces; in each copy,
-    # the numbers in the faces are larger by V than in the copy before
+    # N copies of a unit with V vertices and F faces: corners (N, V, 3), and faces (N, F, 3); the faces of
+    # copy n have the numbers of the unit's faces plus n * V
     corners = points[:, None] + unit.vertices * np.asarray(size)
     faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
     return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))

@@ -37,10 +37,9 @@ FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 # [s] a warning counts as the reason of the controller's stop if it comes at most this time before or after
 # the stop
 REASON_TIME = 3.0
-# [s] simulated time of one or two scans; this time after the motion of an object, the controller has noticed
-# it
+# [s] simulated time after which the controller has noticed that an object was moved: one or two scans
 SEEN_AFTER = 0.03
-# [s] wall time after which the controller has noticed the motion of an object, even if simulated time is
+# [s] wall time after which the controller has noticed that an object was moved, also if simulated time is
 # unknown
 SEEN_AT_LAST = 0.3
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"

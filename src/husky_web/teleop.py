@@ -91,8 +91,8 @@ class Teleop:
         self._wake = threading.Event()
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
-        # a simulator keeps its last message on `locked`, so that a page that starts later gets it, too; a
-        # twist_mux has no such topic
+        # a simulator keeps its last message on `locked` for pages that start later; a twist_mux has no topic
+        # `locked`
         for topic in ("e_stop", f"{simulator}/locked"):
             rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()

@@ -63,7 +63,8 @@ class Topics:
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
-        # the topics keep their relative names, so that `take_all("inputs")` returns the names of INPUTS
+        # the topics are not resolved to full names, because `take_all("inputs")` must return the names in
+        # INPUTS
         for name in INPUTS:
             self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 

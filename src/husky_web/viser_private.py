@@ -15,8 +15,8 @@ from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 
-# [m] if a coordinate has changed less than this, its change is not sent; the same number is the limit for a
-# component of a quaternion, in which it means a turn of 1 mrad
+# [m] if a coordinate has changed less than this, its change is not sent; the same limit holds for a component
+# of a quaternion, and means a turn of 1 mrad there
 INVISIBLE = 5e-4
 
 
