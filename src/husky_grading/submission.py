@@ -41,8 +41,8 @@ MAX_EVENTS = 10_000
 class Parts:
     """Packages of the robot: nodes of some are started by the submission, nodes of others by marking."""
 
-    # packages of the robot whose nodes are graded as the submission, such as robot_localization; then the
-    # nodes of the student's own packages are not graded
+    # packages of the robot, such as robot_localization. If there are any, their nodes are graded as the
+    # submission, and the nodes of the student's own packages are not graded.
     by_submission: Tuple[str, ...] = ()
     # packages of the robot whose nodes are left out of the submission, because `grade` starts them
     by_marking: Tuple[str, ...] = ()
@@ -141,8 +141,8 @@ def starter(
 
     Unless `own` is ALL, nodes of this package are left out, because they are not part of any submission.
     """
-    # The program is started by its path and not as a module of our package, because a package of the
-    # submission may have the same name.
+    # The program is started by its path, and not as a module of our package, because a package of the
+    # submission may have the name of our package.
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()

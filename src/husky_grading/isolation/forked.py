@@ -74,8 +74,8 @@ class _Child:
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
                 script = sys.modules["__main__"]
-                # Otherwise the child process would run our main script again. So an empty module takes the
-                # place of the main module during the start.
+                # An empty module takes the place of the main module during the start. Otherwise the child
+                # process would run our main script again.
                 sys.modules["__main__"] = ModuleType("__main__")
                 try:
                     self._process.start()

@@ -17,7 +17,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import psutil
 
-# [bytes] a program is ended if its processes and its temporary files use more memory than this together
+# [bytes] a program is ended if its processes and its temporary files together use more memory than this
 MEMORY = 6_000_000_000
 # folders for temporary files; in the sandbox of bubblewrap, their files are in memory, so they count as
 # memory

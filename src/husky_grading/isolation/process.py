@@ -141,7 +141,7 @@ class Process:
         """
         if self._watch:
             self._watch.end()
-        self.popen.terminate()  # reaper.py gets this signal and kills all processes of the program
+        self.popen.terminate()  # reaper.py gets SIGTERM and kills all processes of the program
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
         with contextlib.suppress(ProcessLookupError, PermissionError):

@@ -57,7 +57,8 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] wall time between two queries of the ROS graph
-# [s] wall time after `_join` at which simulated time begins, even if some topics are not connected yet
+# [s] simulated time begins at most this wall time after the recorder joined the run, even if some topics are
+# not connected yet
 CONNECTING = 2.0
 # topics on which a submission can send velocity commands: cmd_vel, which the robot's twist_mux reads, and the
 # output of the twist_mux, which moves the robot directly
@@ -92,7 +93,7 @@ class DriveRecorder:
         # true if the submission subscribes to the input topic of the exercise (`_subscribed`), subscribes to
         # any topic (`_listens`), or has a publisher of velocity commands (`_advertises`)
         self._subscribed = self._listens = self._advertises = False
-        self._joined_at = inf  # [s] wall time at which `_join` made the recorder part of the run; inf before
+        self._joined_at = inf  # [s] wall time at which the recorder joined the run; inf before
         self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
         self._services: Tuple[str, ...] = ()  # names of the services that the submission offers
         # true after the end of the run (`_is_over`), and after the recording was sent (`_handed_over`)

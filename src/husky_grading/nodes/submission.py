@@ -447,7 +447,8 @@ def main(arguments: List[str]) -> int:
     reporter = Reporter(events)
     refuse_aliases()
     signal.signal(signal.SIGALRM, _out_of_time)
-    # configuration of the last launchable; the actions `run` and `memcheck` get a single launchable
+    # configuration of the last launchable (launch file or node); the actions `run` and `memcheck` get a
+    # single one
     config = None
     for launchable in launchables:
         config = describe(json.loads(launchable), reporter, json.loads(ours))

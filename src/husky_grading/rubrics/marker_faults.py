@@ -16,11 +16,12 @@ from husky_highlevel_controller.robot import load_robot
 FEW = 3  # fewer than FEW markers or moments are not enough for a judgement
 # a fault is reported if at least this fraction of the tested markers has it
 MOSTLY = 0.8
-# additional tolerance for a mirrored or swapped position [m], for each metre between robot and pillar
+# for each metre between robot and pillar, a marker may be off a mirrored or swapped position by this distance
+# more [m]
 IMAGE_SLOPE = 0.1
 EXACT = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
 THERE = 0.15  # [m] a marker counts as being at a position up to this distance from it
-OUT_OF_THE_WORLD = 1e6  # [m] a larger coordinate comes from a variable that was never set
+OUT_OF_THE_WORLD = 1e6  # [m] a larger coordinate probably comes from a variable that was never set
 # [m] a marker loses no points if it is up to this height above the pillar or below the ground
 HEIGHT_MARGIN = 0.3
 # [m] a marker loses all points at HEIGHT_MARGIN + HEIGHT_FADE above the pillar or below the ground; linear in
@@ -125,8 +126,8 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame
-    # Any frame except odom turns with the robot. In such a frame, the x and y that the student has computed
-    # are coordinates as seen from the robot.
+    # Each frame except odom is taken as a frame that turns with the robot. In such a frame, the x and y of
+    # the student are coordinates as seen from the robot.
     turns_with_robot = frame != "odom"
     # x of the origin of the marker's frame in base_link. It is subtracted, because the student has computed
     # whole metres in the marker's frame.

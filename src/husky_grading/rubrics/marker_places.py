@@ -262,7 +262,7 @@ def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
         return 0.0
     mean_score = sum(each.seconds * each.score for each in right) / _seconds(right)
     right_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
-    if fractions_ahead:  # true if there is a second group, with the pillar ahead
+    if fractions_ahead:  # a second group exists: the moments with the pillar ahead
         aside, ahead = map(_seconds, groups.values())
         weight_ahead = min(ahead / (aside + ahead), 0.5)
         # `right_fraction` becomes the weighted mean of the two groups
