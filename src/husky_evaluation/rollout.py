@@ -121,7 +121,7 @@ def rollout(
     laser_in_base = robot.fixed_poses[robot.laser_frame]
     controller_state, arrived_at = ControllerState(), inf
     rows: List[Tuple[Any, ...]] = []
-    touches: Dict[str, float] = {}  # [s] time of the first touch of each body, by its name
+    touches: Dict[str, float] = {}  # [s] time of the first touch of each body; the key is the body's name
     try:
         while simulation.stamp < min(seconds, arrived_at + settle):
             snapshot = simulation.step()

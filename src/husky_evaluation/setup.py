@@ -145,7 +145,7 @@ def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mappi
             yield prefix + item.name, value, item.metadata
 
 
-# min, max and help of every parameter, by its name
+# min, max and help of every parameter; the key is the parameter's name
 METADATA = {
     name: metadata for record in vars(Setup()).values() for name, _, metadata in _parameters(record)
 }

@@ -48,7 +48,7 @@ class Actions:
                 sentence, is_good = f"{type(error).__name__}: {error}", False
                 rospy.logwarn(f"{title}: {traceback.format_exc()}")
             if sentence and client is not None:  # the client is None if no page waits for the result
-                with contextlib.suppress(Exception):  # a page that has been closed meanwhile causes an error
+                with contextlib.suppress(Exception):  # notifying a page fails if the page has been closed
                     notify(client, title, sentence, is_good)
 
 

@@ -14,8 +14,7 @@ from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, solids_of
 from husky_web.viser_private import wxyz
 
-# scale of the text of a marker; the text is always 12 px high, whatever size the marker has, so it is sharp
-# at any distance
+# scale of the text of a marker; the text is 12 px high at any distance, even if the marker gives another size
 LETTER_SCALE = 1.0
 LINE_WIDTH = 0.01  # [m] width of a line whose marker gives no width
 # [m] length of each dash and of each gap; largest length of a dashed line
@@ -34,7 +33,7 @@ def on_error_log_and_skip(source: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # the page continues, whatever error a single item causes
+    except Exception as error:  # an error of a single item must not end the page
         warn_left_out(source, f"{type(error).__name__}: {error}")
 
 

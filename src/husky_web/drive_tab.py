@@ -79,8 +79,7 @@ class DriveTab:
         self._actions, self._teleop, self._moves = actions, teleop, moves
         self._stops = Actions()  # a separate queue for stops, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
-        # level and message of each diagnostic, by the name of the diagnostic, such as
-        # husky_highlevel_controller
+        # level and message of each diagnostic; the key is its name, such as husky_highlevel_controller
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # state of the controller, from its diagnostics
         # True if a page has requested to start the controller, False if it has requested to stop it; None as

@@ -47,7 +47,7 @@ class Drivers:
     """The last command of each sender."""
 
     def __init__(self) -> None:
-        # last command by input and sender, the newest last
+        # last command of each sender on each input; the newest command is the last one in the dictionary
         self._last_commands: Dict[Tuple[str, str], Command] = {}
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:

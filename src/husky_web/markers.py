@@ -22,7 +22,7 @@ from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 # largest number of copies of a cube or sphere in a list; a view with more copies does not turn smoothly
 MAX_COPIES = 2000
 # largest number of points of one marker, and largest cost of all markers, so that the browser is fast enough
-# for the page's emergency stop; the cost is given in points of a cloud
+# for the page's emergency stop; a cost of 1 is the time to draw one point of a point cloud
 MAX_POINTS, MAX_COST = 100_000, 300_000
 # cost of a copy in a list, smallest cost of any other marker, and cost of a text
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600

@@ -59,7 +59,7 @@ class Objects:
         # function that binds the mouse to a new object
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None
         self.dragged: Dict[Key, Pose] = {}  # pose of each object that a page drags, in the fixed frame
-        # publisher of feedback to each server, by the server's name
+        # publisher of feedback to each server; the key is the server's name
         self._feedback: Dict[str, rospy.Publisher] = {}
 
     def update(self, received: List[Received]) -> None:

@@ -40,7 +40,7 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
     """
     robot, links, joints = read_urdf(description)
     colors = {item.get("name", ""): _rgba(item) for item in robot.findall("material")}
-    # joint between each link and its parent link, by the name of the link
+    # joint between a link and its parent link; the key is the name of the link
     joint_above = {ends_of(joint, links)[1]: joint for joint in joints.values()}
     groups: Dict[str, List[Visual]] = {}
     for name, link in links.items():

@@ -60,7 +60,7 @@ LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
 # [m] the trail has its full colour up to TRAIL_NEW behind the robot, then it fades, and from TRAIL_OLD on it
 # has the faded colour
 TRAIL_NEW, TRAIL_OLD = 3.0, 15.0
-# colour of the faded trail; it is visible on a light and on a dark page, but not striking
+# colour of the faded trail, visible on a light and on a dark page
 FADED_COLOR = (125, 148, 176)
 LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
 GAMMA = 2.2  # exponent by which the colours of a screen become linear

@@ -49,7 +49,7 @@ class Topics:
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
-        # subscribers by their use, such as "scan"; subscribers of other topics by the name of the topic
+        # subscriber for each use, such as "scan"; if a topic has no such use, the key is its name
         self._subscribers: Dict[str, rospy.Subscriber] = {}
 
     @property

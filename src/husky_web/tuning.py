@@ -34,9 +34,9 @@ class Tuning:
 
     def __init__(self, server: viser.ViserServer, actions: Actions, tab: Any) -> None:
         self._gui, self._actions, self._tab = server.gui, actions, tab
-        # function that is called with the text "parameter old \u2192 new"
+        # function that is called after a change with a text such as "p_gain_vel 0.5 \u2192 0.6"
         self.on_change: Callable[[str], None] = lambda change: None
-        self._servers: Dict[str, _Server] = {}  # servers by their names
+        self._servers: Dict[str, _Server] = {}  # server of each name, with its fields
         buttons = self._gui.add_button_group(
             "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
         )
@@ -98,10 +98,11 @@ class _Server:
     ) -> None:
         self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
         self.parameters: List[Parameter] = []  # empty until the server has sent its description
-        self.values: Dict[str, Any] = {}  # last values that the server has sent, by parameter
+        self.values: Dict[str, Any] = {}  # last value of each parameter that the server has sent
         self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}  # field of each parameter in the page
-        self._waiting: Dict[str, Any] = {}  # requested values that are not sent yet, by parameter
+        # requested value of each parameter; removed as soon as the value is sent
+        self._waiting: Dict[str, Any] = {}
         self._is_closed = False
         # lock of the values and fields, because callbacks of ROS and of viser come in several threads
         self._turn = threading.RLock()

@@ -55,7 +55,7 @@ class Cluster:
             HuskyError: no scheduler answers.
         """
         self._address = address
-        self._refused: Dict[str, str] = {}  # reason of each rejection, by the worker's address
+        self._refused: Dict[str, str] = {}  # reason of each rejected worker; the key is the worker's address
         # addresses of the workers that have passed the check of threads, Python and version
         self._fit: FrozenSet[str] = frozenset()
         try:
@@ -141,7 +141,8 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
-            # the scheduler's facts on each connected worker, by the worker's address; -1 asks for all workers
+            # the scheduler's facts on each connected worker; the key is the worker's address; -1 asks for all
+            # workers
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
             self._check({address: info for address, info in infos.items() if address not in self._refused})
             # a worker that has passed the check may have left since then
@@ -173,7 +174,7 @@ class Cluster:
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
-        # versions of Python and of libraries on each worker, by the worker's address
+        # versions of Python and of libraries on each worker; the key is the worker's address
         pythons = self._client.get_versions()["workers"]
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")

@@ -55,7 +55,7 @@ def run_here(
         starts_programs: the task starts other programs, so threads that wait for these are enough.
     """
     waiting = deque(range(len(groups)))  # numbers of the groups that are still to be sent
-    # number of processes that have ended during each group, by the number of the group
+    # number of processes that have ended during each group; the key is the number of the group
     deaths: CounterType[int] = Counter()
     while waiting:
         running: Dict[Future, int] = {}  # number of the group whose answer the future will have
