@@ -62,13 +62,14 @@ from husky_highlevel_controller.datatypes import HuskyError
 DEADLINE = 3600.0
 PROGRAM = "husky_grading.mark"
 DPKG = "/var/lib/dpkg/info"  # folder in which Debian keeps a file NAME.list for each installed package
-# [s] wall time that the marking program has after Ctrl-C to end its programs; then it is killed
+# [s] after Ctrl-C, the marking program has this wall time to end all programs that it has started; then it is
+# killed
 CLEANUP_DEADLINE = 10.0
 # [bytes] a worker of a cluster does not send back files of the result that are larger than this
 MAX_RETURNED = 50_000_000
 SEED = "seed"  # name of the file that keeps the class's random seed, in the folder of results
-# the seed of a class is below this limit, because the sum of seed and run number is sent as a ROS parameter,
-# which is a 32-bit integer with a sign
+# the seed of a class is below this limit; the simulator gets seed plus run number as a ROS parameter, which
+# must fit into a 32-bit integer with a sign
 SEEDS = 2**30
 # folders that a worker of a cluster does not send back: the copied submission, its build, and files that it
 # wrote
@@ -85,8 +86,8 @@ class Batch:
     # submission
     out: Path
     jobs: int = 1  # number of submissions that are marked in parallel
-    # names of the only submissions to mark, even if they have a result; if empty, all submissions without a
-    # result are marked
+    # if empty, all submissions without a valid result are marked; otherwise only the submissions with these
+    # names, even if they have a result
     only: Tuple[str, ...] = ()
     setups: Tuple[str, ...] = ()  # setup.bash files that are sourced before submissions are built
     cluster: str = ""  # address of a Dask scheduler whose workers grade; if empty, this machine grades
@@ -243,8 +244,8 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     # only settings that change the build stay in `choices`; the student's other settings get their defaults
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
-    # our code is part of the fingerprint, so after an update of our code the whole class is marked again, by
-    # the same simulator
+    # all submissions of a class must be marked by the same version of our code, so the version is part of the
+    # fingerprint
     digest = hashlib.sha256(repr(built).encode())
     # errors are ignored here, because the marking program reports unreadable files and too many files later
     with contextlib.suppress(UnreadableFileError, OSError):
@@ -285,7 +286,7 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
         # after any error the submission is marked again; if the error persists, the new result reports it
         return None
     try:
-        # the result differs if the rubric or the points given by hand have changed since it was written
+        # `judged` differs from `result` if the rubric or the points given by hand have changed
         if judged != result:
             write_result(judged, out)
         # the job is written again, because its paths change if the folder of the class is moved

@@ -177,6 +177,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
     if not options.cluster:
-        stop_on_signals()  # Ctrl-C ends all programs that `grade` has started
+        stop_on_signals()  # lets Ctrl-C end all programs that `grade` has started
     with exit_codes("grade"):
         raise SystemExit(grade(options))

@@ -64,7 +64,7 @@ class RvizView(RvizConfig):
 class FrameTree:
     """Frames and robot descriptions of a run."""
 
-    # name of the parent frame, by the name of each frame
+    # parent frame of each frame, by the name of the frame
     parents: Mapping[str, str] = field(default_factory=dict)
     # names of the parameters with a URDF, if the links of the URDF are frames of TF
     descriptions: Tuple[str, ...] = ()

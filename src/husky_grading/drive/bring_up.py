@@ -49,7 +49,7 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
     }  # fmt: skip
     # in lockstep, simulated time stops after each scan until a command has come
     values = {**start, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
-    # the same values, by the full names of the parameters
+    # values of the simulator's parameters, by the full names of the parameters
     simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
     arguments = set_robot_parameters(network, config)
     set_parameters(network.uri, simulator_values)

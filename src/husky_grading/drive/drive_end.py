@@ -33,8 +33,8 @@ class DriveEnd:
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         # position of the pillar in the world [m]; name of the robot, one of ROBOTS
         self._pillar, self._robot = pillar, robot
-        # [s] simulated times: latest state; robot last drove forwards or backwards; robot last drove or
-        # turned
+        # [s] simulated time of the latest state; times at which the robot last drove, and last drove or
+        # turned on the spot
         self._now = self._drove_at = self._moved_at = 0.0
         # [s] simulated times: first motion, arrival at the pillar, first touch; inf if it has not happened
         self._first_moved = self._reached_at = self._touched_at = inf

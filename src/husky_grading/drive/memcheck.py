@@ -43,7 +43,8 @@ SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # nested parentheses
 # character that stands for each pair of parentheses and everything in it, while C++ code is searched
 IN_PARENTHESES = "\0"
-# a fault counts only if at most this number of calls lies between it and the submission's own code
+# a read counts only if at most this number of function calls lies between the read and the submission's own
+# code
 DEPTH = 4
 
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
@@ -86,7 +87,8 @@ def is_worth_checking(submission: Submission) -> bool:
     root = submission.root
     return (
         root is not None
-        # if packages of the robot are graded (`by_submission`), their nodes are not the student's own code
+        # no check if the submission starts packages of the robot (`by_submission`), because these are not the
+        # student's code
         and not submission.parts.by_submission
         and shutil.which(VALGRIND) is not None
         and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)

@@ -50,7 +50,7 @@ def observe(
         chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
-        # bar in simulated seconds, which is full at the deadline; the run may end earlier
+        # progress bar in simulated seconds, which is full at the deadline; the run may end earlier
         bar = tqdm(
             total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,
             disable=None, leave=False,

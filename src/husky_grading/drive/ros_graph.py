@@ -26,8 +26,8 @@ ANSWER_DEADLINE = 20.0
 CALLER = "/marking"
 MAX_CALLERS = 5  # at most this number of nodes that call a service is reported
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
-# topics with true positions, which a submission must not read: pose of the robot, and beginning of the topics
-# of objects
+# topics with true positions, which a submission must not read; TRUTH has the robot's pose, and the topics of
+# all objects begin with WORLD
 TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # nodes by topic
@@ -68,8 +68,8 @@ class Registered(NamedTuple):
 
 def registered(uri: str, our_nodes: Collection[str]) -> Registered:
     """Return the registrations of the nodes that are not ours."""
-    # nodes that are not ours: publishers by topic, subscribers by topic, providers by service; empty if the
-    # master does not answer
+    # nodes of the submission, by the topic that they publish, by the topic that they subscribe to, and by the
+    # service that they offer; empty if the master does not answer
     state = [
         {name: set(nodes) - set(our_nodes) for name, nodes in part}
         for part in _ask(uri, "getSystemState") or ((), (), ())

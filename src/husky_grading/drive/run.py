@@ -99,7 +99,8 @@ def drive_submission(
             return Driven(robot.after_hearing(heard_config))
         # reason why the run must be cut off; None if the recorder itself has ended the run
         cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
-        # if the submission reads the robot's scans, this is a better reason for the choice than its files
+        # if the robot was only a guess, the submission's subscription to its scans is a better reason for the
+        # choice
         if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
         closing = _closing(submission, submitted, events_file, robot, cut_off)

@@ -46,9 +46,9 @@ HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar get
 PAST, MIN_PAST = 0.1, 1.0
 # a robot that covers only this fraction of the way gets half of the points for the approach
 FIRST_STEPS = 0.1
-# the robot should turn towards the pillar while the sine of the pillar's bearing is above ASIDE. If more than
-# the fraction MOSTLY of its turns do so, their sign is right; if at most the fraction 1 - MOSTLY of them do
-# so, their sign is wrong.
+# the pillar is to the side if the sine of its bearing is above ASIDE. The turns then have the right sign if
+# more than the fraction MOSTLY of them leads towards the pillar, and the wrong sign if at most 1 - MOSTLY
+# does.
 ASIDE, MOSTLY = 0.1, 0.6
 # turns slower than TURNS_ON [rad/s] do not count; the robot turns in circles if the fraction ONE_WAY of its
 # other turns goes to the same side
@@ -242,7 +242,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
     evidence += f", at most {rules.reached:g} m is needed"
-    # the robot stops short if it has driven, but not after its nearest point
+    # the robot stops short if it has driven, but not after it was nearest to the pillar
     if recording.driving.any() and not recording.driving[nearest + 1 :].any():
         evidence = f"stops short: {evidence}"
     cause = cause_of_stop(recording)

@@ -240,8 +240,8 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
 def _repair_manifest(folder: Path, package: Package) -> List[str]:
     """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes."""
     manifest = folder / "package.xml"
-    # catkin's parser is safe here, because `read_manifest` has already read this file and rejects XML
-    # entities
+    # `read_manifest` has already read this file, and would have rejected XML entities, so catkin's parser is
+    # safe here
     try:
         parse_package(str(manifest), warnings=[])
         return []

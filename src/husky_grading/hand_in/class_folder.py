@@ -47,7 +47,7 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
     """
     if is_package(folder):
         return _named({folder.name: [folder]})
-    # paths of the entries of each student; the key is the student's name as it is on the disk
+    # paths of the folders and archives of each student; the key is the student's name as it is on the disk
     entries: Dict[str, List[Path]] = {}
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)

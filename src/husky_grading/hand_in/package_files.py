@@ -174,7 +174,7 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
 MAX_FILE = 1_000_000  # [bytes] larger launch files are not read
 MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
 # a package that has one of these names is for the SMB; they are the SMB's launch file, frame and sensors. In
-# an .rviz file, the key `rslidar` does not count, because RViz writes all frames that it has seen as keys.
+# an .rviz file, the key `rslidar` does not count, because RViz writes a key for every frame that it has seen.
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
 # pattern of the topics of scans; a package that names /scan without front is for the Husky of ROS Melodic
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")

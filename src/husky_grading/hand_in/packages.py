@@ -30,7 +30,8 @@ KNOWN = frozenset({
     "husky_msgs", "husky_navigation", "husky_robot", "husky_simulator", "husky_viz",
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
-# known packages that are copied nevertheless, because students add worlds and launch files to them
+# packages that are not the student's work, but are copied, because students add worlds and launch files to
+# them
 COPIED = {"husky_gazebo", "smb_gazebo"}
 # valid name of a package, which also becomes the name of a folder
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")

@@ -208,7 +208,8 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
             unbuilt_choices.append(choice)
     if not unbuilt_choices:
         raise errors[0]
-    # the first choice is prepared again, because later attempts have replaced its workspace
+    # no choice of packages can be built, so the first choice is prepared again; later attempts have replaced
+    # its workspace
     return _prepare_choice(contents, unbuilt_choices[0], job, underlay, facts)
 
 
