@@ -49,7 +49,7 @@ class ArrivalWatch:
     def forget(self) -> None:
         """Begin again, because the robot was put elsewhere."""
         self._has_driven, self._stands_since = False, inf
-        # name of the pillar at which the robot has arrived; None if it has not arrived
+        # name of the pillar that the robot has reached and not left since; None if there is none
         self._arrived_at: Optional[str] = None
         self._next_look = -inf  # [s]
 

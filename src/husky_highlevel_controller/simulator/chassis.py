@@ -198,7 +198,7 @@ class Chassis:
         # pose of base_link before the last step, because the engine found the contacts at this pose
         axes, (px, py, pz) = self._contact_axes, self._contact_position
         # sums over the contacts of each wheel: the load [N], and the load times x, y and z of the contact
-        # point in base_link [N m]
+        # point in base_link [N m], for the mean contact point
         wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
         ground_x = ground_y = ground_z = 0.0  # sum of the normal forces under the wheels [N]
         bumped_bodies = set()

@@ -53,7 +53,7 @@ class _Sender:
     # [s] stamp of the sender's first command that is not zero; None if all are zero
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands since `moves_since`
-    # [s] the last gaps between commands, as long as every gap is longer than the timeout
+    # [s] the last gaps between commands; a gap that is not longer than the timeout empties the list
     gaps: Tuple[float, ...] = ()
     # [s] stamp of the first command that was blocked by another topic; None if the last command was not
     # blocked

@@ -81,7 +81,8 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
             if all(drops_above):  # no drop is 0, so this height is above the wide body
                 top, drops = height_above, drops_above
                 break
-    height = top - drops[0]  # [m] height at the first corner; the other corners are compared below
+    # [m] height of the floor under the first corner; it counts only if the floor is level
+    height = top - drops[0]
     if height < 0.0:
         # the floor is below the pose, so the hull might stand on an object between the wheels; the drops at
         # the middle points show such an object

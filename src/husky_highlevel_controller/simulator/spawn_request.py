@@ -23,7 +23,7 @@ from husky_highlevel_controller.datatypes import (
 
 SIZES = (0.001, 1000.0)  # [m]
 MASSES = (0.001, 1e5)  # [kg] limits of the mass of a movable body
-FARTHEST = 1e4  # [m] largest coordinate of a position
+FARTHEST = 1e4  # [m] a position with a larger coordinate is refused
 ROUNDING = 1e-3  # a quaternion is refused if its length differs from 1 by more than this
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Dict, Optional, Sequence
 
-TIMEOUT = 0.5  # [s] an input without a command for longer than this loses its priority
+TIMEOUT = 0.5  # [s] a topic without a command for longer than this loses its priority over other topics
 
 
 class CommandMux:

@@ -21,7 +21,7 @@ import rospy
 # checks the clock every 1 ms, but a busy computer may wake the node later. With 3 ms, at a load average of
 # 11, two of three runs of such a node gave other results than before.
 ASLEEP_FOR = 0.008
-LOOK_PERIOD = 0.002  # [s] wall time between two checks of the processes
+LOOK_PERIOD = 0.002  # [s] wall time between two checks whether the processes sleep
 # names of two files of a thread in /proc: STAT has its state; SCHEDULE counts its turns on a CPU, if the
 # kernel supports this
 STAT = "stat"

@@ -46,8 +46,8 @@ class Publishers:
             HuskyError: a rate does not divide the rate of the physics.
         """
         topics = config.robot.topics
-        # physics steps between two messages about the robot's state; a real base reports its wheels less
-        # often
+        # numbers of physics steps between two messages about the robot's state; a real base reports the state
+        # of its wheels less often
         self.state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(wheel_rate, config.physics_rate, "the rate of wheel odometry")
@@ -89,7 +89,7 @@ class Publishers:
 
         self._advertise_sensors(config, robot)
 
-        # state of the robot
+        # topics about the state of the robot
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
         # full name of the topic of the filtered odometry; another node may publish this topic in place of the
         # simulator
@@ -246,7 +246,7 @@ class Publishers:
         if no other node estimates the pose.
         """
         stamp = snapshot.stamp
-        if snapshot.step % self._wheel_steps == 0:  # the base reports its wheels at this step
+        if snapshot.step % self._wheel_steps == 0:  # the base reports the state of its wheels at this step
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE

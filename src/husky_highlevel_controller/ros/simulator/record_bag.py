@@ -41,7 +41,7 @@ STEERING_GAIN = 2.0  # [1/s]
 IMU_RATE, POINTS_RATE = 50, 1
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
-# these topics have the same names as in the bags of both courses
+# topics of the point cloud and the IMU, with the same names as in the bags of the ETH and ENSTA courses
 POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"
 TRUTH_TOPIC = "/ground_truth/odom"  # topic of the true path, which is in the second bag
 
@@ -72,7 +72,7 @@ def messages_of_drive(
     if profile == "robot":
         config = replace(config, real=RobotProfile().on(ground))
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
-    # physics steps between two messages, or between two commands
+    # numbers of physics steps between two messages, or between two commands
     rate = config.physics_rate
     truth_steps, points_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE
     wheel_steps = rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE)

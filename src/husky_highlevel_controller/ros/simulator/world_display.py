@@ -121,7 +121,7 @@ class WorldDisplay:
             self._transforms = tf2_ros.Buffer(debug=False)
             tf2_ros.TransformListener(self._transforms)
         if self._server.is_watched:
-            # an error of the drawing does not stop the simulation
+            # an error in the drawing does not stop the simulation
             with contained("drawing the world's objects"):
                 self._draw()
                 self._server.send()

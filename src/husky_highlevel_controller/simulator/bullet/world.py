@@ -109,7 +109,7 @@ class BulletWorld:
         # pose of the centre-of-mass frame in the body's frame, by id; all poses from Bullet are poses of the
         # centre-of-mass frame
         self._inertial_in_body: Dict[int, Pose] = {}
-        # ids of the bodies of each model, because bodies of one model pass through one another
+        # ids of the bodies of each model; bodies of one model pass through one another
         self._ids_by_model: Dict[str, List[int]] = {}
 
     def add_body(self, body: Body) -> None:

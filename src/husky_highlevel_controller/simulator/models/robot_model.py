@@ -185,7 +185,8 @@ def _write_wheel(
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
-    # each cylinder becomes a narrow tread and lower flanks, so that the wheel stands on its middle
+    # each cylinder becomes a narrow tread and flanks of a smaller radius, so that the wheel stands on its
+    # middle
     for collision in collisions:
         _crown(base, collision)
     inertial = _inertial(link, pose)

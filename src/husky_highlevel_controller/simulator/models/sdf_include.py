@@ -147,9 +147,10 @@ def _newest_file(config: Path, plain: Path) -> Path:
         offers = []
     if not offers:
         return plain
-    # an offer without a version counts as the oldest version
+    # a file that is offered without a version of SDF counts as the oldest version
     readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
-    # if no offer is readable, all offers are used, and `minor_version` raises the error about the first one
+    # if no file has a readable version, all files are used, and `minor_version` raises the error about the
+    # first one
     name_by_minor_version = {
         minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers
     }

@@ -86,7 +86,8 @@ class PointLidar:
         ranges = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
             ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
-        ranges = np.hstack([ranges[:rings], ranges[rings:]])  # the opposite columns are the second half turn
+        # the opposite columns follow, as the second half turn
+        ranges = np.hstack([ranges[:rings], ranges[rings:]])
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan
         ranges += self._rng.normal(0.0, config.noise, ranges.shape)
         points: np.ndarray = ranges[:, :, None] * self._directions

@@ -108,7 +108,7 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 class Formula(NamedTuple):
     """Intersection formula of one kind of shape."""
 
-    axes: slice  # axes of the shape that its formula needs
+    axes: slice  # indices of the shape's axes that the formula needs
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
     enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
 

@@ -151,7 +151,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        # otherwise no beam reaches the plane, for example the floor below a level laser
+        # no beam reaches a plane that is farther, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
             # distance along each beam: distance to the plane along its normal, divided by the beam's
             # component along the normal
@@ -210,7 +210,7 @@ def _meet_one(
         # axis.
         if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= solid.size[2]:
             enter = enter_flank
-    # 4. the beams towards the circle; all beams if the laser is inside the circle
+    # 4. only the beams towards the circle are computed, or all beams if the laser is inside the circle
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
         met = distances[first:last]
