@@ -86,8 +86,8 @@ class DrawnMarker:
     """Marker in the view."""
 
     node: Any
-    placed: Optional[Marker] = None  # last message that has moved the node
-    drawn: Optional[Marker] = None  # last message from which the parts were drawn
+    placed: Optional[Marker] = None  # last message of the marker that has moved the node
+    drawn: Optional[Marker] = None  # last message of the marker from which its parts were drawn
     appearance: Optional[Tuple[Any, ...]] = None
     parts: List[Any] = field(default_factory=list)  # nodes of the marker's parts in the scene
 
