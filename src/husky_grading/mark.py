@@ -111,7 +111,7 @@ def kept_submission(job: Job) -> Optional[Submission]:
         submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
         return None
-    # `submission.root` differs from `root` if this folder was copied or comes from another machine
+    # `submission.root` differs from `root` if the folder of results was copied, or comes from another machine
     root = Path(job.out, "ws")
     is_here = submission.root == root and (root / "src").is_dir()
     isolation = kind_of_sandbox(), private_network.reach()

@@ -45,7 +45,7 @@ def show_results_at(out: Path) -> Path:
     Raises:
         HuskyError: the results cannot be mounted, and nothing can be built at the path of the folder.
     """
-    place = os.environ.get(VARIABLE, "")  # empty if this program cannot mount the folder
+    place = os.environ.get(VARIABLE, "")  # path for the results; empty if they cannot be mounted there
     if place:
         out.mkdir(parents=True, exist_ok=True)
         libc = ctypes.CDLL(None, use_errno=True)

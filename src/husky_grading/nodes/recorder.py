@@ -306,7 +306,7 @@ class DriveRecorder:
             return
         if not is_ready:
             self._access.advertise_commands()
-            # if the exercise drives the robot itself, this call sends its first command
+            # if the exercise drives the robot itself, it sends its first command now
             self._watch.on_scan(0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(

@@ -180,8 +180,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # `grade` sets these parameters itself. A launch file may set them by a command that this machine
-            # does not have.
+            # These parameters are left out, because `grade` sets them itself. A launch file may set them by a
+            # command that this machine does not have.
             return None
         return self._try("param", tag, *arguments, **options)
 
@@ -452,7 +452,7 @@ def main(arguments: List[str]) -> int:
     config = None
     for launchable in launchables:
         config = describe(json.loads(launchable), reporter, json.loads(ours))
-    # without a launchable, the call only checks that this program can start
+    # without a launchable (launch file or node), the call only checks that this program can start
     if action == "describe" or config is None:
         return int(bool(launchables) and config is None)
     if action == "memcheck":

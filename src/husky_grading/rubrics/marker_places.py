@@ -37,7 +37,7 @@ from husky_highlevel_controller.robot import load_robot
 LARGEST = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# the score of a moment is the highest score that at least this fraction of the drawn markers reaches
+# a moment gets a score if at least this fraction of the drawn markers has this score or a higher score
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
