@@ -82,7 +82,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     # context manager: a server that is started inside asks the gate about each request, and has the drive
     # channel
     behind_gate = started_behind(gate.answer, gate.with_drive_channel)
-    # the output of viser is hidden, because viser prints an address without the token, which would not work
+    # the output of viser is hidden, because viser prints an address of its own, which has no token
     with behind_gate, contextlib.redirect_stdout(io.StringIO()):
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     server.gate = gate

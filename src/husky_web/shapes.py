@@ -84,8 +84,8 @@ Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
     """Return a mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
-    # N copies of a unit with V vertices and F faces: corners (N, V, 3), and faces (N, F, 3); the faces of
-    # copy n have the numbers of the unit's faces plus n * V
+    # corners (N, V, 3) and faces (N, F, 3) of N copies of a unit with V corners and F faces; a face has the
+    # row numbers of its corners, so V is added to them from copy to copy
     corners = points[:, None] + unit.vertices * np.asarray(size)
     faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
     return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
