@@ -35,7 +35,7 @@ from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
-MAX_TEXT = 1_000_000  # [bytes] paths are repaired only in launch files up to this size
+MAX_TEXT = 1_000_000  # [bytes] paths of another computer are replaced only in launch files up to this size
 # a build is repeated after a missing package, at most this often, because CMake reports only one in each
 # build
 MAX_MISSING = 10
@@ -47,8 +47,8 @@ LESS_COLLECTION = "--param ggc-min-heapsize=500000"
 # the compiler includes this header first in each C++ source; a repair changes only this header, so CMake need
 # not run again
 PRELUDE = "marking_prelude.h"
-# headers with which code such as publish(true) compiles, as it does in a Release build of ROS Noetic and
-# older
+# with these headers, code such as publish(true) compiles; in ROS Noetic and older, a Release build compiles
+# such code without them
 PLAIN_TYPES = "\n".join(
     ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
     + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]

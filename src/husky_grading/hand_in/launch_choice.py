@@ -158,7 +158,7 @@ def _packages_by_messages(
         packages: packages of the submission.
         folders: folders of the packages that count, by their names.
     """
-    # sources that name scans or velocities, by the name of the package
+    # texts of source files that name messages of scans or velocities, by the name of the package
     texts = {
         name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
         for name, folder in folders.items()
@@ -181,8 +181,8 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages that may drive the robot; empty if the exercise grades nodes of the robot's packages, which
-    # need not drive
+    # packages that may drive the robot; empty if the exercise is on a package of the robot, such as its
+    # filter, which drives nothing
     able = files[0].able if files and not facts.parts.by_submission else frozenset()
     if able:  # a node that reads no scans and sends no velocities, as in a tutorial, cannot be the controller
         fitting = [file for file in fitting if file.able_nodes]
