@@ -54,8 +54,8 @@ ASIDE, MOSTLY = 0.1, 0.6
 # other turns goes to the same side
 TURNS_ON, ONE_WAY = 0.05, 0.9
 STOPPED = 1.0  # [s] a robot has stopped if it has been at rest for at least this time at the end of the run
-# [s] if a run lasts until PERIOD before the deadline, the deadline has ended it; the speed at the end of a
-# run is measured over its last LATELY seconds
+# [s] PERIOD: a run that ends this close to its deadline was ended by the deadline. LATELY: the robot's last
+# approach to the pillar is measured over this time.
 PERIOD, LATELY = 0.1, 1.0
 # [s] simulated time from the start; the run ends if a submission that reads topics has no publisher of
 # velocity commands by then
