@@ -52,7 +52,7 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
         ValueError,
         TypeError,
     ):
-        # the master has not answered, or another program that listens on the port has answered
+        # either the master has not answered, or another program that listens on the port has answered
         return None
     return code, value
 

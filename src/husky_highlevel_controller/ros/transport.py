@@ -42,7 +42,7 @@ class PromptConnection(QueuedConnection):
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         """Make a connection with an empty queue."""
-        self._write_lock = threading.Lock()  # held while writing to the socket
+        self._write_lock = threading.Lock()  # held by the thread that writes to the socket
         self._unsent = b""  # rest of a message of which only the first part was sent
         super().__init__(connection, queue_size)
 
@@ -64,7 +64,8 @@ class PromptConnection(QueuedConnection):
         except BlockingIOError:
             sent = 0
         except OSError:
-            return bool(connection.write_data(data))  # rospy's own method meets the same error and handles it
+            # rospy's own method gets the same error again, and handles it
+            return bool(connection.write_data(data))
         connection.stat_bytes += sent
         if sent < len(data):
             with self._lock:

@@ -61,7 +61,7 @@ class Drive:
     def reset(self) -> None:
         """Stand still and forget the last command."""
         self._command, self._commanded_at = STOP, -inf
-        self.output = STOP  # present command of the wheels, within the limits
+        self.output = STOP  # present command of the wheels, after the limits were applied
 
     def command(self, twist: Twist2D, now: float) -> None:
         """Take a command at `now` [s]; CommandError if it is not finite, and then the last command stays."""

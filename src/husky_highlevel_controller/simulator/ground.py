@@ -87,7 +87,8 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         # the floor is below the pose, so the hull might stand on an object between the wheels; the drops at
         # the middle points show such an object
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
-    # a drop of 0 or inf means that there is no floor to stand on; then the robot stays at the pose
+    # a drop of 0 (inside a body) or of inf (no body below) means that there is no floor; then the robot stays
+    # at the pose
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)
     return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
 

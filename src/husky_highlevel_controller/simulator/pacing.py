@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Optional
 
-# [s] if simulated time lags behind by more than this, the machine is too slow; a shorter lag is caught up
+# [s] if simulated time lags behind wall time by more than this, the machine is too slow; a shorter lag is
+# caught up
 MAX_LAG = 0.5
 
 

@@ -25,7 +25,8 @@ from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import PowerState
 
 STANDING_SPEED = 0.005  # [m/s] wheels that are slower than this draw no current
-FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0  # [V] voltage at rest of two lead-acid batteries of six cells
+# [V] voltage without load of two lead-acid batteries with six cells each
+FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0
 RESISTANCE = 0.04  # [Ohm] resistance of the battery and its wires
 ELECTRONICS_CURRENT = 1.5  # [A] current of the controller and of connected devices
 AMBIENT_TEMPERATURE = 20.0  # [deg C]

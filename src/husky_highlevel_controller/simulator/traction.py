@@ -62,7 +62,7 @@ class WheelContact(NamedTuple):
     x: float  # [m] distance from the robot's centre of mass, along base_link's x
     y: float  # [m] distance from the robot's centre of mass, along base_link's y
     load: float  # [N] normal force
-    surface_speed: float  # [m/s] backward speed of the tread, which is wheel speed times radius
+    surface_speed: float  # [m/s] backward speed of the tread at the ground, which is wheel speed times radius
 
 
 def ground_forces(

@@ -52,10 +52,12 @@ class Listeners:
         # ports of the connections to all subscribers of the topic or of /clock
         self._ports: Set[Ports] = set()
         self._own_threads = _Threads(os.getpid())
-        self._processes: Dict[int, _Threads] = {}  # processes that receive the topic or the clock
-        self._topic_receivers: Set[int] = set()  # processes that receive the topic
-        self._clock_receivers: Set[int] = set()  # processes that receive the clock
-        self._sees_all_receivers = False  # true if all processes that receive the topic are on this machine
+        # threads of each process that receives the topic of `publisher` or the clock, by the id of the process
+        self._processes: Dict[int, _Threads] = {}
+        self._topic_receivers: Set[int] = set()  # ids of the processes that receive the topic of `publisher`
+        self._clock_receivers: Set[int] = set()  # ids of the processes that receive the clock
+        # true if all processes that receive the topic are on this machine, where they can be seen
+        self._sees_all_receivers = False
         self._all_in_python = False  # true if all processes in `_processes` run Python
         # turns on the CPU of the threads of each process, when all processes were last found asleep
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}

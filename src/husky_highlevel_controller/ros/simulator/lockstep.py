@@ -28,7 +28,7 @@ SLEEP_TIMEOUT = 0.3
 # [s] longest wait at a tick until all subscribers sleep; after it, there are no more such waits, because some
 # subscribers, such as RViz, never sleep
 WATCH_TIMEOUT = 1.0
-POLL_PERIOD = 0.05  # [s] wall time between two checks for service calls during a wait
+POLL_PERIOD = 0.05  # [s] during a wait, wall time between two checks for service calls
 # [s] wall time between two checks whether all nodes are connected; more checks would slow down nodes that are
 # starting
 PARTNERS_POLL_PERIOD = 0.02

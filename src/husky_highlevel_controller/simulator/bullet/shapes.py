@@ -63,7 +63,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
     shapes = [geometry.shape for geometry in geometries]
     # Bullet takes one list for each property; each list has an entry for every shape, even for a shape
     # without the property
-    arguments: Dict[str, Any] = {}  # lists that only meshes need
+    arguments: Dict[str, Any] = {}  # arguments that only meshes need
     # a new folder gives each mesh file a new path, because Bullet would not read a path a second time
     with tempfile.TemporaryDirectory() as folder:
         if any(isinstance(shape, TriangleMesh) for shape in shapes):

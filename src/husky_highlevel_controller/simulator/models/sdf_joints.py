@@ -51,7 +51,7 @@ class Assembly:
         name, so that they pass through one another, unless one of their links has <self_collide>. A joint of
         a link that does not exist is left out with a note.
         """
-        # links that never move need no joints, so each of them stays a body
+        # links that never move need no joints, so each of them stays a body of its own
         is_static = all(body.mass == 0.0 for body in self.links.values())
         if is_static:
             yield from self.links.values()

@@ -54,7 +54,7 @@ class Load:
     meshes: MeshFiles = field(default_factory=MeshFiles)
     # number of models in the world, also of models that are left out; ground planes do not count
     models: int = 0
-    lost: int = 0  # number of shapes and models that the lidar would see, but that are left out
+    lost: int = 0  # number of shapes and models that are left out, although the lidar would see them
     includes: int = 0  # number of included models so far; a model that is included twice counts twice
 
 

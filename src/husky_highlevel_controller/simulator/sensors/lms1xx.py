@@ -30,14 +30,15 @@ from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 RAYS_PER_BEAM = 5  # number of steps from one beam to the next; a ray is cast at each step
 # [rad] rays are cast up to this angle on either side of a beam; it is half the light spot's angle at 0.3 m
 WIDEST_SPOT = 0.0208
-# number of pieces of a scan if the robot moves; all rays of a piece start at the pose in its middle, with an
-# error below 1.5 mm at 1 m/s
+# number of pieces of a scan if the robot moves; all rays of a piece start at the pose in the middle of the
+# piece, so ranges are wrong by less than 1.5 mm at 1 m/s
 SWEEP_PIECES = 5
 MAX_ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
 FARTHEST = 60.0  # [m] largest distance of an echo
 STANDING_SPEED = 1e-3  # [m/s], [rad/s] slower motion counts as standing
 DARK_REMISSION, DARK_RANGE = 0.1, 18.0  # a surface with this remission is detected up to this range [m]
-# intensity of a full spot on a surface that returns all light; the scale is our own choice
+# intensity if the whole spot falls on a surface that returns all light; no source gives the scale, so it is
+# our choice
 INTENSITY_SCALE = 255.0
 
 
