@@ -52,7 +52,8 @@ class Listeners:
         # ports of the connections to all subscribers of the topic or of /clock
         self._ports: Set[Ports] = set()
         self._own_threads = _Threads(os.getpid())
-        # threads of each process that receives the topic of `publisher` or the clock, by the id of the process
+        # threads of each process that receives the topic of `publisher` or the clock, by the id of this
+        # process
         self._processes: Dict[int, _Threads] = {}
         self._topic_receivers: Set[int] = set()  # ids of the processes that receive the topic of `publisher`
         self._clock_receivers: Set[int] = set()  # ids of the processes that receive the clock

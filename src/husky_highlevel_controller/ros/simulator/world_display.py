@@ -201,7 +201,7 @@ class WorldDisplay:
         """Pose of a frame in odom; ObjectError if TF does not have it."""
         if frame == ODOM:
             return Pose()
-        # the latest transform is good enough, because TF is faster than a click of a person
+        # TF is updated faster than a person can click, so the latest transform is good enough
         pose = None if self._transforms is None else lookup_pose(self._transforms, ODOM, frame)
         if pose is None:
             raise ObjectError(f"no transform from '{frame}' to '{ODOM}'")

@@ -118,8 +118,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
             continue
         x, y, z = shape.size
         kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
-        # radius of the ball around each kind of shape [m]: to a corner of the box, to the rim of the
-        # cylinder, and to the surface of the sphere
+        # radius of the ball around the solid [m]: distance from its centre to a corner of the box, to the rim
+        # of the cylinder, or to the surface of the sphere
         bounds = {BOX: hypot(*size), CYLINDER: hypot(*size[1:]), SPHERE: size[0]}
         solids.append(RaySolid(kind, size, bounds[kind], pose.position, axes_from_quat(pose.quat_xyzw)))
     return RayScene(
