@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 
-# [s] the rate of a sender is reported when it has sent commands for this time since its first command that
-# moves the robot
+# [s] when this time has passed since the first command that moves the robot, the rate of its sender is
+# reported
 RATE_TIME = 1.0
 # a sender counts as slow after this number of gaps in a row in which its last command expired
 SLOW_GAPS = 8

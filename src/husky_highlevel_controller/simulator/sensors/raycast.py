@@ -146,8 +146,8 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    # [m] no beam meets a shape beyond this; if this is above `max_range`, longer distances are removed at the
-    # end
+    # [m] no beam meets a shape farther away than this; if it is above `max_range`, farther distances become
+    # inf at the end
     farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
