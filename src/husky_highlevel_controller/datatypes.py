@@ -215,6 +215,11 @@ class Scan:
         mask: np.ndarray = (self.returns >= self.range_min) & (self.returns < np.inf)
         return mask
 
+    @cached_property
+    def valid_count(self) -> int:
+        """Number of the beams that measured something."""
+        return int(np.count_nonzero(self.valid))
+
 
 class WheelState(NamedTuple):
     """Angles, speeds and torques of the four wheel joints, in the order of `names`."""

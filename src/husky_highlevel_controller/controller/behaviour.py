@@ -145,7 +145,7 @@ def decide(
         The state for the next call, and the output. A scan older than the last one means that the
         simulator was started again, so odom is another frame and everything is forgotten.
     """
-    stamp = observation.scan.stamp
+    scan, stamp = observation.scan, observation.scan.stamp
     if stamp < controller_state.updated_at:
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
@@ -158,17 +158,16 @@ def decide(
         )
 
     # perception: the pillar, and what the state remembers of this scan
-    pillars = find_pillars(observation.scan, detector_config)
+    pillars = find_pillars(scan, detector_config)
     track, pillar, pillar_in_odom, visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
-    returns = np.count_nonzero(observation.scan.valid)
     controller_state = controller_state._replace(
         track=track,
         close_at=_close_at(controller_state, target, stamp, control),
         base_in_odom=observation.base_in_odom,
         updated_at=stamp,
         odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
-        in_room=controller_state.in_room or bool(returns > ROOM_FRACTION * len(observation.scan.ranges)),
+        in_room=controller_state.in_room or scan.valid_count > ROOM_FRACTION * len(scan.ranges),
     )
 
     # decision
@@ -308,7 +307,7 @@ def _act(
         return _Action(State.WAITING, STOP, reason)
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
         return _wait("no transform from odom to base_link any more; check that odometry is running")
-    measured = bool(pillar_seen or observation.scan.valid.any())
+    measured = pillar_seen or observation.scan.valid_count > 0
     # a beam without an echo (inf) is normal in an empty world; without such a beam, the scan has no beams, or
     # all its returns are too close to be valid
     if not measured and not (observation.scan.returns == inf).any():

@@ -68,6 +68,8 @@ class Segments(NamedTuple):
 
     def select(self, mask: np.ndarray) -> Segments:
         """Segments for which `mask`, (S,) bool, is true."""
+        if np.count_nonzero(mask) == len(mask):
+            return self  # the usual case, in which copies would take as long as a step of a fit
         beam_mask = mask.repeat(self.counts)
         return Segments(
             self.beams[beam_mask], self.ranges[beam_mask], self.counts[mask], self.near[mask], self.step

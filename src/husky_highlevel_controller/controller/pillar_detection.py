@@ -62,7 +62,7 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
 
     Pillars of few beams (far away) may turn out to be other objects from nearer by.
     """
-    if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid.any()):
+    if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid_count):
         return []  # all beams have the same direction, or no beam has a return
     pillars = [_pillar_of(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
     return sorted(_distinct([pillar for pillar in pillars if pillar]), key=lambda pillar: pillar.distance)
@@ -243,8 +243,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
         depth = np.sqrt(square - np.minimum(across * across, square))
         # [m] range beyond the circle; negative if the beam ends in front of the circle
         excess = scan.returns[others] - distance * np.cos(angle) + depth
-        missing = int(((np.abs(angle) <= half_angle) & (excess > slack)).sum())
-        hidden += int((excess < -slack).sum())
+        missing = int(np.count_nonzero((np.abs(angle) <= half_angle) & (excess > slack)))
+        hidden += int(np.count_nonzero(excess < -slack))
     return missing, hidden
 
 

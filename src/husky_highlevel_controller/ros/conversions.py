@@ -112,7 +112,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
         scan_time=msg.scan_time,
     )
     # only such a scan may be in millimetres, and the check would take time for each scan
-    if scan.range_max > MAX_NEAREST or not scan.valid.any():
+    if scan.range_max > MAX_NEAREST or not scan.valid_count:
         _check_unit(scan)
     return scan
 
