@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from pkgutil import extend_path
 
-# In catkin's devel space, the messages of this package are in another folder than its modules. `extend_path`
-# finds the messages also if a program imports another package of this repository first.
+# In catkin's devel space, the message classes of this package are in another folder than its modules.
+# `extend_path` makes Python look in both folders.
 __path__ = extend_path(__path__, __name__)

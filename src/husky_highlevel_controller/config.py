@@ -75,7 +75,8 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
     Raises:
         ConfigError: a value is not allowed.
     """
-    # new values of each field by the path inside it, which is empty for the field itself
+    # new values by field name, then by the path inside the field; for example, {"lidar/noise": 1.0} becomes
+    # {"lidar": {"noise": 1.0}}. The path is empty if the value is for the field itself.
     values_by_field: Dict[str, Dict[str, Any]] = {}
     for path, value in values.items():
         name, _, path_inside = path.partition("/")
@@ -90,7 +91,7 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
             changed[item.name] = replace_parameters(nested, new_values, full_name + "/")
     try:
         return typing.cast(Record, replace(record, **changed))  # type: ignore[type-var]
-    except ValueError as error:  # the record rejects two values that do not fit together
+    except ValueError as error:  # the record's own check found two values that do not fit together
         raise ConfigError(f"{source}{error}") from None
 
 
@@ -205,7 +206,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         return _items(args, value, name, metadata, parameters_only)
     if origin in (dict, abc.Mapping):
         if value is None and not parameters_only:
-            value = {}  # YAML gives None for a key with nothing after it
+            value = {}  # a YAML key with nothing after it has the value None; it counts as an empty mapping
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {_short(value)} is not a mapping")
         return {
@@ -229,7 +230,7 @@ def _nested_record(kind: Type[Record], value: Any, name: str, parameters_only: b
         return typing.cast(Record, read_config(value, name + "/", kind)[0])
     has_defaults_only = all(not _is_required(item) for item in fields(kind))  # type: ignore[arg-type]
     if value is None and has_defaults_only:
-        value = {}  # YAML gives None for a key with nothing after it
+        value = {}  # a YAML key with nothing after it has the value None; the record then gets its defaults
     return from_plain(kind, value, name + "/" if isinstance(value, dict) else f"{name} = ")
 
 
@@ -267,13 +268,13 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     help_text = _help_text(metadata)
     if kind is Any:
         return value
-    # YAML reads 1 as an int, which is accepted for a float
+    # YAML reads 1 as an int; for a parameter of type float, an int is accepted
     if type(value) is not kind and not (kind is float and type(value) is int):
         type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
         raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
-        # the comparison rejects NaN and 10**400, too
+        # this condition also rejects NaN, and an int too large for a float, such as 10**400
         if not (abs(value) <= sys.float_info.max and low <= value <= high):
             raise ConfigError(f"{name} = {value} is out of range {low}..{high}{help_text}")
     if "choices" in metadata and value not in metadata["choices"]:

@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 from husky_highlevel_controller.paths import share_folder
 
-PILLAR_NAME = "unit_cylinder"  # name of the pillar model
+PILLAR_NAME = "unit_cylinder"  # name of the pillar's model in the world file
 PILLAR_RADIUS = 0.2  # [m]
 PILLAR_POSITION = (20.0, 5.0)  # [m] position of the pillar's axis in the world
-REACHED = 0.35  # [m] gap between robot and pillar that counts as reached
-TOUCH = 0.01  # [m] gap between robot and pillar that counts as a touch
-STANDS = 0.05  # fastest motion that counts as standing [m/s, rad/s]
+# [m] a robot has reached the pillar if the gap between its footprint and the pillar is at most this
+REACHED = 0.35
+TOUCH = 0.01  # [m] a robot touches the pillar if the gap between them is at most this
+STANDS = 0.05  # [m/s], [rad/s] slower motion counts as standing
 
 
 class PillarSize(NamedTuple):
@@ -27,8 +28,8 @@ class PillarSize(NamedTuple):
     height: float  # [m]
 
 
-# size of the pillar in the exercise sheets of each robot; for the SMB, the pillar of singlePillar.world of
-# 2021
+# size of the pillar in the exercise sheets of each robot; the SMB's pillar is that of the file
+# singlePillar.world of the year 2021
 PILLARS = {"husky": PillarSize(PILLAR_RADIUS, 2.0), "smb": PillarSize(1.0, 5.0)}
 
 

@@ -58,13 +58,13 @@ STOP = Twist2D()
 
 @dataclass(frozen=True)
 class Box:
-    size: Vector3  # [m], lengths of the edges
+    size: Vector3  # [m] lengths of the box along its x, y and z axes
 
 
 @dataclass(frozen=True)
 class Cylinder:
     radius: float  # [m]
-    length: float  # [m], length along the geometry's z axis; the origin is in the middle
+    length: float  # [m] length along the z axis; the origin is in the middle of the cylinder
 
     @property
     def size(self) -> Vector3:
@@ -84,7 +84,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Plane:
-    normal: Vector3  # unit vector in the geometry's frame; everything below the plane is solid
+    normal: Vector3  # unit vector in the geometry's frame that points away from the solid side of the plane
     size: Tuple[float, float]  # [m] edges of the rectangle that is drawn; collisions use the infinite plane
 
 
@@ -93,7 +93,7 @@ class TriangleMesh:
     """Triangles. They are a surface, which rays meet from either side, and have no inside."""
 
     vertices: np.ndarray  # (V, 3) [m] corners in the geometry's frame, read-only
-    faces: np.ndarray  # (F, 3), rows of `vertices`, read-only
+    faces: np.ndarray  # (F, 3) rows of `vertices`, three for each triangle; read-only
     source: str = ""  # name of the mesh's file; empty if unknown
 
     @cached_property
@@ -129,9 +129,11 @@ class Body:
     collisions: Tuple[Geometry, ...]  # shapes that the physics and the lidar use
     visuals: Tuple[Geometry, ...]  # shapes for display
     mass: float = 0.0  # [kg] mass of the body; 0 for a static body, which never moves
-    # name of the model, whose bodies pass through one another; empty if the body collides with all others
+    # name of the model that has this body; bodies of one model do not collide with one another; empty if the
+    # body collides with all others
     model: str = ""
-    pose_model_in_body: Pose = IDENTITY  # pose of the outermost model's frame in the body
+    # pose of the model's frame in the body's frame; of nested models, the outermost model counts
+    pose_model_in_body: Pose = IDENTITY
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ class Beams(NamedTuple):
     """Directions of a planar lidar's beams in its own frame; both arrays are read-only."""
 
     bearings: np.ndarray  # (N,) [rad], ascending
-    directions: np.ndarray  # (2, N), x and y of unit vectors
+    directions: np.ndarray  # (2, N) x and y of a unit vector along each beam
 
 
 def beams_at(bearings: np.ndarray) -> Beams:
@@ -175,11 +177,11 @@ class Scan:
     stamp: float  # [s]
     frame: str
     angle_min: float  # [rad] angle of beam 0 in `frame`
-    angle_max: float  # [rad] angle of the last beam
+    angle_max: float  # [rad] angle of the last beam in `frame`
     range_min: float  # [m]
     range_max: float  # [m]
     ranges: np.ndarray  # (N,) [m] ranges as the driver publishes them
-    time_increment: float = 0.0  # [s] time between two beams; the stamp is the first beam's
+    time_increment: float = 0.0  # [s] time between two beams; `stamp` is the time of the first beam
     scan_time: float = 0.0  # [s] time between two scans; 0 if unknown
     intensities: Optional[np.ndarray] = None  # (N,) echo strengths in the driver's unit; None if all are 0
 
@@ -225,7 +227,7 @@ class WheelState(NamedTuple):
     """Angles, speeds and torques of the four wheel joints, in the order of `names`."""
 
     names: Tuple[str, ...]  # joint names
-    angles: Tuple[float, ...]  # [rad] angles of the joints, not wrapped
+    angles: Tuple[float, ...]  # [rad] angles of the joints, which are not limited to one turn
     speeds: Tuple[float, ...]  # [rad/s]
     efforts: Tuple[float, ...]  # [N m] torques of the motors
 
@@ -250,7 +252,7 @@ class ImuSample(NamedTuple):
     """Sample of an inertial measurement unit; on the Husky along base_link's axes."""
 
     stamp: float  # [s]
-    quat_xyzw: Quaternion  # attitude of the sensor in a level frame of arbitrary heading
+    quat_xyzw: Quaternion  # orientation of the sensor in a frame that is level and has any heading
     angular_velocity: Vector3  # [rad/s] components along the sensor's axes
     specific_force: Vector3  # [m/s^2] components along the sensor's axes; at rest 9.8 m/s^2 upwards (REP 145)
 
@@ -296,8 +298,8 @@ class OdometrySample(NamedTuple):
     """Reading of the wheel encoders, and the dead reckoning from it."""
 
     wheels: WheelState
-    from_wheels: Odometry  # forward speed and yaw rate from the wheels
-    filtered: Odometry  # forward speed from the wheels, yaw rate from the gyro
+    from_wheels: Odometry  # dead reckoning with forward speed and yaw rate from the wheels
+    filtered: Odometry  # dead reckoning with forward speed from the wheels and yaw rate from the gyro
 
 
 class Snapshot(NamedTuple):
@@ -308,7 +310,7 @@ class Snapshot(NamedTuple):
     robot: RobotState
     command: Twist2D  # command that the wheels follow, within the limits of the robot
     contacts: Tuple[str, ...] = ()  # names of the bodies that the robot touches but does not stand on
-    # sample at ODOMETRY_RATE, and with every scan; None at other steps
+    # sample at the steps of ODOMETRY_RATE and at steps with a scan; None at all other steps
     odometry: Optional[OdometrySample] = None
     scan: Optional[Scan] = None
     imu: Optional[ImuSample] = None

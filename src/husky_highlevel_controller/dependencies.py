@@ -10,8 +10,8 @@ from typing import Any, Collection, Iterable, List, NamedTuple
 from husky_highlevel_controller.spelling import nearest
 
 TAGS = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
-# least likeness of a suggested name: sensor_msg is like sensor_msgs, but pcl_conversions is not like
-# tf_conversions
+# a known name is suggested for an unknown name if their likeness (0 to 1) is at least this: sensor_msgs for
+# sensor_msg, but not tf_conversions for pcl_conversions
 MIN_LIKENESS = 0.8
 
 

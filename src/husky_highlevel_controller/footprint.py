@@ -16,8 +16,9 @@ import numpy as np
 class Footprint:
     """Outline: a rectangle centred on base_link, and a strip along the wheels of either side."""
 
-    hull: Tuple[float, float]  # half length, half width [m]
-    # half length of the strip of the left or right wheels; its inner and outer edge [m]
+    hull: Tuple[float, float]  # [m] half the length and half the width of the body without wheels
+    # [m] strip along the left or right wheels: half its length, and the distances of its inner and its outer
+    # edge from the robot's middle line
     wheels: Tuple[float, float, float]
 
     @property

@@ -84,7 +84,8 @@ def quat_inverse(quat: Quaternion) -> Quaternion:
 def quat_between(start: Vector3, end: Vector3) -> Quaternion:
     """The shortest rotation from one unit vector to another."""
     along = dot(start, end)
-    # the vectors are opposite, so the rotation is half a turn about any perpendicular axis
+    # the vectors point in opposite directions, so the rotation is half a turn about any axis perpendicular to
+    # them
     if along < -1.0 + 1e-9:
         axis = unit(cross(start, (1.0, 0.0, 0.0))) or (0.0, 0.0, 1.0)
         return (*axis, 0.0)
@@ -182,7 +183,7 @@ def pose_to_2d(pose: Pose) -> Pose2D:
 def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
     """Pose after a constant twist for `duration` s: exactly along the arc."""
     turn = twist_in_base.angular * duration
-    # sin(a)/a and (1-cos(a))/a; for small angles by their series, because the quotients would lose digits
+    # sin(a)/a and (1-cos(a))/a of the angle a; for small angles, their series have smaller rounding errors
     if abs(turn) < 1e-4:
         along, across = 1.0 - turn * turn / 6.0, turn / 2.0
     else:

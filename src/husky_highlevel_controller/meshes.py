@@ -11,9 +11,11 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import TriangleMesh, Vector3
 
-_CELLS = 2048.0  # number of cells along a mesh's longest edge at the first coarsening
-_COARSER = 1.25  # factor by which the cells' edge grows at each further coarsening
-_SOLID = 0.01  # smallest volume of a closed mesh, as a fraction of the box around it
+# a mesh becomes coarser by merging the corners in each cell of a grid; the first grid has this many cells
+# along the mesh's longest edge
+_CELLS = 2048.0
+_COARSER = 1.25  # the cells grow by this factor while the mesh still has too many faces
+_SOLID = 0.01  # a mesh counts as closed only if its volume is more than this fraction of the box around it
 
 
 def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> TriangleMesh:
@@ -65,7 +67,7 @@ def _without_flat(vertices: np.ndarray, faces: np.ndarray, source: str) -> Trian
     faces = faces[~has_equal_corners]
     _, first_of_each = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     faces = faces[np.sort(first_of_each)]
-    # only the corners that a face uses
+    # keep only the corners that a face uses
     used, rows = np.unique(faces, return_inverse=True)
     return _frozen(vertices[used], rows.reshape(-1, 3), source)
 

@@ -16,8 +16,8 @@ import sysconfig
 from pathlib import Path
 from typing import List, NamedTuple, Optional
 
-# true on platforms on which the fork pybullet_arm64 has wheels and PyBullet does not, see
-# requirements/launch.in
+# true on platforms for which pip has compiled packages (wheels) of the fork pybullet_arm64, but not of
+# PyBullet; see requirements/launch.in
 FORK = sys.version_info >= (3, 12) or (sys.version_info >= (3, 10) and sys.platform != "linux")
 BULLET = "pybullet_arm64==3.2.8" if FORK else "pybullet==3.2.7"
 
@@ -63,7 +63,7 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
 
     The sentence has the command that installs them. `group` is a key of GROUPS.
     """
-    lacking: List[str] = []  # packages as the sentence names them
+    lacking: List[str] = []  # texts about the missing packages, as parts of the sentence
     requirements: List[str] = []
     for package in GROUPS[group]:
         is_found = _is_importable(package.module)
@@ -79,8 +79,8 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
         requirement = package.requirement
         if package.oldest:
             requirement += f">={package.oldest}"
-        # the major version of a package stays, because compiled packages of the system, such as matplotlib,
-        # fail with a later one
+        # pip must not change the major version of the package, because compiled packages of the system that
+        # use it, such as matplotlib, would then fail
         if is_old:
             requirement += f",<{_numbers(version)[0] + 1}"
         requirements.append(requirement)
@@ -140,10 +140,10 @@ def _pip(requirements: List[str]) -> str:
     if sys.prefix == sys.base_prefix:
         words.append("--user")
         if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
-            # safe, because pip installs in the home folder with --user
+            # this option is safe here, because with --user pip installs only in the home folder
             words.append("--break-system-packages")
     debian = [] if importlib.util.find_spec("pip") else ["python3-pip"]
     if BULLET in requirements and (platform.machine() != "x86_64" or sys.version_info >= (3, 14)):
-        debian += ["g++", "python3-dev"]  # no wheel fits, so pip needs a compiler
+        debian += ["g++", "python3-dev"]  # no compiled package (wheel) fits, so pip must compile PyBullet
     first = shlex.join(["sudo", "apt", "install", *debian]) + " && " if debian else ""
     return first + shlex.join([*words, *requirements])

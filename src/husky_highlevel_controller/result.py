@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any, List, Mapping, NamedTuple, Sequence
 
 WIDTH = 110  # largest number of characters of a line
-MIN_WRAPPED = 30  # smallest number of characters of a wrapped column
-# start of a spreadsheet formula, but not of a negative number
+# smallest number of characters of a wrapped column, even if the line then becomes longer than WIDTH
+MIN_WRAPPED = 30
+# pattern of a text that a spreadsheet runs as a formula; a negative number is not a formula
 FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")
 ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
 
@@ -59,7 +60,7 @@ class Table:
         columns = list(zip(self.header, *self.values))
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
         widths = [max(len(_text(value)) for value in column) for column in columns]
-        indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # column at which the last one begins
+        indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # position at which the last column begins
         last_width = max(WIDTH - indent, MIN_WRAPPED)
         lines = [self.title] if self.title else []
         rows = [self.header, *self.values] if any(self.header) else self.values
@@ -115,7 +116,7 @@ class Result:
     tables: Sequence[Table]
     verdict: str = ""
     failed: bool = False  # true if the result is bad, so that the exit code is 1
-    source: str = ""  # hash of the runs, machines and versions, as a sentence
+    source: str = ""  # sentence with the hash of the runs, the machines and the versions
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tables", tuple(self.tables))

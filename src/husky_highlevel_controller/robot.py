@@ -17,7 +17,8 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
 ROBOTS = ("husky", "smb")
-# other names of a robot; this one differs only in topic and frame of the lidar, which launch files set
+# other names of a robot; husky_melodic differs from husky only in the topic and the frame of the lidar, and
+# launch files set them
 VERSIONS = {"husky_melodic": "husky"}
 
 

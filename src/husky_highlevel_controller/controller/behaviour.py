@@ -42,17 +42,17 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 
-# [m], [m/s] A robot was put elsewhere if it has moved farther between two scans than the first number plus
-# the way at the second number.
+# [m], [m/s] If a robot moves farther than TELEPORT_DISTANCE + TOP_SPEED * time between two scans, it has not
+# driven there; somebody has put it elsewhere.
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
-RESUME_ERROR = 0.10  # [m] error of the stop position at which an arrived robot drives again
-ODOM_TIMEOUT = 0.5  # [s] time without a pose in odom after which the odometry counts as lost
-ROOM_FRACTION = 0.05  # smallest fraction of beams with a return if walls stand around the robot
-# [m] measured gap at which the robot may already touch the pillar; from this gap on, the robot creeps for
-# TOUCH_CREEP_TIME
+RESUME_ERROR = 0.10  # [m] an arrived robot drives again if it is more than this too far from the pillar
+ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
+ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
+# [m] the measured gap has an error, so at this gap the robot may already touch the pillar; it then creeps on
+# for TOUCH_CREEP_TIME to be sure
 TOUCH_GAP = 0.003
-# [s] time in which the robot creeps 8 mm at control.MIN_TOUCH_SPEED, so that it touches the pillar and hardly
-# pushes it
+# [s] the robot creeps 8 mm in this time at control.MIN_TOUCH_SPEED; this is enough to touch the pillar, but
+# hardly pushes it
 TOUCH_CREEP_TIME = 0.2
 
 
@@ -74,7 +74,7 @@ class Observation:
     laser_in_base: Optional[Pose]  # pose of the lidar in base_link; None if unknown to TF
     base_in_odom: Optional[Pose2D]  # pose of base_link in odom at the scan's stamp; None if unknown to TF
     outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # footprint of the robot
-    ahead_of_odometry: float = 0.0  # [s] lead of the scan's clock over the clock of `base_in_odom`
+    ahead_of_odometry: float = 0.0  # [s] time by which the scan's clock is ahead of odometry's clock
 
     @cached_property
     def laser_in_odom(self) -> Optional[Pose]:
@@ -91,13 +91,17 @@ class ControllerState(NamedTuple):
     track: Track = Track()
     search: Optional[Search] = None  # progress of the search; None if the robot does not search
     at_pillar: bool = False  # true if the robot has arrived at the pillar and has not left it since
-    close_at: Optional[float] = None  # [s] time since which the robot is close to a pillar that it will touch
-    started_at: Optional[float] = None  # [s] stamp of the first scan of this run
+    # [s] time at which the robot came close enough to a pillar to touch it (TOUCH_GAP); None if it is not
+    # close
+    close_at: Optional[float] = None
+    # [s] stamp of the scan at which this drive to the pillar began; None if the controller is stopped
+    started_at: Optional[float] = None
     base_in_odom: Optional[Pose2D] = None  # pose of base_link in odom at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
-    # [s] stamp of the last scan whose pose in odom was known; inf if there was no such scan
+    # [s] stamp of the last scan for which TF knew the robot's pose in odom; inf if there was no such scan
     odom_at: float = inf
-    # true if an earlier scan had many returns, so that a scan without returns is a fault of the lidar
+    # true if an earlier scan showed walls around the robot; a scan without any return is then a fault of the
+    # lidar
     in_room: bool = False
 
     @property
@@ -116,13 +120,14 @@ class ControlOutput(NamedTuple):
     # tracked pillar in the laser's frame; None if this scan does not show the pillar
     pillar: Optional[Pillar]
     pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom
-    estimate: Optional[Estimate]  # remembered pillar in odom
-    # [m] centre of the pillar in base_link, as this scan shows it or as remembered
+    estimate: Optional[Estimate]  # remembered pillar in odom; None if no pillar is remembered
+    # [m] (x, y) of the pillar's centre in base_link; if this scan does not show the pillar, its remembered
+    # position counts; None if no position is known
     target_in_base: Optional[Tuple[float, float]]
-    distance_error: float  # [m] remaining distance; nan without a target
-    bearing_error: float  # [rad] bearing of the target in base_link; nan without a target
-    reason: str  # reason of the state, as a sentence for the log that is equal in equal situations
-    moved: bool = False  # true if the robot was put elsewhere, or odom was reset
+    distance_error: float  # [m] distance that the robot still has to drive; nan if no pillar is known
+    bearing_error: float  # [rad] direction of the pillar in base_link; nan if no pillar is known
+    reason: str  # reason of the state, as a sentence for the log
+    moved: bool = False  # true if the robot was put elsewhere since the last scan, or odom was reset
 
 
 def decide(
@@ -150,14 +155,14 @@ def decide(
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        # rejected positions are forgotten, because the world may have changed; the estimate stays until
-        # `follow` gives it up
+        # the robot was put elsewhere, or odom was reset, so positions that were rejected before get a new
+        # chance; the remembered pillar stays until a scan shows that its position is empty
         track = controller_state.track._replace(rejected=(), walked_to=None)
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
         )
 
-    # perception: the pillar, and what the state remembers of this scan
+    # perception: look for the pillar, and store in the state what this scan shows
     pillars = find_pillars(scan, detector_config)
     track, pillar, pillar_in_odom, visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
@@ -173,8 +178,8 @@ def decide(
     # decision
     action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
 
-    # bookkeeping: a run begins when the controller is started, and again when the robot leaves the pillar;
-    # without a target, `remaining` is nan, so that the robot counts as away from the pillar
+    # bookkeeping: `started_at` is set when the controller is started, and again when an arrived robot leaves
+    # the pillar. If no pillar is known, `remaining` is nan, so `remaining <= RESUME_ERROR` is false.
     remaining = remaining_distance(target, control) if target else nan
     was_at_pillar, started_at = controller_state.at_pillar, controller_state.started_at
     at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_ERROR)
@@ -217,7 +222,8 @@ class _Look(NamedTuple):
     track: Track
     pillar: Optional[Pillar]  # pillar in the laser's frame; None if the scan does not show it
     pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom
-    visibility: Visibility  # evidence of the scan about the remembered position
+    # result of the scan at the remembered position of the pillar, such as SEEN or EMPTY
+    visibility: Visibility
 
 
 def _look(controller_state: ControllerState, observation: Observation, pillars: List[Pillar]) -> _Look:
@@ -270,7 +276,7 @@ class _Action(NamedTuple):
     """Answer to one scan."""
 
     state: State
-    twist: Twist2D  # command before it is limited
+    twist: Twist2D  # command before it is limited to the largest allowed speeds
     reason: str
     search: Optional[Search] = None  # search to continue at the next scan; None if the robot does not search
 
@@ -308,18 +314,19 @@ def _act(
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
         return _wait("no transform from odom to base_link any more; check that odometry is running")
     measured = pillar_seen or observation.scan.valid_count > 0
-    # a beam without an echo (inf) is normal in an empty world; without such a beam, the scan has no beams, or
-    # all its returns are too close to be valid
+    # a beam that meets nothing gives inf, which is normal in an empty world; a scan without a valid range and
+    # without inf has no beams, or every return is too close to be valid
     if not measured and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
     if controller_state.track.doubtful and target is not None:
         return _wait("the pillar moves away; waiting until it stands")
 
-    # a pillar that the scan shows is not an obstacle; at a remembered position, everything is an obstacle
+    # returns of the pillar are not obstacles if this scan shows the pillar; if the pillar is only remembered,
+    # all near returns are obstacles
     obstacles_in_base = near_points(
         observation.scan, observation.laser_in_base, target if pillar_seen else None, observation.outline
     )
-    # the robot drives to a position that it only remembers if it may search
+    # if the pillar is only remembered, the robot drives to it only if it may search
     if target is not None and (pillar_seen or control.search):
         return _drive(
             controller_state,
@@ -367,8 +374,8 @@ def _search(
         observation.outline,
         control,
     )
-    # a scan without returns is normal in an empty world, but not where walls stood before; the robot may turn
-    # without returns, but it does not drive, and the search stays as it was
+    # an empty world has no returns, but here an earlier scan showed walls, so this scan is a fault of the
+    # lidar; the robot must not drive forwards, and the search keeps its old state
     if twist.linear > 0.0 and not measured and controller_state.in_room:
         problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"
         return _wait(problem, controller_state.search)
@@ -409,16 +416,17 @@ def _drive(
     else:
         tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
         is_reached = remaining <= tolerance
-    # a robot that has arrived stays, even if it does not see the pillar, until the error exceeds RESUME_ERROR
+    # an arrived robot stays although it does not see the pillar, unless `remaining` grows beyond RESUME_ERROR
     if (visible and is_reached) or (had_arrived and remaining <= RESUME_ERROR):
         return _Action(State.ARRIVED, STOP, arrival)
-    # the robot is where it would stop, but does not see the pillar, so it turns the lidar to that position
+    # the robot is at its stop position, but does not see the pillar, so it turns the lidar to the remembered
+    # position
     if not visible and remaining <= tolerance:
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
 
-    # the direction nearest to the pillar in which the way is free; the pillar's own direction needs no more
-    # free way than remains
+    # direction of a free path, as near as possible to the pillar's direction; straight to the pillar, only
+    # the remaining distance must be free
     bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         twist = Twist2D(0.0, control.search_rate)

@@ -14,17 +14,23 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import Vector3
 
-_RADIUS_WEIGHT = 0.6  # the expected radius counts as much as this many beams
-_PLACE_WEIGHT = 1e-3  # weight of the expectation that the centre is on the line of sight
-# smallest weight, which keeps the equations solvable if the beams do not determine the distance
+_RADIUS_WEIGHT = 0.6  # the expected radius counts in the fit as much as this many beams
+# in the fit, weight of the expectation that the circle's centre lies on the line through the middle beam
+_PLACE_WEIGHT = 1e-3
+# weight of the expected distance of the centre; it is tiny, and only keeps the equations solvable if the
+# beams do not determine the distance
 _MIN_WEIGHT = 1e-6
-_FREE_WEIGHT = 1e-4  # weight that replaces _RADIUS_WEIGHT and _PLACE_WEIGHT if no radius is expected
-MIN_COSINE = 0.3  # smallest cosine of incidence in the weights, because grazing beams would weigh too much
+# weight instead of _RADIUS_WEIGHT and _PLACE_WEIGHT when the radius is computed from the beams alone
+_FREE_WEIGHT = 1e-4
+# a smaller cosine of a beam's angle of incidence counts as this one; otherwise, beams that graze the circle
+# would get a very large weight
+MIN_COSINE = 0.3
 MAX_STEPS = 6
-# [m] a step smaller than this is the last step, because the next step would be a thousand times smaller
+# [m] the fit ends with a step smaller than this, because the next step would be a thousand times smaller
 _SETTLED = 3e-4
 
-# (4, 4) sums over the beams; each is the product of two of these: derivative by x, y or r, or the error
+# (4, 4) sums over the beams: each beam has four numbers, which are the derivatives of its error by x, y and
+# r, and the error itself; entry (i, j) sums the products of number i and number j
 Products = List[List[float]]
 Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]
@@ -87,13 +93,13 @@ class Segments(NamedTuple):
 class Circle(NamedTuple):
     """A fitted circle."""
 
-    x: float  # [m], centre, along the segment's middle
-    y: float  # [m], centre, across the segment's middle
+    x: float  # [m] centre, in the direction of the segment's middle
+    y: float  # [m] centre, perpendicular to the direction of the segment's middle
     radius: float  # [m]
     free_radius: float  # [m] radius from the beams alone, without the expected radius
     free_slack: float  # [m] possible error of `free_radius`
-    residual: float  # [m], root mean square distance of the end points
-    sum_squared_error: float  # [m^2], sum of the squared errors in the direction of the beams
+    residual: float  # [m] root mean square distance of the beams' end points from the circle
+    sum_squared_error: float  # [m^2] sum of the squared errors, each measured along its beam
 
 
 def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
@@ -121,11 +127,12 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         radius: expected radius [m].
         noise: differences in range not worth explaining [m].
     """
-    # x is measured from an origin near the centre, which keeps all digits, also far away
+    # x is measured from `origin`, which is near the centre, because small numbers have small rounding errors
     origin, directions = segment.near + radius, segment.directions
     points = segment.ranges * directions
     points[0] -= origin
-    # rows for each beam: n_x, n_y, -1 and e of the docstring; the first two are the unit vector to the centre
+    # one column for each beam, with n_x, n_y, -1 and e of the docstring; (n_x, n_y) is the unit vector from
+    # the end of the beam to the centre
     rows = np.empty((4, len(segment.ranges)))
     rows[2] = -1.0
     to_centre, error = rows[:2], rows[3]
@@ -147,7 +154,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     # `products` and `error` belong to the circle before the last step
     free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
-    *_, (*_, sum_squared_error) = products  # the last of them is sum_i w_i e_i^2
+    *_, (*_, sum_squared_error) = products  # the last number of the matrix is sum_i w_i e_i^2
     return Circle(
         x=origin + x,
         y=y,
@@ -203,7 +210,7 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     degrees_of_freedom = max(count - 3, 1e-3)
     variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / degrees_of_freedom
     standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
-    # the factor on the standard error follows Student's distribution, which is wide for few beams
+    # this factor is large for few beams, as in Student's t distribution
     return -dr, (2.0 + 4.0 / degrees_of_freedom) * standard_error
 
 
@@ -223,8 +230,9 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
-# The inverse range of a straight wall is linear in the cosine and sine of the beam, 1 / r = a cos + b sin.
-# Both sides times r^2 give r = a r^2 cos + b r^2 sin, so that the error counts along the beam.
+# A straight wall has the ranges 1 / r = a cos + b sin, with cosine and sine of a beam's angle. Multiplied by
+# r^2, this is r = a r^2 cos + b r^2 sin. The error of this equation is a range, so it is measured along the
+# beam.
 
 
 def line_sum_squared_error(segment: Segment) -> float:
@@ -237,8 +245,10 @@ def line_sum_squared_error(segment: Segment) -> float:
 def corner_sum_squared_error(segment: Segment) -> float:
     """Sum of squares along the beams of the best two lines, one for each side of a cut [m^2]."""
     terms = _terms(segment)
-    products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]  # uu, uv, vv, ur, vr, rr of each beam
-    # sums of the beams up to each possible cut, and of the beams behind it
+    # products uu, uv, vv, ur, vr, rr of the three terms u, v, r of each beam
+    products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]
+    # the corner may lie behind any beam; `left` has the sums up to this beam, `right` the sums of the beams
+    # after it
     left = np.cumsum(products, axis=1)
     right = left[:, -1:] - left
     return float((line_squared_error(left[:, :-1]) + line_squared_error(right[:, :-1])).min())
@@ -253,6 +263,6 @@ def _terms(segment: Segment) -> np.ndarray:
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
     """Sum of squares left by r = a u + b v, from the sums of uu, uv, vv, ur, vr, rr, (6, ...)."""
     uu, uv, vv, ur, vr, rr = sums
-    # the determinant is almost 0 if the beams have almost one direction
+    # this keeps the determinant above 0 if all beams have almost the same direction
     determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)
     return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / determinant, 0.0)

@@ -24,15 +24,20 @@ from husky_highlevel_controller.controller.circle_fit import (
 )
 from husky_highlevel_controller.datatypes import Scan
 
-# Smallest lead with which a straight line wins over the circle. The lead of a shape is the logarithm of the
-# ratio of the sums of squared errors, times the number of beams minus the number of the shape's parameters.
-# With 8 beams and a noise of 30 mm, 1 % of the pillars lose to another shape. With a noise of 1 mm, less than
-# 1 % of boxes count as pillars. With more beams, both errors quickly become rare.
+# A segment is a wall and not a pillar if a straight line has at least this lead over the circle. The lead of
+# a shape is log(squared errors of the circle / squared errors of the shape), times (number of beams - number
+# of parameters of the shape). With 8 beams and a noise of 30 mm, 1 % of the pillars count as another shape.
+# With a noise of 1 mm, less than 1 % of boxes count as pillars. With more beams, such mistakes quickly become
+# rare.
 LINE_ODDS = 4.0
-HIDDEN_ODDS = 2.0  # lead that a circle needs over a straight line if a part of the silhouette is hidden
-_MARGIN = 0.005  # [m] the screen rejects a circle only if it misses a limit by more than this
-_ODDS_MARGIN = 1.0  # the screen rejects a circle only if a line leads by this more than necessary
-_SAMPLES = 16  # number of beams of a silhouette that are checked
+# smallest lead that a circle needs over a straight line if another object hides a part of the circle
+HIDDEN_ODDS = 2.0
+# [m] this coarse test rejects a circle only if it misses a limit by more than this, because its fit is not
+# exact
+_MARGIN = 0.005
+# this coarse test rejects a circle only if the lead of a line is larger than its limit by more than this
+_ODDS_MARGIN = 1.0
+_SAMPLES = 16  # up to this many of the beams that should meet a circle are checked
 
 
 @dataclass(frozen=True)
@@ -54,15 +59,15 @@ class PillarConfig:
 class _Fits(NamedTuple):
     """Circles of S segments, arrays of (S,)."""
 
-    x: np.ndarray  # [m], centre, along the segment's middle
-    y: np.ndarray  # [m], centre, across the segment's middle
+    x: np.ndarray  # [m] centre, in the direction of the segment's middle
+    y: np.ndarray  # [m] centre, perpendicular to the direction of the segment's middle
     radius: np.ndarray  # [m]
-    residual: np.ndarray  # [m], root mean square distance of the end points
+    residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
     line_lead: np.ndarray  # lead of a straight line over the circle, as defined at LINE_ODDS
     near: np.ndarray  # [m] shortest range
     counts: np.ndarray  # number of beams
-    first: np.ndarray  # index of the first beam
-    last: np.ndarray  # index of the last beam
+    first: np.ndarray  # index of the segment's first beam in the scan
+    last: np.ndarray  # index of the segment's last beam in the scan
 
 
 def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segments:
@@ -78,7 +83,7 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
         & (np.abs(fits.radius - config.pillar_radius) <= config.radius_tolerance + _MARGIN)
         & (fits.line_lead < LINE_ODDS + _ODDS_MARGIN)
     )
-    # the beams of a silhouette are counted only for segments that pass the other tests
+    # only segments that pass these tests are tested for beams that pass through the circle or are hidden
     fits = _Fits(*(column[candidates] for column in fits))
     missing, hidden = _silhouettes(scan, fits, 4.0 * config.max_residual)
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
@@ -102,15 +107,16 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     starts = segments.starts
     segment_of_beam = np.repeat(np.arange(len(count)), count)
     first, last = beams[starts], beams[starts + count - 1]
-    # directions and ends of the beams, (B,), in a frame for each segment, whose x axis is its middle beam
+    # directions and end points of all beams, (B,); each segment has its own frame, whose x axis points to the
+    # middle of the segment
     angles = step * (beams - (0.5 * (first + last))[segment_of_beam])
     cosines, sines = np.cos(angles), np.sin(angles)
     px, py = ranges * cosines, ranges * sines
-    # circles: centre (origin + x, y) and radius r, (S,) [m]
+    # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # for each beam, nine weighted products of two of dx, dy, 1 and its error; the derivative by the radius is
-    # -1, so the sums with it get their sign afterwards
+    # nine weighted products for each beam, each of two of the values dx, dy, 1 and error. The value 1 stands
+    # for the derivative by the radius, which is -1, so the sums with it get their sign below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -130,7 +136,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         terms[5:] = wx, wy, weight, we
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re
-        # the step does not need the fourth row, which has the products of the error
+        # `fit_step` does not use the fourth row, so the row is empty
         products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
@@ -139,13 +145,15 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         x, y = x - fraction * step_x, y - fraction * step_y
         r = np.maximum(r - fraction * step_r, 0.1 * radius)
 
-    # errors of the circles, and the sums from which `line_squared_error` computes the errors of lines
+    # errors of the fitted circles, which are compared with the errors of straight lines
     _, _, error, weight = residuals()
     squares = error * error
     u, v = ranges * px, ranges * py
-    # terms of `line_squared_error`, whose unknowns multiply u = r^2 cos and v = r^2 sin
+    # `line_squared_error` fits r = a u + b v with u = r^2 cos and v = r^2 sin; these are the six products
+    # that it needs for each beam
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
-    # (8, S): squared distances, weighted squared errors of the circle, and the six sums of the line
+    # (8, S) sums over the beams of each segment: squared distances from the circle, weighted squared errors
+    # of the circle, and six sums for the line
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
     # the lead of the line, as LINE_ODDS defines it; a line has two parameters
     circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
@@ -166,17 +174,19 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
         that a nearer object hides, both (S,). The sampled beams are up to _SAMPLES of those that should meet
         the circle; beams of the segment itself do not count.
     """
-    # indices in the scan, (S,): the beams from `low` to `high` should meet the circle, but not near its edge
+    # the beams from index `low` to index `high` of the scan should meet the circle; beams near its edge are
+    # left out
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
     inner_radius = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
     half_width = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0)) / step
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
     low = np.maximum(np.ceil(centre - half_width), 0.0)
     high = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
-    # sampled beams, and the range at which each should meet the circle, (S, _SAMPLES)
+    # (S, _SAMPLES) indices of up to _SAMPLES beams from `low` to `high`, at equal distances
     stride = np.maximum((high - low) / _SAMPLES, 1.0)
     samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
-    angle = (samples - centre[:, None]) * step  # angle from the direction of the centre
+    # [rad] angle between a beam and the direction of the circle's centre
+    angle = (samples - centre[:, None]) * step
     across = np.minimum(np.abs(distance[:, None] * np.sin(angle)), r)
     expected = distance[:, None] * np.cos(angle) - np.sqrt(r * r - across * across)
     reading = scan.returns[np.clip(samples, 0, len(scan.ranges) - 1).astype(int)]

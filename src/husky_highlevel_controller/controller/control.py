@@ -15,10 +15,12 @@ from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Pose, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 
-TOUCH_SPEED = 0.1  # [m/s] fastest speed towards a pillar that will be touched
-# [m/s] slowest speed before a touch, because a robot with only the P law would never reach the pillar
+TOUCH_SPEED = 0.1  # [m/s] fastest speed at a gap below TOUCH_SLOW_FROM, if the robot shall touch the pillar
+# [m/s] slowest speed before a touch; with the P law alone, the robot would become slower and slower, and
+# never touch the pillar
 MIN_TOUCH_SPEED = 0.04
-# [m] gap at which the robot slows down before a touch; it is enough to brake from 1.0 m/s at 3.0 m/s^2
+# [m] the robot drives at TOUCH_SPEED or slower if the gap to the pillar is smaller than this; the gap is long
+# enough to brake from 1.0 m/s at 3.0 m/s^2
 TOUCH_SLOW_FROM = 0.25
 
 
@@ -53,10 +55,10 @@ class ControlConfig:
 class Target(NamedTuple):
     """The pillar as the control needs it."""
 
-    x: float  # [m], centre, in base_link
-    y: float  # [m], centre, in base_link
+    x: float  # [m] x of the pillar's centre in base_link
+    y: float  # [m] y of the pillar's centre in base_link
     radius: float  # [m]
-    distance: float  # [m] distance from the lidar to the pillar's near surface, as in a scan
+    distance: float  # [m] distance from the lidar to the nearest point of the pillar's surface
     gap: float  # [m] distance from the robot's footprint to the pillar's surface
 
     @property

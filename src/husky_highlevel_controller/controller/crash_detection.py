@@ -33,27 +33,32 @@ from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D,
 from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
 
 GRAVITY = 9.8  # [m/s^2]
-# [s], time constant with which the accelerometer corrects the direction of gravity from the gyro
+# [s] the gyro follows the direction of gravity, and the accelerometer corrects it with this time constant
 LEVELLING_TIME = 2.0
-# [m/s^2] largest specific force that corrects the direction of gravity, because a larger force is a shock
+# [m/s^2] the accelerometer corrects the direction of gravity less if its force differs from gravity by more
+# than this, because such a force is a shock
 LEVELLING_FORCE = 20.0
-LATENESS = 0.05  # [s] delay before a sample is evaluated, because odometry comes late
-AFTER, BEFORE = 0.15, 0.4  # [s] times after and before a sample over which the velocity is averaged
+LATENESS = 0.05  # [s] odometry may come this much later than the IMU samples, so the samples wait
+# [s] a change of velocity is the mean velocity over the last AFTER minus an earlier mean over BEFORE
+AFTER, BEFORE = 0.15, 0.4
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
-# [s] time after the start in which no crash is detected, on smooth and on rough ground
+# [s] time after the first sample in which no crash is detected, on smooth ground and on rough ground; in this
+# time, the direction of gravity becomes known
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1
-LONGEST_PERIOD = 0.2  # [s] a longer gap between samples causes a reset
-PATIENCE = 2.0  # [s] time without odometry after which samples no longer wait for odometry
-LONGEST_WAIT = 2.5  # [s] longest wait of a sample for later odometry
-LONGEST_DELAY = 10.0  # [s] largest time by which samples may lag behind odometry
-# [m/s^2] the part of a horizontal force above this limit counts only if the force exceeds the vertical force
+LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between two samples
+PATIENCE = 2.0  # [s] samples are evaluated without odometry if no odometry has come for this time
+LONGEST_WAIT = 2.5  # [s] a sample that has waited this long for its odometry is evaluated without it
+LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for samples that come later than odometry
+# [m/s^2] a shock from below also causes horizontal force, so the part of a horizontal force above this limit
+# is reduced by the size of the vertical force
 SHOCK_FORCE = 6.0
-# [m/s] vibration from which on the ground counts as rough; a real Husky A200 has 0.005 at rest, 0.03 on
-# flooring
+# [m/s] the ground counts as rough if the vibration is larger than this; a real Husky A200 has 0.005 at rest,
+# 0.03 on flooring
 ROUGH_VIBRATION = 0.013
-# sideways velocity may be this many times larger than forward velocity, because the body rolls on its tyres
+# the allowance for rough ground is this many times larger for the sideways velocity, because the body rolls
+# on its tyres
 SIDEWAYS_FACTOR = 2.0
-STANDING_SPEED = 0.02  # [m/s] slower wheels have no direction of travel
+STANDING_SPEED = 0.02  # [m/s] the direction of travel is unknown if the wheels are slower than this
 
 
 @dataclass(frozen=True)
@@ -76,10 +81,12 @@ class CrashConfig:
 class Change(NamedTuple):
     """Change of velocity, and vibration by the ground."""
 
-    loss: float  # [m/s] loss of speed in the direction of travel, beyond the loss of the wheels
-    sideways: float  # [m/s] sideways velocity gained within a window and kept
-    vibration: float  # [m/s] vibration of the velocity in a window
-    vibration_before: float  # [m/s] vibration before the change of velocity
+    # [m/s] speed that the robot has lost in the direction of travel, minus the speed that its wheels have
+    # lost
+    loss: float
+    sideways: float  # [m/s] sideways velocity that the robot has gained in a short time and has kept
+    vibration: float  # [m/s] vibration of the ground, until now
+    vibration_before: float  # [m/s] vibration of the ground, until the change of velocity began
 
     def excess(self, config: CrashConfig) -> float:
         """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
@@ -103,7 +110,7 @@ class _Increment(NamedTuple):
 
     stamp: float  # [s]
     ahead: float  # [m/s] change of the forward velocity since the last sample
-    left: float  # [m/s] change of the sideways velocity, without the part that driving a curve causes
+    left: float  # [m/s] change of the velocity to the left, without the part that driving a curve causes
     up: float  # [m/s]
 
 
@@ -114,24 +121,27 @@ class CrashDetector:
         """Begin without a sample; `config` has the limits of a crash."""
         self._config = config
         self._wheel_speeds: Deque[Tuple[float, float]] = deque()  # stamp [s] and speed [m/s] of the wheels
-        # samples that wait for odometry, with the mounting of the IMU
+        # samples that wait for odometry, each with the orientation of the IMU in base_link
         self._waiting_samples: Deque[Tuple[ImuSample, Quaternion]] = deque()
-        self._odometry_silent_since = inf  # [s] stamp of the first sample since the last odometry
+        # [s] stamp of the first sample since the last odometry; inf if there is none
+        self._odometry_silent_since = inf
         self.reset()
 
     def reset(self) -> None:
         """Forget the samples that were judged, as after a jump of time."""
         # unit vector upwards in the IMU's frame; None before the first sample
         self._vertical: Optional[Vector3] = None
-        # [s] present time constant of `_vertical`, which is a plain mean of the first samples
+        # [s] time constant of `_vertical`; it begins at 0 and grows, so `_vertical` is at first a plain mean
+        # of the samples
         self._levelling_time = 0.0
         self._last_stamp = -inf  # [s]
-        self._period, self._samples_of_stamp = 0.0, 1  # [s] last period; number of samples of the last stamp
+        # [s] time between the last two stamps; number of samples that have the last stamp
+        self._period, self._samples_of_stamp = 0.0, 1
         self._increments: Deque[_Increment] = deque()
-        # stamp [s]; squared sideways and vertical change
+        # stamp [s]; square of the velocity that one window gained sideways and upwards [m^2/s^2]
         self._squared_changes: Deque[Tuple[float, float]] = deque()
-        self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
-        # result for the last evaluated sample; None if there is none yet
+        self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s]; vibration at this time [m/s]
+        # result of the last call of `add_sample`; None if the call evaluated no sample
         self.change: Optional[Change] = None
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
@@ -144,7 +154,7 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf
-        # [s] stamp before which no odometry and vibration is needed any more
+        # [s] older wheel speeds are not needed any more
         oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
         while self._wheel_speeds[0][0] < oldest:
             self._wheel_speeds.popleft()
@@ -179,7 +189,7 @@ class CrashDetector:
             self._waiting_samples.clear()  # time runs back
         self._waiting_samples.append((sample, imu_in_base))
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
-        # after a crash, the other samples wait for the next call, so that it returns their crash
+        # a call returns only one crash, so after a crash the remaining samples wait for the next call
         loss = None
         while (
             loss is None
@@ -199,7 +209,7 @@ class CrashDetector:
         newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheel_speeds), 3)]
         if not newest_stamps:
             return False
-        # the shorter of the last two periods, because the other one may be a gap
+        # the shorter of the last two periods of odometry, because a lost message makes a period too long
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         return stamp - newest_stamps[0] <= min(periods, default=0.0) + LATENESS
 
@@ -214,13 +224,15 @@ class CrashDetector:
             self.reset()
             self._last_stamp, self._vertical = sample.stamp, unit(sample.specific_force)
             return None
-        if duration <= 0.0:  # the sample is late, or the clock of the stamps ticks more slowly than the IMU
+        # the sample is older than the last sample, or has the same stamp because the clock of the stamps is
+        # coarse
+        if duration <= 0.0:
             if duration == 0.0 and self._increments:
                 self._average_into_last(sample, imu_in_base)
             return None
         self._last_stamp, self._period, self._samples_of_stamp = sample.stamp, duration, 1
-        # the time constant grows to its final value, because the vertical is not known well at first and must
-        # follow quickly
+        # the direction of gravity is not known well at first and must be corrected quickly, so the time
+        # constant begins small and grows to its final value
         self._levelling_time = min(self._levelling_time + duration, LEVELLING_TIME)
         self._level_vertical(sample, duration, imu_in_base)
         self._increments.append(self._increment(sample, duration, imu_in_base))
@@ -243,7 +255,8 @@ class CrashDetector:
         less. `duration` is the time since the last sample [s].
         """
         assert self._vertical is not None
-        # minus(a, b, factor) is a - factor * b; the vertical stays as it is if the result has no direction
+        # minus(a, b, factor) is a - factor * b; `unit` returns None for a vector without a direction, and
+        # then the vertical stays as it is
         self._vertical = (
             unit(minus(self._vertical, cross(sample.angular_velocity, self._vertical), duration))
             or self._vertical
@@ -307,15 +320,19 @@ class CrashDetector:
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
-        change_ahead = change_left = 0.0  # differences of mean velocities
-        pushed_left = 0.0  # velocity gained in the window between the times of these means
-        swung_left = swung_up = 0.0  # velocity gained in the newest window, which on rough ground swings back
-        # ages of samples at the edge of a window are rounded, so each edge lies 1e-6 s beside it
+        change_ahead = change_left = 0.0  # changes of the mean velocity, ahead and to the left
+        # velocity to the left that was gained in the window between the two mean velocities
+        pushed_left = 0.0
+        # velocity gained to the left and upwards in the newest window; on rough ground, it is vibration
+        swung_left = swung_up = 0.0
+        # ages have rounding errors, so the limits of a window are shifted by 1e-6 s; then a sample exactly at
+        # a limit always counts on the same side
         for stamp, ahead_by, left_by, up_by in self._increments:
             age = end - stamp
             if age < -1e-6:
                 break
-            # increments between the two averaging times count fully, the others partly
+            # an increment between the times of the two mean velocities counts fully; other increments count
+            # partly
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
@@ -328,8 +345,8 @@ class CrashDetector:
         learning = LEARNING_TIME + min(vibration / ROUGH_VIBRATION, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
         if self._levelling_time < learning:
             return None
-        # a push counts as far as the body keeps the velocity that it gained in the window; the smaller one of
-        # both velocities is kept, to the left by the first `min`, or to the right by the second one
+        # a push from the side counts only as far as the robot keeps the velocity that it gained, so the
+        # smaller of `pushed_left` and `change_left` counts; the second `min` is for a push to the right
         sideways = max(min(pushed_left, change_left), min(-pushed_left, -change_left))
         self.change = Change(self._unexplained_loss(change_ahead, end), sideways, vibration, vibration_before)
         is_crash = self.change.excess(self._config) > self._config.max_loss
@@ -371,7 +388,7 @@ class CrashDetector:
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # change of the wheels' speed for each shift in time, and 0 for wheels that have not changed
+        # possible changes of the wheels' speed: 0, and the change that odometry shows for each shift in time
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
@@ -381,7 +398,8 @@ class CrashDetector:
                 if next_speed != speed:
                     change += (next_speed - speed) * self._weight(shifted_end - 0.5 * (stamp + next_stamp))
             wheel_changes.append(change)
-        # the loss of a robot is its change against the direction of travel, beyond the change of its wheels
+        # the loss is the robot's change of velocity against the direction of travel, minus the change of its
+        # wheels' speed
         losses = []
         if speed_before is None or speed_before > -STANDING_SPEED:  # the robot may have driven forwards
             losses.append(min(wheel_changes) - ahead)

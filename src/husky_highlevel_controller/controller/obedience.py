@@ -11,16 +11,19 @@ from typing import NamedTuple, Optional
 from husky_highlevel_controller.datatypes import Pose2D, Twist2D
 from husky_highlevel_controller.geometry import wrap_angle
 
-STILL_TIME = 2.0  # [s] time of standing still against the commands after which the robot does not obey
-MIN_LINEAR, MIN_ANGULAR = 0.1, 0.1  # [m/s], [rad/s] slower commands may have no effect on a real robot
-# [m], [rad] smallest motion that counts, a tenth of what the slowest commands cause in STILL_TIME
+STILL_TIME = 2.0  # [s] a robot that stands still for this time although it is commanded to move does not obey
+# [m/s], [rad/s] a real robot may not move at slower commands, so they are not checked
+MIN_LINEAR, MIN_ANGULAR = 0.1, 0.1
+# [m], [rad] a larger motion means that the robot obeys; it is about a tenth of the motion that the slowest
+# checked command causes in STILL_TIME
 MOVED, TURNED = 0.02, 0.03
 
 
 class Obedience(NamedTuple):
     """Memory of the last pose at which the robot obeyed."""
 
-    pose: Optional[Pose2D] = None  # pose in odom; None if it is unknown or no motion is commanded
+    # pose in odom at which the robot last obeyed; None if the pose is unknown or no motion is commanded
+    pose: Optional[Pose2D] = None
     since: float = 0.0  # [s], stamp of `pose`
     stamp: float = 0.0  # [s], stamp of the last command
 

@@ -33,8 +33,8 @@ from husky_highlevel_controller.datatypes import Scan
 class Pillar(NamedTuple):
     """A pillar seen in one scan."""
 
-    x: float  # [m], centre, in the laser's frame
-    y: float  # [m], centre, in the laser's frame
+    x: float  # [m] x of the pillar's centre in the laser's frame
+    y: float  # [m] y of the pillar's centre in the laser's frame
     radius: float  # [m]
     beams: int  # number of beams that hit the pillar
     residual: float  # [m] root mean square distance of the beams' end points from the circle
@@ -50,11 +50,16 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-_CORNER_ODDS = 1.0  # largest lead of a corner over the circle, divided by the number of beams
-# largest number of segments that are fitted without a screen, because the screen takes as long as some fits
+# a segment is the corner of a box and not a pillar if the lead of a corner over the circle, divided by the
+# number of beams, is at least this
+_CORNER_ODDS = 1.0
+# up to this number of segments, all are fitted exactly; the coarse test before the fits takes as long as a
+# few fits, so it is only worth its time if there are more
 _UNSCREENED = 8
-MAX_FITS = 24  # largest number of exact fits per scan; it limits the computing time among many objects
-_MAX_SKIPPED = 2  # largest number of missing returns between two beams on one pillar
+# at most this many segments of a scan are fitted exactly, so that a scan of many objects does not take too
+# long
+MAX_FITS = 24
+_MAX_SKIPPED = 2  # two beams may lie on one pillar if at most this many beams between them have no return
 
 
 def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
@@ -111,28 +116,31 @@ def _starts(
         Indices in `beams` at which bodies begin, and indices of single beams amid a body, which are to be
         omitted.
     """
-    # largest radius of the pillar, and largest difference in range that noise makes [m]
+    # largest radius that counts as the pillar's radius, and largest difference of two ranges that noise makes
+    # [m]
     radius, noise = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def on_two_bodies(left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Mask of pairs of beams, by their indices in `beams`, that cannot be on one pillar."""
         between = beams[right] - beams[left]  # number of steps between the two beams of a pair
-        # distance between the two beams at the shorter range [m], which may be negative if range_min is
+        # [m] distance between the two beams at the shorter of their ranges; a range may be negative if the
+        # driver's range_min is negative, and then counts as 0
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        # with a spacing of a radius or more, the ranges of neighbouring beams may differ by a whole radius
+        # on one pillar, two ranges differ by a radius at most, so a larger spacing counts as one radius
         spacing = np.minimum(spacing, radius)
-        # the ranges of neighbouring beams on a circle differ most if one beam meets the edge of the circle
+        # [m] largest difference of two ranges on one pillar; it occurs if one of the beams meets the edge of
+        # the circle
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
 
-    # most neighbouring beams differ only by noise, and need no exact test;
-    # `left` has the index of the first beam of each pair of neighbours that needs a test
+    # the ranges of most neighbouring beams differ only by noise, so these beams need no exact test; `left`
+    # has the index of the first beam of each pair of neighbours that needs the test
     (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):
         return np.array((0,)), left
-    breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which a body other than the first begins
-    # a body that only one beam meets belongs to another body if the beams on its two sides meet one body
+    breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
+    # bodies that only one beam meets; such a beam is omitted if the beams before and after it lie on one body
     single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
     return np.concatenate(((0,), breaks)), single[~on_two_bodies(single - 1, single + 1)]
 
@@ -144,13 +152,14 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
     far = np.maximum.reduceat(ranges, starts)
     span = (beams[starts + counts - 1] - beams[starts]) * step  # [rad] angle from first to last beam
     largest_radius = config.pillar_radius + config.radius_tolerance
-    distance = np.maximum(near, 0.0)  # [m] distance to the surface, without negative ranges
+    distance = np.maximum(near, 0.0)  # [m] shortest range; a negative range counts as 0
     plausible: np.ndarray = (
         (counts >= config.min_beams)
         & (near > 0.0)  # some drivers give 0 if there is no return
         & (span <= 2.0 * np.arcsin(largest_radius / (distance + largest_radius)) + step)
         & (far - distance <= largest_radius + 4.0 * config.max_residual)
-        # with a larger distance between the beams, too few beams hit a pillar to show its shape
+        # distance between neighbouring beams at this range; if it is larger than the pillar's diameter, too
+        # few beams hit a pillar to show its shape
         & (near * step <= 2.0 * largest_radius)
     )
     return plausible
@@ -161,7 +170,8 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
     radius, tolerance = config.pillar_radius, config.radius_tolerance
     circle = fit_circle(segment, radius, config.range_noise)
     if not (
-        # a centre in front of the nearest beam means a niche, which is as round as a pillar
+        # the centre of a pillar is behind its nearest beam; a centre in front of the beam means a round niche
+        # in a wall
         circle.x > segment.near
         and circle.residual <= config.max_residual
         and abs(circle.radius - radius) <= tolerance
@@ -169,7 +179,8 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
         and _explains_best(scan, config, segment, circle)
     ):
         return None
-    # transform from the frame of the fit, whose x axis points along the middle beam, to the laser's frame
+    # turn the centre from the frame of the fit to the laser's frame; in the frame of the fit, x points to the
+    # middle of the segment
     middle = scan.angle_min + segment.middle * segment.step
     c, s = cos(middle), sin(middle)
     x, y = c * circle.x - s * circle.y, s * circle.x + c * circle.y
@@ -184,10 +195,11 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
     """
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
-    # too many beams pass through the circle, compared with the beams that lie on it
+    # beams that pass through the circle speak against a pillar; a tenth of the number of beams on the circle
+    # is allowed
     if missing > beams // 10:
         return False
-    noise = beams * config.range_noise**2  # [m^2] sum of squared errors that noise alone makes
+    noise = beams * config.range_noise**2  # [m^2] sum of the squared errors that noise alone would make
 
     def beats_circle(error_of_rival: Callable[[Segment], float], parameters: int, odds: float) -> bool:
         """Return whether a rival shape wins, because its lead over the circle is `odds` or more.
@@ -202,13 +214,14 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        # if the circle wins even against a rival without any error, the rival need not be fitted
+        # at first, the rival gets an error of 0; if the circle wins even then, the rival need not be fitted
         return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
 
-    # with hidden beams the circle must lead by HIDDEN_ODDS, which is a negative lead of the line
+    # a line wins with a lead of LINE_ODDS. If beams are hidden, the circle itself must have a lead of
+    # HIDDEN_ODDS, so a line wins with any lead from -HIDDEN_ODDS on.
     if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
         return False
-    # a corner explains five beams or fewer without error, so it proves nothing
+    # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing
     return beams <= 5 or not beats_circle(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
 
 
@@ -219,29 +232,34 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     """
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
-    # the circle without its edge fills half_angle [rad] on either side of its centre; one beam more on
-    # either side is checked, from `first` to `last`
+    # beams within `half_angle` [rad] of the circle's centre should meet the circle, which is made smaller to
+    # leave out its edge. One more beam on either side is checked, too.
     inner_radius = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
-    # index of the beam towards the centre, with a fraction
+    # index of the beam that would point exactly to the circle's centre; it is usually not a whole number
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    half_width = half_angle / step + 1.0  # number of beams on either side of the centre
-    slack = 4.0 * config.max_residual  # [m] largest difference from the expected range that counts as a hit
+    half_width = half_angle / step + 1.0  # number of beams that are checked on either side of `centre`
+    # [m] a beam hits the circle if its range differs from the expected range by at most this
+    slack = 4.0 * config.max_residual
     first, last = ceil(centre - half_width), floor(centre + half_width)
-    # the beams of the segment itself need no check if the root of the sum of all squared errors is small
+    # if even the root of the sum of all squared errors is below `slack`, then every beam of the segment is a
+    # hit and need not be checked
     is_own = np.zeros(len(scan.ranges), dtype=bool)
     if circle.sum_squared_error < slack**2:
         is_own[beams] = True
     # indices of the other beams from `first` to `last`, without indices beyond the ends of the scan
     others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
-    # a beam beyond either end of the scan counts as hidden
+    # each end of the scan that is inside the circle counts as one hidden beam
     missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
     if len(others):
-        angle = (others - centre) * step  # [rad] angle from the direction of the centre
-        # a beam passes the centre at `across`, and meets the circle `depth` before it is beside the centre
+        # [rad] angle between a beam and the direction of the circle's centre
+        angle = (others - centre) * step
+        # `across` is the distance at which a beam passes the circle's centre; the beam meets the circle at
+        # the length `depth` before it is beside the centre
         across, square = distance * np.sin(angle), circle.radius * circle.radius
         depth = np.sqrt(square - np.minimum(across * across, square))
-        # [m] range beyond the circle; negative if the beam ends in front of the circle
+        # [m] range minus the range at which the beam should meet the circle; negative if the beam ends in
+        # front of the circle
         excess = scan.returns[others] - distance * np.cos(angle) + depth
         missing = int(np.count_nonzero((np.abs(angle) <= half_angle) & (excess > slack)))
         hidden += int(np.count_nonzero(excess < -slack))

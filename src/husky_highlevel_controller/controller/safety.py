@@ -21,10 +21,10 @@ from husky_highlevel_controller.robot import DriveConfig, Robot
 
 # [m/s], [rad/s] slower motion counts as standing, because odometry has noise
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05
-FASTEST = 100.0  # [m/s, rad/s] largest measured velocity that is accepted
-PATH_STEPS = 12  # number of checked poses on the way to standstill
+FASTEST = 100.0  # [m/s], [rad/s] a faster measured velocity cannot be right, so the robot must stop
+PATH_STEPS = 12  # number of poses on the way to standstill at which the clearance is checked
 APPROACH = 1e-3  # [m] the robot approaches a return if the clearance falls by this much
-STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop is driven by another node
+STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop has been started again
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,14 @@ def too_close(
     if not is_moving(twist_in_base):
         return None
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
-        return 0.0  # the safe answer, because the path to standstill is unknown
+        # the clearance 0 makes the robot stop; this is safe, because the path to standstill is unknown
+        return 0.0
     outline = robot.footprint
     path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
     clearance_now = _clearance(points_in_base, Pose2D(), outline)
 
-    # points that no point of the footprint can reach on the path need not be checked
+    # points that the footprint cannot reach on the way to standstill need not be checked
     reach = hypot(outline.half_length, outline.half_width)
     longest_move = max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
     within_reach = clearance_now < config.margin + longest_move
@@ -102,7 +103,8 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
     duration = (config.reaction_time + braking_time) / PATH_STEPS
     path, pose = [], Pose2D()
     for step in range(PATH_STEPS):
-        braked_for = max((step + 0.5) * duration - config.reaction_time, 0.0)  # [s] time until mid-step
+        # [s] time for which the robot has braked at the middle of this step
+        braked_for = max((step + 0.5) * duration - config.reaction_time, 0.0)
         linear = max(abs(twist.linear) - braking * braked_for, 0.0)
         angular = max(abs(twist.angular) - angular_braking * braked_for, 0.0)
         braked = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))

@@ -17,12 +17,14 @@ from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import matrix_from_quat, wrap_angle
 
-LOOK_AHEAD = 1.0  # [m] required free path ahead of the hull
+# [m] the robot drives in a direction only if the way is free for this length in front of its footprint
+LOOK_AHEAD = 1.0
 SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
-_FREE_BESIDE = 0.15  # [m] required free width on either side of the footprint
+_FREE_BESIDE = 0.15  # [m] the way is free only if there is this much space on either side of the footprint
 _OWN_BODY = 0.01  # [m] returns nearer to the footprint than this come from the robot itself
 _SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
-_NEAR_RANGE = 2.0  # [m] farther returns are never in the way of the robot within LOOK_AHEAD
+# [m] returns with a longer range are ignored, because they are not within LOOK_AHEAD of the robot
+_NEAR_RANGE = 2.0
 _SAME_BODY = 0.2  # [m] neighbouring returns that are nearer to each other than this belong to one object
 _TARGET_MARGIN = 0.15  # [m] returns nearer to the pillar's surface than this belong to the pillar
 _FULL_TURN = 2.0 * pi
@@ -32,9 +34,10 @@ _QUARTER_TURN = pi / 2.0
 class Search(NamedTuple):
     """Progress of the search."""
 
-    leg: int = 0  # number of legs of the search path that have begun
-    to_turn: float = _FULL_TURN  # [rad] remaining turn before the next leg of the search path
-    to_drive: float = 0.0  # [m] remaining length of the current leg of the search path
+    leg: int = 0  # number of straight parts of the search path that have begun
+    # [rad] angle by which the robot must still turn before the next straight part begins
+    to_turn: float = _FULL_TURN
+    to_drive: float = 0.0  # [m] remaining length of the current straight part of the search path
     pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan
 
 
@@ -61,7 +64,7 @@ def search_on(
     Returns:
         The search for the next call, and the command.
     """
-    # motion since the last call, which shortens the remaining turn or leg
+    # motion since the last call; it is subtracted from the remaining turn or from the remaining straight part
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
@@ -70,14 +73,16 @@ def search_on(
         search = search._replace(to_turn=search.to_turn - turned)
         if search.to_turn > 0.0:
             return search, Twist2D(0.0, config.search_rate)
-        # the turn has just ended, so the next leg begins; every second leg is longer than the one before
+        # the turn has ended, so the next straight part of the search path begins; every second part is longer
+        # than the part before it
         length = config.search_radius_step * (1 + search.leg // 2)
         search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
     search = search._replace(to_drive=search.to_drive - driven)
-    # the leg has its full length, so the robot turns to look around, and then faces the next side
+    # the straight part has its full length, so the robot turns once to look around, and then to the next
+    # direction
     if search.to_drive <= 0.0:
         return search._replace(to_turn=_FULL_TURN + _QUARTER_TURN), Twist2D()
-    # an obstacle ends the leg, so the robot only turns to the next side, where another leg begins
+    # an obstacle ends the straight part, so the robot only turns to the next direction
     if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
         return search._replace(to_drive=0.0, to_turn=_QUARTER_TURN), Twist2D()
     return search, Twist2D(SEARCH_SPEED, 0.0)
@@ -92,15 +97,15 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
     if not len(beams):
         return np.empty((0, 2))
     ranges = scan.returns[beams]
-    # true for each gap between two neighbouring beams that hit one body; also has the gaps before the first
-    # and behind the last beam
-    # one beam between them may be without a return
+    # element i is true if beams i - 1 and i hit the same body; one beam without a return may lie between
+    # them. The first and the last element have no such pair of beams, so they are false.
     is_one_body = np.zeros(len(beams) + 1, dtype=bool)
     is_one_body[1:-1] = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
     beams = beams[is_one_body[1:] | is_one_body[:-1]]
     angles = scan.angle_min + beams * scan.angle_increment
     points_in_laser = scan.returns[beams] * np.stack([np.cos(angles), np.sin(angles)])
-    # the upper left part of the rotation is enough for x and y, because the beams have z = 0 in the laser
+    # the beams have z = 0 in the laser's frame, so the upper left part of the rotation is enough to compute x
+    # and y
     rotation = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]
     points = (rotation @ points_in_laser).T + laser_in_base.position[:2]
     is_obstacle = outline.clearance(points) > _OWN_BODY
@@ -131,7 +136,8 @@ def free_bearing(
     if is_free(points_in_base, goal, length, outline):
         return goal
     steps = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(goal + step))))
-    for step in steps[1:]:  # the first step is 0, and the goal itself is not free
+    # the first step is 0, which is the goal's own direction, and this direction is not free
+    for step in steps[1:]:
         bearing = wrap_angle(goal + step)
         if is_free(points_in_base, bearing, LOOK_AHEAD, outline):
             return bearing

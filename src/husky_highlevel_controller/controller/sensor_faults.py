@@ -8,10 +8,13 @@ from __future__ import annotations
 from math import inf
 from typing import Optional
 
-# [s] wall time and number of messages after which an offset of the clocks is evaluated
+# an offset of two clocks is computed when a window of this wall time [s] is over and this many messages have
+# come
 WINDOW, MIN_MESSAGES = 0.5, 5
-MAX_WINDOW = 2.0  # [s] wall time without a reference message after which the window ends
-# [s] largest offset of two clocks with which the robot drives: half a second plus a period of odometry
+# [s] the window ends after this wall time at the latest, even if no reference message has come
+MAX_WINDOW = 2.0
+# [s] the robot stands still if the lidar's clock is ahead of odometry's clock by more than this, which is
+# half a second plus a period of odometry
 MAX_OFFSET = 0.55
 
 
@@ -24,13 +27,14 @@ class ClockOffset:
 
     def __init__(self, tolerance: float) -> None:
         """Begin without an offset; an offset below `tolerance` [s] counts as 0."""
-        self.seconds = 0.0  # [s] lead of the messages' clock over the reference's clock
+        self.seconds = 0.0  # [s] time by which the messages' clock is ahead of the reference's clock
         self._tolerance = tolerance
         self._newest_reference: Optional[float] = None  # [s], newest stamp
         self._new_references = self._message_count = 0
-        # [s] start of the window: wall time, stamp, the reference's stamp
+        # [s] at the start of the window: wall time, stamp of the first message, newest stamp of the reference
         self._window_begin = (0.0, 0.0, 0.0)
-        # [s] smallest and largest difference of the stamps in the window
+        # [s] smallest and largest difference between the stamp of a message and the newest stamp of the
+        # reference, in this window
         self._smallest_difference, self._largest_difference = inf, -inf
 
     def add_reference(self, stamp: float) -> None:
@@ -54,7 +58,8 @@ class ClockOffset:
             max(self._largest_difference, difference),
         )
         age = now - self._window_begin[0]
-        # the window ends when it has enough messages and a new stamp of the reference, or after MAX_WINDOW
+        # the window ends when it has enough messages and a new stamp of the reference, but after MAX_WINDOW
+        # in any case
         if (
             age >= WINDOW and self._message_count >= MIN_MESSAGES and self._new_references
         ) or age >= MAX_WINDOW:
@@ -68,9 +73,12 @@ class ClockOffset:
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
-        # the newest reference may be a period old; if messages come more often, only for some of them
+        # [s] the newest stamp of the reference may be up to one period old when a message comes; if messages
+        # come more often than the reference, at least one message of the window comes within the messages'
+        # own period
         slack = min(period, abs(stamp - first) / (self._message_count - 1))
-        # delays in wall time become larger in simulated time if simulated time passes faster
+        # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
+        # delay is longer in simulated time
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
         if self._smallest_difference > tolerance:
             return self._smallest_difference

@@ -24,30 +24,33 @@ from husky_highlevel_controller.controller.pillar_detection import Pillar
 from husky_highlevel_controller.datatypes import Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
 
-EMPTY_TIMEOUT = 0.5  # [s] time for which a remembered position may look empty before the pillar is given up
-_HIDDEN_WEIGHT = 0.1  # weight of the time in which a near remembered position is hidden, relative to empty
-_NEAR = 2.0  # [m] a pillar at a remembered position nearer than this should be visible
-_MANY_BEAMS = 8  # number of beams from which on a pillar is accepted even at a rejected position
-_LONGEST_PERIOD = 0.1  # [s] a longer gap between two scans counts only as this time
-_DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
-# largest distance between a sighting and the remembered pillar: [m], plus fraction of the range
+EMPTY_TIMEOUT = 0.5  # [s] a pillar is given up if its remembered position looks empty for longer than this
+# while a nearer object hides a near remembered position, only this fraction of the time counts as empty
+_HIDDEN_WEIGHT = 0.1
+_NEAR = 2.0  # [m] a remembered position counts as near if it is closer to the lidar than this
+_MANY_BEAMS = 8  # a pillar with at least this many beams is accepted even at a rejected position
+_LONGEST_PERIOD = 0.1  # [s] a longer time between two scans counts as this time
+# [m/sqrt(s)] odom drifts, so the standard deviation of a remembered position grows by this times sqrt(time)
+_DRIFT = 0.02
+# a pillar of a scan can be the remembered pillar if their distance is below _GATE [m] plus _GATE_FRACTION of
+# the pillar's range, plus the uncertainty of the remembered position
 _GATE, _GATE_FRACTION = 0.5, 0.03
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
-# a pillar is confirmed if seen from lidar positions so far apart [m], or for so long [s]; a step of a person
-# takes 0.6 s
+# [m], [s] a pillar is confirmed if the lidar has seen it from two positions that are BASELINE apart, or for
+# WATCH_TIME; a walking person would move in this time, because a step takes 0.6 s
 BASELINE, WATCH_TIME = 0.3, 2.0
-# [m] larger motion means a walking person (0.5 to 1.5 m/s), not an error of sightings or drift of odom (below
-# 0.1 m/s)
+# [m] an object that moves farther than this in WATCH_TIME is a walking person (0.5 to 1.5 m/s) and not a
+# pillar; errors of measurement and drift of odom (below 0.1 m/s) are smaller
 WALK = 0.2
 
 
 class Estimate(NamedTuple):
     """Remembered pillar."""
 
-    x: float  # [m], centre, in odom
-    y: float  # [m], centre, in odom
+    x: float  # [m] x of the centre in odom
+    y: float  # [m] y of the centre in odom
     radius: float  # [m]
-    deviation: float  # [m], standard deviation of the centre
+    deviation: float  # [m] standard deviation of the centre's position
     seen_at: float  # [s], stamp of the last scan that showed the pillar
 
 
@@ -72,11 +75,13 @@ class Track(NamedTuple):
     """Pillar that is followed from scan to scan."""
 
     estimate: Optional[Estimate] = None
-    # [s] time in which the position looked empty, minus time in which the pillar was seen
+    # [s] time in which the remembered position looked empty; it becomes shorter again while the pillar is
+    # seen
     missed_time: float = 0.0
-    beams: int = 0  # largest number of beams on the pillar in one scan
+    beams: int = 0  # largest number of beams that have hit the pillar in one scan
     updated_at: float = 0.0  # [s]
-    rejected: Tuple[Tuple[float, float, int], ...] = ()  # rejected positions: x, y in odom [m], beams
+    # rejected positions: x and y in odom [m], largest number of beams on the object there
+    rejected: Tuple[Tuple[float, float, int], ...] = ()
     anchor: Optional[Anchor] = None
     # true if the pillar was seen for WATCH_TIME, or from two positions BASELINE apart
     confirmed: bool = False
@@ -134,11 +139,12 @@ def follow(
             track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
             if track.missed_time <= EMPTY_TIMEOUT:
                 return track, None, visibility
-            # a position that was only out of view or hidden is not rejected, unless it was confirmed before
+            # the position is rejected if it looks empty, or if its pillar was confirmed; otherwise the
+            # position was only hidden or out of view
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
 
-    # no pillar is tracked any more, so track the nearest one, preferably not the object that walked (false
-    # sorts before true)
+    # no pillar is tracked now, so the nearest one is taken; the object that walked comes last, because true
+    # is sorted behind false
     for sighting in sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting)):
         if not _is_rejected(sighting, track):
             return _updated(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN
@@ -214,7 +220,8 @@ def _give_up(track: Track, reject: bool) -> Track:
     assert track.estimate is not None
     rejected = track.rejected
     if reject:
-        # a pillar of _MANY_BEAMS is accepted again, however many beams were on this one
+        # the object at a rejected position is accepted again if more beams hit it; this limit makes sure that
+        # _MANY_BEAMS are always enough
         beams = min(track.beams, _MANY_BEAMS - 1)
         newest_rejected = rejected[1 - _MAX_REJECTED :]
         rejected = (*newest_rejected, (track.estimate.x, track.estimate.y, beams))
@@ -229,16 +236,18 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     """
     step = scan.angle_increment
     center_in_odom = (estimate.x, estimate.y, laser_in_odom.position[2])
-    x, y, _ = transform_point(inverse(laser_in_odom), center_in_odom)  # position in the laser's frame
+    # remembered position in the laser's frame
+    x, y, _ = transform_point(inverse(laser_in_odom), center_in_odom)
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
     # indices of the beams that should meet the pillar, without the outermost tenth of the pillar
     half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
-    # index towards the centre, with a fraction; the remainder by the beams of a full turn makes it positive
+    # index of the beam that would point exactly to the pillar's centre, usually not a whole number; `%` adds
+    # whole turns until it is positive
     middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
     first, last = int(middle - half_width + 1.0), int(middle + half_width)
-    # the pillar is cut by the edge of the scan, or too far to judge
+    # the pillar lies at an end of the scan, or is so far away that it gets fewer than two beams
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:
         return Visibility.OUT_OF_VIEW
     # [m] largest error of the pillar's distance; a shorter range means that a nearer object hides it
@@ -274,7 +283,8 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     """
     pillar, (x, y, _) = sighting
     radius = pillar.radius
-    # standard deviation of a sighting: a quarter of the spacing of the beams there, and 5 mm of other noise
+    # [m^2] variance of a measured centre; its standard deviation is 5 mm plus a quarter of the distance
+    # between two beams at the pillar
     variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2  # [m^2]
     old = track.estimate
     if old is not None:
@@ -286,7 +296,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
     return track._replace(
         estimate=estimate,
-        # a scan that shows the pillar makes up for two scans without it
+        # one scan that shows the pillar makes up for two scans that do not show it
         missed_time=max(track.missed_time - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),
         updated_at=scan.stamp,

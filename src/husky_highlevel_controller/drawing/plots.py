@@ -87,7 +87,8 @@ def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint
     """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
     rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-    # corners relative to half the length and half the width of the robot
+    # corners of the robot's outline, and of the arrow on it, as multiples of half the length and half the
+    # width
     outline = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     arrow = ((0.8, 0.0), (-0.4, 0.7), (-0.1, 0.0), (-0.4, -0.7))
     for corners, color in ((outline, ROBOT), (arrow, "black")):

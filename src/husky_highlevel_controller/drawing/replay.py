@@ -19,8 +19,9 @@ from husky_highlevel_controller.drawing.robot_mesh import Part, robot_mesh
 from husky_highlevel_controller.drawing.templates import render
 from husky_highlevel_controller.robot import Robot, load_robot
 
-PERIOD = 0.1  # [s] time between two poses that are kept; the page interpolates between them
-MAX_POSES = 3000  # largest number of poses; a longer run is kept more coarsely
+PERIOD = 0.1  # [s] time between two poses that the page keeps; the page interpolates between them
+# largest number of poses in a page; the page of a longer run keeps a pose less often than every PERIOD
+MAX_POSES = 3000
 MAX_MARKS = 1000
 
 
@@ -32,9 +33,11 @@ class Replay:
     summary: str  # sentence that says how the run ended
     times: np.ndarray  # (N,) [s] rising
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
-    # (0, 2), (1, 2) or (N, 2) [m] centre of the pillar: no pillar, a fixed pillar, or a centre at each time
+    # [m] x and y of the pillar's centre: (N, 2) at each time, (1, 2) if the pillar stands still, (0, 2) if
+    # there is no pillar
     pillars: np.ndarray
-    marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m] marker positions
+    # (M, 3) [s, m, m] time, x and y of each marker that the controller has sent
+    marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     pillar_radius: float = PILLAR_RADIUS  # [m]
     robot: Robot = field(default_factory=load_robot)
 
@@ -46,10 +49,11 @@ def to_html(replay: Replay) -> str:
     """
     rows = _rows_to_show(replay.times)
     pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
-    # a pillar that stands still needs only one position; this is also true if there is no pillar
+    # if the pillar stands still, the page needs only one position; without a pillar, the comparison gives
+    # true, too
     stands_still = (pillars == pillars[:1]).all()
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
-    # only every so many marks are shown, so that at most MAX_MARKS are; the division is rounded up
+    # every n-th mark is shown, so that there are at most MAX_MARKS; the division is rounded up
     every = max(-(-len(marks) // MAX_MARKS), 1)
     data = {
         "title": replay.title,
@@ -61,7 +65,8 @@ def to_html(replay: Replay) -> str:
         "pillar": replay.pillar_radius,
         "robot": _robot(replay.robot.name),
     }
-    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # titles may contain HTML
+    # titles may contain HTML, which must not become a tag
+    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     return render("replay.html", data=Markup(text))
 
 

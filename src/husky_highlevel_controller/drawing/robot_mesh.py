@@ -11,7 +11,8 @@ from husky_highlevel_controller.paths import mesh_folder
 from husky_highlevel_controller.robot import Robot
 
 YELLOW, BLACK, TYRE, PLATE, STEEL, GREY = "#f2b80d", "#26272a", "#333436", "#4d4f54", "#80858c", "#b8bdc2"
-# meshes of the body as in urdf/husky.urdf.xacro: file, colour, x [m], z [m], and whether it points back
+# meshes of the body as in urdf/husky.urdf.xacro: file, colour, x and z in base_link [m], true if the mesh is
+# turned to point backwards
 BODY = (
     ("base_link.stl", BLACK, 0.0, 0.0, False),
     ("top_plate.stl", YELLOW, 0.0, 0.0, False),
@@ -19,7 +20,8 @@ BODY = (
     ("bumper.stl", BLACK, -0.48, 0.091, True),
     ("user_rail.stl", STEEL, 0.272, 0.245, False),
 )
-CELL = 0.012  # [m] edge of a cell; vertices of a mesh in the same cell become one
+# [m] edge of a cubic cell; all corners in one cell become one corner, so that fewer triangles are left
+CELL = 0.012
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -36,7 +38,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     They are only boxes if PyBullet, which has the meshes, is not installed.
     """
     radius, width, mount, hull = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount, robot.hull
-    # boxes at the lidar: an upright plate behind it, its lower and its upper part
+    # boxes for the lidar: an upright plate behind it, its lower part and its upper part
     body = [
         Part(BLACK, _box((0.01, 0.1, 0.12), (mount.x - 0.06, 0.0, mount.z))),
         Part(BLACK, _box((0.08, 0.08, 0.05), (mount.x, 0.0, mount.z))),
@@ -47,14 +49,15 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     if folder is not None:
         tyre = _mesh(folder / "wheel.stl")
         _, half_width, mesh_radius = np.abs(tyre).max(axis=(0, 1))
-        # the mesh of the Husky's tyre gets the radius and the width of this robot's wheel
+        # the mesh of the Husky's tyre is scaled to the radius and the width of this robot's wheels
         scale = (radius / mesh_radius, width / 2.0 / half_width, radius / mesh_radius)
         wheel.append(Part(TYRE, tyre * scale))
     if folder is None or robot.name != "husky":
         hull_box = _box((hull.length, hull.width - 2.0 * width, 0.2), (0.0, 0.0, 0.1))
         return [*body, Part(YELLOW, hull_box)], wheel
     for file, color, x, z, points_back in BODY:
-        half_turn = (-1, -1, 1) if points_back else (1, 1, 1)  # about the z axis
+        # half a turn about z changes the sign of x and y
+        half_turn = (-1, -1, 1) if points_back else (1, 1, 1)
         body.append(Part(color, _mesh(folder / file) * half_turn + (x, 0.0, z)))
     return [*body, Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))], wheel
 

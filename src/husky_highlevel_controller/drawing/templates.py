@@ -15,7 +15,7 @@ from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.result import Result
 
-_OPTION = re.compile(r"(?<![\w&#;-])--?\w[\w-]*")  # pattern of an option of a command line
+_OPTION = re.compile(r"(?<![\w&#;-])--?\w[\w-]*")  # pattern of a command-line option, such as --name
 
 
 def render(template: str, **values: Any) -> str:

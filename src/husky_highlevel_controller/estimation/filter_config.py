@@ -16,9 +16,10 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number, s
 
 # number of variables in each `odom0_config`: x, y, z, roll, pitch, yaw, their velocities, three accelerations
 VARIABLES = 15
-PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # indices of the states of `planar_ekf`
+# indices of the variables that `planar_ekf` estimates: x, y, yaw, vx, vy, yaw rate, ax, ay
+PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]
 INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
-# patterns of parameters that are rejected unless their value is false, with the reason
+# patterns of names of parameters that are rejected, unless their value is false; the text gives the reason
 REFUSED = {
     re.compile(r"(pose|twist)\d+\w*"): "inputs are odometry (odom0 ...) and IMU (imu0 ...)",
     re.compile(r"\w+_rejection_threshold"): "the filter takes every measurement, however far it is off",
@@ -85,8 +86,9 @@ class FilterConfig(NamedTuple):
 
     options: FilterOptions
     inputs: Dict[str, InputConfig]  # inputs by name, such as odom0
-    process_noise: Optional[np.ndarray]  # (8, 8) growth of the covariance per second; defaults if None
-    initial_covariance: Optional[np.ndarray]  # (8, 8) covariance of the first state; defaults if None
+    process_noise: Optional[np.ndarray]  # (8, 8) growth of the covariance per second; None means the default
+    # (8, 8) covariance before the first measurement; None means the default
+    initial_covariance: Optional[np.ndarray]
 
 
 def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterConfig, List[str]]:
@@ -110,7 +112,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
         of_input = INPUT.fullmatch(key)
         refusal = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
         if refusal is not None:
-            # the value False asks for nothing, so it is accepted
+            # False switches the unsupported feature off, so it is accepted
             if value is not False:
                 raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):
@@ -120,7 +122,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
                 matrices[key] = _matrix(value)
             except ValueError as error:
                 remarks.append(f"{source}{key} {error}; using the default")
-        elif of_input:  # the parameter odom0 is the topic, and odom0_config is its `config`
+        elif of_input:  # odom0 is the topic of an input, and odom0_config is its field `config`
             input_name, setting_name = of_input[1], of_input[2] or "topic"
             values_by_input.setdefault(input_name, {})[setting_name] = value
         elif key in option_names:

@@ -17,9 +17,12 @@ from husky_highlevel_controller.estimation.filter_config import FilterConfig
 from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
 from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
 
-PATIENCE = 1.0  # [s] lag of a silent sensor after which the filter continues with the other sensors
-MAX_PAUSE = 10.0  # [s] longest time without a reading for which the filter still sends estimates
-# [s] stamps closer than this count as equal, because a double has only seven decimals for today's time
+# [s] the filter does not wait for a sensor whose last reading is older than the newest reading by more than
+# this
+PATIENCE = 1.0
+MAX_PAUSE = 10.0  # [s] no estimates are sent for a time without readings that is longer than this
+# [s] stamps closer than this count as equal, because a float of 64 bits has only seven decimals for seconds
+# since 1970
 SAME_TIME = 1e-6
 
 
@@ -30,7 +33,7 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] age of the last measurement from which on an estimate is predicted to its own time
+        # [s] an estimate is predicted to its own time if the last measurement is at least this old
         self._sensor_timeout = (
             1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
         )
@@ -45,7 +48,7 @@ class Localization:
         self._last_stamps: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
         # [s] stamp of the last pose from `set_pose`, and stamp of the last estimate
         self._pose_set_at = self._last_sent_stamp = -inf
-        self._next_period = 0  # time of the next estimate, as a number of periods
+        self._next_period = 0  # number of the next estimate, whose time is this number of periods
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
         """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""
@@ -77,7 +80,7 @@ class Localization:
         reading = self._sensors[name].checked(reading)
         self._first_stamp = min(self._first_stamp, reading.stamp)
         self._last_stamps[name] = reading.stamp
-        # a reading from before `set_pose` has no effect on the pose that was set
+        # a reading that is older than the pose of `set_pose` is ignored
         if reading.stamp > self._pose_set_at:
             heapq.heappush(self._waiting_readings, (reading.stamp, name, reading, mounting))
         # readings are processed in the order of their stamps, up to the time that all sensors have passed
@@ -85,8 +88,9 @@ class Localization:
         due_estimates = []
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
             stamp, name, reading, mounting = heapq.heappop(self._waiting_readings)
-            due_estimates += self._estimates(stamp - SAME_TIME)  # estimates that this reading must not change
-            # the first reading starts the filter, so the first estimate is at the first period from there on
+            due_estimates += self._estimates(stamp - SAME_TIME)  # estimates for the time before this reading
+            # the first reading starts the filter, so the first estimate is for the next full period after
+            # this reading
             if not self._ekf.started:
                 self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
             yaw_rate = float(self._ekf.estimate.state[YAW_RATE])

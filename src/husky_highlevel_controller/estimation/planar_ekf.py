@@ -19,12 +19,12 @@ from husky_highlevel_controller.geometry import wrap_angle
 STATES = 8
 # indices of the state: pose in odom; velocity and acceleration in base_link
 X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)
-MIN_VARIANCE = 1e-9  # smallest variance of a measured value
+MIN_VARIANCE = 1e-9  # a smaller variance of a measured value counts as this
 INITIAL_VARIANCE = 1e-9
-MAX_STEP = 1e5  # [s] a longer step means that the clock has changed, and counts as CLOCK_STEP
+MAX_STEP = 1e5  # [s] a longer step between stamps means that the clock was set; it counts as CLOCK_STEP
 CLOCK_STEP = 0.01  # [s]
-# noise of x, y, yaw, vx, vy, yaw rate, ax, ay [squared unit per second]; the values are robot_localization's
-# defaults
+# growth of the variance of x, y, yaw, vx, vy, yaw rate, ax, ay by noise [squared unit per second]; the values
+# are the defaults of robot_localization
 PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02, 0.01, 0.01)
 
 

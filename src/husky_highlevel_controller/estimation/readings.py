@@ -26,8 +26,9 @@ from husky_highlevel_controller.geometry import (
     wrap_angle,
 )  # fmt: skip
 
-ON_PLANE = (0, 1, 5)  # indices of x, y and yaw in x, y, z, roll, pitch, yaw
-# if a used axis of a sensor has a larger component along an axis of the robot, this axis is used, too
+ON_PLANE = (0, 1, 5)  # indices of x, y and yaw in the list x, y, z, roll, pitch, yaw
+# an axis of the robot is used if a used axis of the sensor has a component along it that is at least this
+# large
 MIN_COMPONENT = 1e-6
 
 
@@ -39,7 +40,8 @@ class Reading(NamedTuple):
     """A message of odometry or IMU; a part that it lacks is None."""
 
     stamp: float  # [s]
-    pose: Optional[Pose] = None  # pose of the robot in `pose_frame`; from an IMU, only the attitude counts
+    # measured pose of the robot; only its orientation counts if the sensor is an IMU
+    pose: Optional[Pose] = None
     pose_covariance: np.ndarray = np.zeros((6, 6))
     # (6,) [m/s, rad/s] linear and angular velocity along the sensor's axes
     velocity: Optional[np.ndarray] = None
@@ -52,7 +54,7 @@ class Mounting(NamedTuple):
     """Frames of a reading's numbers."""
 
     sensor_in_base: Pose = Pose()
-    pose_frame_in_odom: Pose = Pose()  # pose in odom of the frame of the measured poses
+    pose_frame_in_odom: Pose = Pose()  # pose in odom of the frame in which the sensor gives its poses
 
 
 class MotionSensor:
@@ -84,9 +86,10 @@ class MotionSensor:
         """
         stamp, pose, *arrays = reading
         pose_used = self._pose_used.copy()
-        # gravity is subtracted by the attitude
+        # subtracting gravity needs the orientation, so the orientation must be finite, too
         pose_used[3:] |= self._config.remove_gravitational_acceleration and self._force_used.any()
-        # the parts of a reading: name for messages, values, covariance, mask of the values that are used
+        # for each part of a reading: its name for messages, its values, their covariance, and a mask of the
+        # used values
         for part, values, covariance, used in (
             ("pose", pose and _numbers(pose), reading.pose_covariance, pose_used),
             ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
@@ -117,12 +120,12 @@ class MotionSensor:
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # `turn` leads from the axes of the covariance and of the used variables to the axes of the result
+        # `turn` is the rotation of the covariance and of the used variables to the axes of the result
         pose, turn = reading.pose, mounting.pose_frame_in_odom
         if self._is_imu:
             pose, turn = _level_attitude(pose, mounting.sensor_in_base)
         elif self._config.differential:
-            turn = Pose()  # a velocity is along base_link's axes, whatever frame the poses have
+            turn = Pose()  # the result is a velocity along base_link's axes, so nothing must be rotated
         axes = matrix_from_quat(turn.quat_xyzw)
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
 
@@ -133,7 +136,7 @@ class MotionSensor:
             last_stamp, last_pose, last_covariance = last
             duration = reading.stamp - last_stamp
             velocity = _numbers(compose(inverse(last_pose), pose)) / duration
-            # the factor `duration` is robot_localization's
+            # robot_localization also multiplies by `duration`
             velocity_covariance = (covariance + last_covariance) * duration
             return _planar(reading.stamp, (VX, VY, YAW_RATE), used, velocity, velocity_covariance)
 

@@ -11,7 +11,8 @@ from sensor_msgs.msg import PointCloud2, PointField
 from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.ros.conversions import header
 
-MAX_POINTS = 5000  # largest number of points of a cloud; a page cannot draw more ten times per second
+# largest number of points of a cloud; the web page cannot draw more points ten times per second
+MAX_POINTS = 5000
 
 
 def points_from_scan(scan: Scan) -> np.ndarray:
@@ -27,16 +28,17 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
     There are none if the message lacks x, y or z as 32-bit floats, or is shorter than its header says.
     """
     no_points = np.zeros((0, 3), np.float32)
-    # bytes from the beginning of a point to each of its fields; a cloud may have further fields, as a colour
+    # number of bytes from the beginning of a point to each of its fields; a cloud may have more fields than
+    # x, y and z, such as a colour
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
         return no_points
     row_size = msg.width * msg.point_step
-    row_step = msg.row_step or row_size  # some drivers do not set row_step, and leave it at 0
-    # 4 bytes are the size of a 32-bit float; a field must not reach into the next point
+    row_step = msg.row_step or row_size  # some drivers leave row_step at 0
+    # each field is a 32-bit float of 4 bytes, and must end before the next point begins
     if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step or row_step < row_size:
         return no_points
-    # the bytes between two rows may be missing after the last row
+    # a row may end with unused bytes; after the last row, they may be missing
     if len(msg.data) < (msg.height - 1) * row_step + row_size:
         return no_points
     number_format = ">f4" if msg.is_bigendian else "<f4"
@@ -49,7 +51,7 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
         }
     )
     rows = np.ndarray((msg.height, msg.width), point_format, msg.data, strides=(row_step, msg.point_step))
-    # each n-th point is kept; n is rounded up, so that at most `max_points` are left
+    # only every n-th point is kept, so that there are at most `max_points`; the division is rounded up
     every = -(-rows.size // max_points)
     cloud = rows.ravel()[::every]
     points = np.column_stack([cloud["x"], cloud["y"], cloud["z"]]).astype(np.float32)

@@ -48,14 +48,16 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import pose_from_2d
 from husky_highlevel_controller.ros.fast_messages import ArrayScan
 
-MIN_INCREMENT = 1e-6  # [rad] smallest increment of a real lidar
+MIN_INCREMENT = 1e-6  # [rad] a scan with a smaller angle between its beams is not valid
 # [rad] the angles of a full turn may exceed 2 pi by this, because they are 32-bit numbers
 TURN_TOLERANCE = 0.01
-MAX_NEAREST = 200.0  # [m] largest nearest return; if it is larger, the ranges are probably in millimetres
-MILLIMETRES = (100.0, 60000.0)  # usual limits of a range that is given in mm
+# [m] if even the nearest return is farther than this, the ranges are probably in millimetres
+MAX_NEAREST = 200.0
+MILLIMETRES = (100.0, 60000.0)  # [mm] usual limits of ranges that a driver sends in millimetres by mistake
 MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is probably in millimetres
 
-# Covariances with the diagonals of husky_control/config/control.yaml (x, y, z, roll, pitch, yaw).
+# Matrix with the values of husky_control/config/control.yaml for x, y, z, roll, pitch and yaw on its
+# diagonal.
 ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
 
 
@@ -97,7 +99,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
             distances, or the ranges are in millimetres.
     """
     ranges = np.array(msg.ranges, dtype=float)
-    ranges.setflags(write=False)  # records must not change
+    ranges.setflags(write=False)  # the array must not change, because it belongs to a record
     _check_geometry(msg, len(ranges))
     steps = max(len(ranges) - 1, 0)
     scan = Scan(
@@ -111,7 +113,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
         time_increment=msg.time_increment,
         scan_time=msg.scan_time,
     )
-    # only such a scan may be in millimetres, and the check would take time for each scan
+    # other scans cannot be in millimetres, so the check, which takes time, is left out for them
     if scan.range_max > MAX_NEAREST or not scan.valid_count:
         _check_unit(scan)
     return scan
@@ -129,7 +131,9 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
     elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         problem = f"angle_increment = {msg.angle_increment} rad; {limits}"
-    elif increment * (beams - 2) > full_turn:  # some drivers send the first beam again as the last one
+    # some drivers send the first beam a second time as the last beam, so one step beyond a full turn is
+    # allowed
+    elif increment * (beams - 2) > full_turn:
         whole_angle = f"together {increment * (beams - 1):.4g} rad, more than a turn"
         problem = (
             f"angle_increment = {msg.angle_increment:g} rad, {whole_angle}; "
@@ -146,8 +150,8 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
 def _check_unit(scan: Scan) -> None:
     """Raise ScanError for ranges that can only be millimetres."""
     measured = scan.ranges[scan.valid]
-    # if the ranges are in mm, all of them may exceed range_max. But if all beams have the same range, it
-    # means that they have met nothing
+    # no range is valid, for example because ranges in mm exceed range_max, so all positive ranges are
+    # examined. If they are all equal, the beams have met nothing.
     if not len(measured):
         measured = scan.ranges[np.isfinite(scan.ranges) & (scan.ranges > 0.0)]
         if not len(measured) or measured.min() == measured.max():
@@ -255,10 +259,11 @@ def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
 
 # ---------------------------------------------------------------------------- IMU
 
-# Covariance that the Husky's Gazebo plugin publishes. The noise of the accelerometer gives roll and pitch,
-# (0.005 / 9.8)^2. The covariances of rates and accelerations are all 0, which means unknown (REP 145).
+# Covariance of the orientation, as the Husky's Gazebo plugin publishes it. The variance of roll and pitch is
+# (0.005 / 9.8)^2, from the noise of the accelerometer. The covariances of rates and accelerations are all 0,
+# which means unknown (REP 145).
 IMU_ORIENTATION_COVARIANCE = tuple(np.diag([(0.005 / 9.8) ** 2] * 2 + [0.0]).ravel().tolist())
-NO_ORIENTATION = (-1.0, *[0.0] * 8)  # covariance of an IMU that does not measure its attitude (REP 145)
+NO_ORIENTATION = (-1.0, *[0.0] * 8)  # covariance of an IMU that does not measure its orientation (REP 145)
 
 
 def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
@@ -289,8 +294,8 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     """A sample of any IMU; without an orientation it is taken to be level."""
     q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
     length = hypot(q.x, q.y, q.z, q.w)
-    # REP 145 marks a missing attitude by a covariance of -1; some drivers send a quaternion of zeros or NaN
-    # instead
+    # REP 145 marks a missing orientation by a covariance of -1; some drivers send a quaternion of zeros or
+    # NaN instead
     level = msg.orientation_covariance[0] == -1.0 or not length > 0.5
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))

@@ -15,11 +15,9 @@ from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import Pose
 
-_STAMP, _POSE = (
-    Struct("<2I"),
-    Struct("<7d"),
-)  # seconds and nanoseconds; position [m] and quaternion x, y, z, w
-_SEQUENCE_SIZE = 4  # bytes of a header before its stamp
+_STAMP = Struct("<2I")  # seconds, nanoseconds
+_POSE = Struct("<7d")  # position [m], quaternion x, y, z, w
+_SEQUENCE_SIZE = 4  # number of bytes of a header before its stamp
 
 
 class ArrayScan(LaserScan):
@@ -45,7 +43,7 @@ class MovingTree(TFMessage):
         """Make the message of these branches, each with its parent and its child."""
         super().__init__()
         self._bytes = bytearray(pack("<I", len(branches)))
-        self._offsets = []  # offsets in `_bytes` of the stamp and of the pose of each branch
+        self._offsets = []  # positions in `_bytes` of the stamp and of the pose of each transform
         for parent, child in branches:
             stamp_at = len(self._bytes) + _SEQUENCE_SIZE
             self._bytes += bytes(_SEQUENCE_SIZE + _STAMP.size)

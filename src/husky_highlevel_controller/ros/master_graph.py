@@ -12,7 +12,8 @@ from husky_highlevel_controller.xml_rpc import ask
 
 CALLER = "/master_graph"
 SIMULATOR = "husky_simulator"  # name of the simulator's node, without its namespace
-# parameter with the simulator's findings on other nodes, in the simulator's namespace
+# parameter in the simulator's namespace; in it, the simulator stores the faults that it has found in other
+# nodes
 FINDINGS = "husky_findings"
 Nodes = Mapping[str, Sequence[str]]  # names of nodes by topic
 Kinds = Mapping[str, str]  # types of messages by topic

@@ -46,7 +46,7 @@ def publish(publisher: Any, message: Any, **options: Any) -> None:
     try:
         publisher.publish(message, **options)
     except (rospy.ROSException, ValueError):
-        # ROSException or ValueError mean that the topic is already closed
+        # this error means that the topic is closed, which is normal only while the node shuts down
         if not rospy.core.is_shutdown_requested():
             raise
 
@@ -62,14 +62,14 @@ def contained(what: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # the thread continues after any error
+    except Exception as error:  # the thread must continue after any error
         kind = (what, type(error).__name__)
         if kind not in _contained and not rospy.core.is_shutdown_requested():
             _contained.add(kind)
             rospy.logerr(f"{what} failed and will be tried again: {traceback.format_exc()}")
 
 
-# name of each failed action, and the kind of its error, which is logged only once
+# failed actions, each with the kind of its error; each pair is logged only once
 _contained: Set[Tuple[str, str]] = set()
 
 
@@ -118,19 +118,20 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     that sets its own time does not subscribe to /clock.
     """
     if isinstance(sys.stdout, TextIOWrapper):
-        # a log that goes into a pipe or file is written line by line
+        # each line of the log is written at once, even if the log goes into a pipe or file
         sys.stdout.reconfigure(line_buffering=True)
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
     replace_transport()  # must come before the first publisher is made
     level = rospy.DEBUG if debug else rospy.INFO
-    # the arguments are given, because rospy would otherwise use the arguments at its import, before this
-    # program was forked
+    # `argv` is given, because rospy would otherwise use the arguments that it read when it was imported; this
+    # process may be a fork that was made after the import
     rospy.init_node(
         name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
     )
-    remember_parameter()  # rospy would ask the master for it with each line of the log
+    # without this call, rospy would ask the master for a parameter with each line of the log
+    remember_parameter()
     _end_on_signals()
     try:
         make().run()

@@ -18,10 +18,12 @@ from rosmaster.main import rosmaster_main
 from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS, UnreadParameter
 from husky_highlevel_controller.spelling import likeness
 
-MAX_REQUESTS = 10_000  # largest number of requests that are kept
-# least likeness of a misspelt name: sped is like speed, but max_range is not like min_range
+MAX_REQUESTS = 10_000  # largest number of requests that the master remembers
+# a set parameter may be the misspelt name of a requested parameter if their likeness (0 to 1) is at least
+# this: sped for speed, but not max_range for min_range
 MIN_LIKENESS = 0.8
-READERS_OF_ALL = ("/rosparam", "/roslaunch")  # first parts of the names of tools, which read all parameters
+# beginnings of the names of tools that read all parameters, so their requests do not count
+READERS_OF_ALL = ("/rosparam", "/roslaunch")
 
 
 class Request(NamedTuple):
@@ -38,15 +40,16 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         names: names of all parameters that are set.
         requests: requests of all nodes, and whether each parameter was set when it was last requested.
     """
-    absent_by_node: Dict[str, List[str]] = {}  # parameters that each node asked for in vain
+    absent_by_node: Dict[str, List[str]] = {}  # parameters that each node asked for and that were not set
     for request, is_found in requests.items():
         if not is_found:
             absent_by_node.setdefault(request.node, []).append(request.parameter)
-    if not absent_by_node:  # no name can be misspelt if every request was answered
+    if not absent_by_node:  # no name can be misspelt if every requested parameter was set
         return
     read_names = {request.parameter.rstrip("/") for request, is_found in requests.items() if is_found}
     for name in names:
-        # the node with the longest name, because the names of nodes may be namespaces of other nodes
+        # several nodes may match, because the name of a node may be a namespace of other nodes; the longest
+        # name is the owner
         owners = [node for node in absent_by_node if name.startswith(f"{node}/")]
         owner = max(owners, key=len, default=None)
         # a node that reads a whole namespace reads all parameters in it
@@ -89,7 +92,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         self._requests_lock = threading.Lock()
         # last answer of getUnreadParams; None if a request or a parameter has changed since then
         self._unread: Optional[List[List[str]]] = None
-        # nodes that asked for services that do not exist, with the services, in the order of the requests
+        # nodes that asked for services that do not exist, with the services, in the order of the requests;
+        # the values of the dictionary have no meaning
         self._services_in_vain: Dict[Tuple[str, str], None] = {}
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
@@ -170,7 +174,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         if is_tool and not is_own:
             return
         request = Request(caller_id, name)
-        # only a changed answer is kept; after MAX_REQUESTS, requests for further parameters are not kept
+        # a request is stored if it is new or its answer has changed; after MAX_REQUESTS, no new requests are
+        # stored
         with self._requests_lock:
             is_new = self._requests.get(request) is not is_found
             if is_new and (request in self._requests or len(self._requests) < MAX_REQUESTS):

@@ -20,11 +20,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from husky_highlevel_controller.ros.node import contained, publish
 from husky_highlevel_controller.xml_rpc import reply
 
-# [s] wall times
 PERIOD = 1.0  # [s] wall time between two questions to the master, and between two messages on /diagnostics
 DEADLINE = 2.0  # [s] longest wait for an answer of the master
-STAND_PERIOD = 0.05  # [s] wall time between two zero commands; a twist_mux drops an input after 0.5 s
-REPORT_PERIOD = 10.0  # [s] wall time between two lines of the log
+# [s] wall time between two zero commands; it is short, because twist_mux no longer obeys a topic that was
+# silent for 0.5 s
+STAND_PERIOD = 0.05
+REPORT_PERIOD = 10.0  # [s] wall time between two lines of the log about a lost registration
 LOST = (
     "standing still: the ROS master was started again, so this node is no longer registered. No new "
     "program finds this node, so press the red button of the robot, then start all nodes again"
@@ -88,10 +89,12 @@ class RegistrationWatch:
         While the node stands, the loss is on /diagnostics every PERIOD and in the log every REPORT_PERIOD.
         """
         while not (self.is_lost or rospy.is_shutdown()):
-            time.sleep(PERIOD)  # comes first, because the node has just registered and is busy with its start
+            # first a pause, because the node has just registered and is busy with its start
+            time.sleep(PERIOD)
             with contained("the look for this node's registration"):
                 self._registration.look()
-        # [s] wall times of the last line in the log and of the last message; both are due at once
+        # [s] wall times of the last line in the log and of the last message; with these values, both are due
+        # at once
         said_at = published_at = -REPORT_PERIOD
         while not rospy.is_shutdown():
             now = time.monotonic()

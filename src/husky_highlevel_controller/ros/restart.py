@@ -21,8 +21,10 @@ import sys
 from pathlib import Path
 from typing import Any, List, Optional, Sequence
 
-CONFIG_OPTION, LOG = "-d", "__log:="  # option of RViz, and argument of every node that roslaunch starts
-# exit codes, as `subprocess` gives them, of a crashed program
+# option of RViz before its configuration file; beginning of the argument with the log file, which roslaunch
+# gives to every node
+CONFIG_OPTION, LOG = "-d", "__log:="
+# exit codes of a crashed program, which are the negative numbers of signals
 CRASHES = {-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGBUS}
 DISPLAY_TIMEOUT = 2.0  # [s] longest wait for a connection to a display on another machine
 
@@ -34,7 +36,8 @@ def display_problem(display: str) -> Optional[str]:
         display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP. Other forms are taken to answer, and
             so is an empty value.
     """
-    # :N, or :N.SCREEN, also behind "unix"; or HOST:N with a network connection
+    # the value is :N or :N.SCREEN, perhaps behind "unix", for a local display; it is HOST:N for a display on
+    # the network
     address = re.fullmatch(
         r"(?:unix)?:(?P<local>\d+)(?:\.\d+)?|(?P<host>[\w.-]+):(?P<number>\d+)(?:\.\d+)?", display
     )
@@ -42,7 +45,7 @@ def display_problem(display: str) -> Optional[str]:
         return None
     try:
         if address["host"]:
-            port = 6000 + int(address["number"])  # X11's port of a display
+            port = 6000 + int(address["number"])  # TCP port of an X11 display
             socket.create_connection((address["host"], port), DISPLAY_TIMEOUT).close()
         else:
             _connect_to_local_display(int(address["local"]))
@@ -67,7 +70,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
     Returns:
         Its exit code; negative if a signal ended it.
     """
-    stopping = 0  # number of the signal that has come; 0 if no signal has come
+    stopping = 0  # number of the signal that this program has received; 0 if it has received none
     process: Optional[subprocess.Popen] = None
 
     def pass_on(number: int, _frame: Any) -> None:
@@ -82,7 +85,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
         signal.signal(number, pass_on)
     for attempt in (1, 2):
         process = subprocess.Popen(list(command))
-        if stopping:  # a signal came before `process` was known
+        if stopping:  # the signal came before `process` was set, so it was not passed on
             process.send_signal(stopping)
         # negative number of the signal that ended the program, otherwise its exit code
         code = process.wait()
@@ -103,7 +106,7 @@ def with_own_config(command: Sequence[str]) -> List[str]:
     words = list(command)
     # file of the log, which roslaunch gives to every node; the copy of the configuration comes next to it
     log = next((word[len(LOG) :] for word in words if word.startswith(LOG)), None)
-    if log is None or CONFIG_OPTION not in words[:-1]:  # an option in the last word has no file
+    if log is None or CONFIG_OPTION not in words[:-1]:  # a -d in the last word has no file behind it
         return words
     config_index = words.index(CONFIG_OPTION) + 1
     config, copy = Path(words[config_index]), Path(log).with_suffix(".rviz")

@@ -55,13 +55,16 @@ class ArrivalExit:
         turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
         self._arrived = False  # true after an arrival, which ends `run`
-        # whether the robot has driven; stamp [s] of odometry since which it stands
+        # true if the robot has driven; stamp [s] of odometry at which the robot came to a stop, inf while it
+        # moves
         self._has_driven, self._standing_since = False, inf
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
-        self._scans: Optional[rospy.Subscriber] = None  # None until the robot stands after a drive
-        # false if the controller waits for its start service, because it is then stopped before it drives
+        # subscriber of the scans; None until the robot has driven and stopped
+        self._scans: Optional[rospy.Subscriber] = None
+        # true if the controller drives from its start on; otherwise, its state is `stopped` until its start
+        # service is called, which is not an error
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
-        # texts of the controller's last status on /diagnostics; empty before the first
+        # state and message from the controller's last status on /diagnostics; empty before the first status
         self._controller_state, self._controller_message = "", ""
         self._arrived_subscriber = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
         rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
@@ -110,7 +113,7 @@ class ArrivalExit:
         """
         stamp = message.header.stamp.to_sec()
         if is_moving(conversions.twist_from_msg(message.twist.twist)):
-            # the clearance is forgotten, because the robot leaves the place of its measurement
+            # the robot moves, so the clearance that was measured before is no longer right
             self._has_driven, self._standing_since, self._clearance = True, inf, inf
             return
         self._standing_since = min(self._standing_since, stamp)
@@ -118,8 +121,7 @@ class ArrivalExit:
         controller_announces = self._arrived_subscriber.get_num_connections() > 0
         if not stands_after_drive or controller_announces:
             return
-        # the subscription begins only now, because scans are not needed if the controller announces its
-        # arrival
+        # scans are not needed if the controller announces its arrival, so the subscription begins only now
         if self._scans is None:
             self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
         if self._clearance <= REACHED and not self._arrived:
@@ -134,7 +136,9 @@ class ArrivalExit:
         try:
             scan = conversions.scan_from_msg(message)
         except conversions.ScanError:
-            return  # the scan comes from another node, because the simulator's own scans are always valid
+            # an invalid scan is ignored; it comes from another node, because the simulator's scans are always
+            # valid
+            return
         if scan.stamp >= self._standing_since:
             self._clearance = nearest_clearance(scan, self._pose_laser_in_base, self._robot.footprint)
 

@@ -18,11 +18,12 @@ from husky_highlevel_controller.controller.sensor_faults import (
 )
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
-PERIOD = 1.0  # [s] ROS time between two messages
+PERIOD = 1.0  # [s] ROS time between two messages on /diagnostics
 OUR_CLOCK = "this computer's clock"
-# [s] age of a scan, or of the transform from odom, that causes a warning; age that causes an error
+# [s] a scan, or the transform from odom, causes a warning if it is older than OLD, and an error if it is
+# older than TOO_OLD
 OLD, TOO_OLD = 0.5, 2.0
-# number of calls of update() without a change of ROS time after which the world counts as paused
+# simulated time counts as paused after this many calls of update() in a row without a change of ROS time
 STILL_POLLS = 5
 
 
@@ -32,16 +33,17 @@ class Health:
 
     paused: bool  # true if simulated time stands still
     scan_silence: Optional[float]  # [s] time since the last scan came; None before the first
-    scan_age: float  # [s] age of the last scan, by its stamp, when the scan came
+    scan_age: float  # [s] age of the last scan when it came, which is ROS time minus its stamp
     scan_stamp: float  # [s] stamp of the last scan
-    scan_rate: Optional[float]  # [Hz] rate by the stamps of the last scans; None for fewer than two
+    # [Hz] rate of the last scans by their stamps; None if there are fewer than two scans
+    scan_rate: Optional[float]
     scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
     scan_frame: str
     mounted: bool  # true if TF has a transform from the lidar to base_link
-    # [s] time since the transform odom -> base_link has changed; None if there is no such transform
+    # [s] time since the last new transform odom -> base_link came; None if TF has no such transform
     tf_silence: Optional[float]
     tf_age: float  # [s] age of the latest transform odom -> base_link, by its stamp
-    ahead: float  # [s] lead of the scans' clock over odometry's clock
+    ahead: float  # [s] time by which the scans' clock is ahead of odometry's clock
     state: State
     pillar: str  # state of the pillar: "seen", "remembered" or "unknown"
     reason: str = ""  # reason of the controller's last command
@@ -53,8 +55,9 @@ def level_and_message(health: Health) -> Tuple[int, str]:
     """Level of the status, and a message with the remedy."""
     if health.paused:
         return DiagnosticStatus.OK, "simulated time stands still"
-    # The first problem counts, because it may cause the later ones: without scans, there is no pillar. Errors
-    # come first, then clocks, delays, the motion of the robot, and the reasons of the controller.
+    # Only the first problem is reported, because it may be the cause of later ones. For example, no pillar is
+    # found without scans. The order is: errors, clocks, delays, motion of the robot, reasons of the
+    # controller.
     error = _error(health)
     if error is not None:
         return DiagnosticStatus.ERROR, error
@@ -63,7 +66,7 @@ def level_and_message(health: Health) -> Tuple[int, str]:
     # the driver of the lidar does not set stamps
     if health.scan_stamp == 0.0 and health.scan_age > OLD:
         return DiagnosticStatus.WARN, zero_sentence("scans are")
-    # the scans come from the future, so another clock makes their stamps
+    # the stamp is in the future, so it comes from another clock
     if health.scan_age < -OLD:
         return DiagnosticStatus.WARN, clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.scan_age > OLD or (health.scan_silence or 0.0) > OLD:
@@ -109,10 +112,10 @@ class Diagnostics:
         self._publisher = rospy.Publisher(
             "/diagnostics", DiagnosticArray, self._new_subscribers, queue_size=10
         )
-        self._published_at = 0.0  # [s] ROS time of the last message
+        self._published_at = 0.0  # [s] ROS time of the last message on /diagnostics
         # ROS time [s] at the last call of `update`; number of calls in a row without a change of ROS time
         self._last_time, self._still_polls = 0.0, 0
-        self._has_changed = threading.Event()  # set by `hasten` until the next `update`
+        self._has_changed = threading.Event()  # set by `hasten`, cleared by the next `update`
 
     def hasten(self) -> None:
         """Have the status published by the next `update`: it has changed. Any thread."""
@@ -124,15 +127,15 @@ class Diagnostics:
 
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
-        # the world counts as paused if ROS time has not changed in the last STILL_POLLS calls
+        # simulated time counts as paused if ROS time has not changed in the last STILL_POLLS calls
         now, was_paused = rospy.get_time(), self._still_polls >= STILL_POLLS
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
         if now != self._last_time:
             self._still_polls = 0
         elif not has_changed:
-            # a call after a change does not count, because it comes early and ROS time may not have advanced
-            # yet
+            # a call because of a changed status is not counted, because it comes so early that ROS time may
+            # not have advanced yet
             self._still_polls += 1
         self._last_time = now
         pauses_now = self._still_polls == STILL_POLLS

@@ -51,7 +51,7 @@ class Disobedience:
         # the inputs are sorted by priority, the highest first
         stronger = inputs[: inputs.index(topic)] if topic in inputs else []
         for other in stronger:
-            # the page always advertises its input, so it is not a sign that somebody drives
+            # the web page always advertises its topic, even if nobody drives with it, so it is left out
             nodes = [node for node in publishers.get(other, ()) if node.rsplit("/", 1)[-1] != PAGE]
             if nodes:
                 return f"{other} of {' and '.join(sorted(nodes))} has priority over {topic}"

@@ -24,7 +24,8 @@ ODOM, BASE = "odom", "base_link"
 IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
 ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
 COLORS = {
-    # opaque, because RViz draws a transparent cylinder over the other markers at some angles
+    # this colour is opaque, because at some angles RViz would draw a transparent cylinder over the other
+    # markers
     IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 1.0),
     IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 1.0),
     ESTIMATE: ColorRGBA(0.2, 0.9, 0.3, 0.5),
@@ -32,19 +33,23 @@ COLORS = {
     TARGET: ColorRGBA(1.0, 1.0, 0.2, 1.0),
     STATE: ColorRGBA(1.0, 1.0, 1.0, 1.0),
 }
-ARRAY_PERIOD = 0.099  # [s] time between two arrays, by scan stamps; slightly below 0.1 s because of rounding
-PATH_STEP = 0.1  # [m] distance between two points of the path
-PATH_POINTS = 1000  # largest number of points of the path; if there are more, the oldest are removed
-ABOVE_ROBOT = 1.0  # [m] height of the text above base_link, if there is no pillar
-# height of the characters as an angle [rad], seen by a camera this far behind the robot [m], as in
-# rviz/controller.rviz
+# [s] time between two arrays of markers, by the stamps of the scans; slightly below 0.1 s, because stamps are
+# rounded
+ARRAY_PERIOD = 0.099
+PATH_STEP = 0.1  # [m] distance between two points of the driven path
+PATH_POINTS = 1000  # largest number of points of the driven path; if there are more, the oldest are removed
+ABOVE_ROBOT = 1.0  # [m] height above base_link of the text with the state, if no pillar is known
+# [rad], [m] text is made so large that it looks TEXT_ANGLE high to a camera that is CAMERA_BEHIND behind the
+# robot, as in rviz/controller.rviz
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
-# Factor on the size of the cylinder in the laser's frame, because two equal cylinders in one place flicker.
-# So this cylinder is visible only if the namespace of the cylinder in odom is switched off. The factor is
-# above 0.95, the fraction with which the simulator draws the pillar.
+# Factor on the size of the cylinder in the laser's frame. Without it, this cylinder and the cylinder in odom
+# would be equal and flicker in RViz. With it, this cylinder is inside the cylinder in odom, and visible only
+# if that cylinder is switched off. The simulator draws the pillar with a factor of 0.95, so this factor is
+# larger.
 INNER_SCALE = 0.98
 DISC_HEIGHT = 0.02  # [m]
-# [m] smallest width of the rim around the pillar that shows the accuracy, so that it is visible
+# [m] a disc around the pillar shows the uncertainty of its position; the disc is at least this much larger
+# than the pillar, so that it is visible
 MIN_SPREAD = 0.05
 
 
@@ -73,13 +78,13 @@ class Display:
             self._marker_publisher: set(),
             self._array_publisher: set(),
         }
-        # stamp [s] and state of the last array; the next array is sent after ARRAY_PERIOD, or when the state
-        # changes
+        # stamp [s] and state of the last array of markers; the next array is sent after ARRAY_PERIOD, or when
+        # the state changes
         self._array_stamp = -inf
         self._array_state: Optional[State] = None
         # arguments of the last `show`, repeated for a subscriber that comes later
         self._last_shown: Optional[Tuple[Observation, ControlOutput, float, float]] = None
-        # held while a scan is shown, because `show` and `update` are called by different threads
+        # lock that is held while a scan is shown, because `show` and `update` are called by different threads
         self._lock = threading.Lock()
 
     def show(
@@ -127,7 +132,8 @@ class Display:
             self._path.clear()
         place = observation.base_in_odom
         if place is not None:
-            # an empty path is infinitely far away, so that the first point is always added
+            # an empty path has no last point; a point at infinity takes its place, so that the first point is
+            # always added
             last = self._path[-1] if self._path else Point(inf, inf, 0.0)
             if hypot(place.x - last.x, place.y - last.y) >= PATH_STEP:
                 self._path.append(Point(place.x, place.y, 0.0))
@@ -140,7 +146,8 @@ class Display:
             top = self._ground_height + pillar_height  # [m] height of the pillar's top in base_link
             markers = _state_markers(observation, output, stop_distance, top)
             if len(self._path) > 1:
-                points, width = list(self._path), (0.04, 0.0, 0.0)  # [m] RViz takes the width from x alone
+                # [m] only x is the width of the line in RViz
+                points, width = list(self._path), (0.04, 0.0, 0.0)
                 markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
             publish(
                 self._array_publisher,
@@ -196,7 +203,7 @@ def marker(
         header=conversions.header(stamp, frame),
         ns=namespace,
         type=kind,
-        # a quaternion of zeros would not be a valid rotation
+        # w is 1, because a quaternion of zeros would not be a valid rotation
         pose=Pose(position or Point(), Quaternion(w=1.0)),
         scale=Vector3(*size),
         color=COLORS[namespace],
@@ -265,13 +272,13 @@ def _state_markers(
     stamp = observation.scan.stamp
     markers = []
     if output.estimate is not None:
-        # a disc around the pillar, whose rim is two standard deviations wide
+        # a disc around the pillar; its rim is two standard deviations of the pillar's position wide
         estimate = output.estimate
         diameter = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
         size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
         markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
         if output.target_in_base is not None and observation.laser_in_base is not None:
-            # a ball of 0.16 m where the lidar is to stop
+            # a ball with a diameter of 0.16 m at the point where the lidar shall stop
             goal = _stop_point(observation, output, stop_distance + estimate.radius)
             markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
 

@@ -46,9 +46,10 @@ from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 # rospy's logger; its level is checked before a DEBUG line is formatted, because formatting takes time
 LOG = logging.getLogger("rosout")
 REPORT_PERIOD = 5.0  # [s] time between two warnings of the same kind
-RANGE_PERIOD = 1.0  # [s] time between two lines with the smallest range, by scan stamps
-RATE_SCANS = 50  # number of scans for the measured rate
-POLL_PERIOD = 0.1  # [s] wall time between two checks for an overdue transform or due /diagnostics
+# [s] time between two lines of the log with the smallest range, by the stamps of the scans
+RANGE_PERIOD = 1.0
+RATE_SCANS = 50  # number of scans from which the rate of the scans is measured
+POLL_PERIOD = 0.1  # [s] longest wall time between two rounds of the node's main loop
 
 
 @dataclass(frozen=True)
@@ -104,8 +105,9 @@ class ControllerNode:
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
 
-        # figures for the status on /diagnostics
-        self._pillar_status, self._reason = "unknown", ""  # "seen", "remembered" or "unknown"; last reason
+        # data for the status on /diagnostics
+        # pillar "seen", "remembered" or "unknown"; last reason
+        self._pillar_status, self._reason = "unknown", ""
         self._scan_stamps: Deque[float] = deque(maxlen=RATE_SCANS)  # [s] stamps of the last answered scans
         # frame of the last scan; sentence on its fault, empty for a valid scan
         self._scan_frame, self._scan_fault = "", ""
@@ -114,24 +116,26 @@ class ControllerNode:
         self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
         self._tf_time: Optional[float] = None  # [s] ROS time of the last new transform odom -> base_link
 
-        # commands, and the causes why the robot does not follow them or no scans come
+        # commands; reasons why the robot does not follow them, and why no scans come
         self._command_publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         # memory of whether the robot follows the commands; last command
         self._obedience, self._last_command = Obedience(), STOP
         # finds the reason why the robot does not follow commands; the reason is empty while it follows them
         self._disobedience, self._disobedience_reason = Disobedience(robot, self._command_publisher), ""
         self._scan_absence = ScanAbsence(rospy.resolve_name(topic.scan_topic_name))
-        self._absence_reason = ""  # sentence on why no scans come
+        self._absence_reason = ""  # sentence on why no scans come; empty if they come
 
         # other outputs
         self._arrived_publisher = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display(robot)
-        self._tuning = ReconfigureServer(tunable, control, detector_config)  # may change gains during the run
+        # lets users change gains while the node runs
+        self._tuning = ReconfigureServer(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
-        # stands still if the ROS master loses this node, because no new program could then stop the robot
+        # makes the robot stand still if the ROS master no longer knows this node, because a program that is
+        # started later could not find this node to stop the robot
         self._registration = RegistrationWatch(self._stand_still)
 
-        # last, because the callbacks use everything above
+        # must come last, because the callbacks use everything that is set above
         self._connect_inputs(topic, service, robot.footprint)
 
     def _connect_inputs(self, topic: ScanTopicConfig, service: str, footprint: Footprint) -> None:
@@ -167,7 +171,7 @@ class ControllerNode:
             with contained("asking why no scans come"):
                 self._notice_absence()
             with contained("the status on /diagnostics"):
-                # after the loss of the registration, RegistrationWatch publishes the status
+                # if the ROS master no longer knows this node, RegistrationWatch publishes the status instead
                 if not self._registration.is_lost:
                     self._diagnostics.update()
             with contained("showing the last scan"):
@@ -265,8 +269,8 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
-        # if the robot pushes the pillar, the wheels may turn without motion, so the command must not count as
-        # disobeyed
+        # a robot that pushes the pillar may stand still although its wheels turn; this is not disobedience,
+        # so the command is remembered as zero
         is_pushing = control.stop_distance == 0.0
         self._last_command = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(
@@ -303,13 +307,13 @@ class ControllerNode:
                 f"scan {scan.stamp:.2f}: {state.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
                 f"{_scan_summary(scan, pillar)}; {output.reason}"
             )
-        # a change of the state, or of the stage of the search
+        # true if the state of the controller or the stage of the search has changed
         has_new_stage = _stage(self._controller_state) != _stage(before)
         waits_for_new_reason = state is State.WAITING and output.reason != self._reason
         self._reason = output.reason
         if has_new_stage or waits_for_new_reason:
             self._log_change(observation, before, output, control)
-        # the difference is negative after a restart of the simulator, and then the line is logged, too
+        # the difference is negative after a restart of the simulator; then the line is logged, too
         if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
             self._range_logged_at = scan.stamp
             rospy.loginfo(
@@ -329,7 +333,7 @@ class ControllerNode:
             control: gains and limits of the answer.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
-        # the robot was at the pillar before it was stopped and started, so it has not driven
+        # the robot was at the pillar, was stopped, and was started again, so it has not driven
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
@@ -343,7 +347,7 @@ class ControllerNode:
             rospy.loginfo(f"{output.reason}; {_scan_summary(scan, pillar)}{_to_go(output)}")
         elif state is State.SEARCHING:
             rospy.loginfo(output.reason)
-        # a scan without the lidar's transform is logged by ScanPlacement
+        # ScanPlacement itself logs that the lidar's transform is missing
         elif state is State.WAITING and observation.laser_in_base is not None:
             rospy.logwarn(output.reason)
 
@@ -357,18 +361,18 @@ class ControllerNode:
     def _examine(self, paused: bool) -> Health:
         """Return the figures for /diagnostics; `paused` says whether simulated time stands still."""
         now, stamps = rospy.get_time(), list(self._scan_stamps)
-        # the latest transform shows whether odometry still comes, and how old it is
+        # the latest transform shows how old odometry is, and whether new odometry still comes
         latest = self._placement.lookup(ODOM, BASE)
         tf_stamp = now  # gives the age 0 to a transform that is missing or fixed
         if latest is None:
             self._tf_time = None
-        elif latest.header.stamp.is_zero():  # a fixed transform counts as a new one
+        elif latest.header.stamp.is_zero():  # a fixed transform always counts as new
             self._tf_time = now
         else:
             tf_stamp = latest.header.stamp.to_sec()
             if tf_stamp != self._tf_stamp:
                 self._tf_time, self._tf_stamp = now, tf_stamp
-        # [s] time between the first and the last of these scans
+        # [s] time between the first and the last scan in `stamps`
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         return Health(
             paused=paused,

@@ -32,11 +32,12 @@ class ScanAbsence:
             scan_time: ROS time when the last scan came [s]; None before the first.
         """
         scans_come = scan_time is not None and 0.0 <= now - scan_time < PATIENCE
-        if scans_come:  # a later absence is a new one
+        if scans_come:  # scans come, so an earlier reason is forgotten
             self._asked_at, self._sentence = None, ""
         # the time may go back, because the simulator may have been started again
         elif self._asked_at is None or now < self._asked_at:
-            self._asked_at = now or None  # the first question comes PATIENCE later
+            # start of the time without scans; the first question comes PATIENCE later
+            self._asked_at = now or None
         elif now - self._asked_at >= PATIENCE:
             graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
             self._asked_at = now

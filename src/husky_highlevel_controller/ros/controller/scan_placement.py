@@ -24,11 +24,12 @@ from husky_highlevel_controller.ros.controller.display import BASE, ODOM
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_transform
 
-# [s] longest wall time for which the first scan waits for TF, so that all lockstep runs start alike
+# [s] longest wall time for which the first scan waits for its transforms; the wait makes repeated runs in
+# lockstep with the simulator start in the same way
 START_TIMEOUT = 4.0
 TRANSFORM_TIMEOUT = 2.0  # [s] longest wall time for which a later scan waits for the transform of its stamp
-MIN_OFFSET = 0.05  # [s] offset between the clocks of scans and odometry that causes a warning
-MAX_AGE = 2.0  # [s] ROS time by which a pose in odom may be older than the scan that uses it
+MIN_OFFSET = 0.05  # [s] a larger offset between the clocks of scans and odometry causes a warning
+MAX_AGE = 2.0  # [s] a pose in odom is not used if it is older than the scan by more than this
 REPORT_PERIOD = 5.0  # [s] time between two warnings about a missing transform
 # number of scans in a row without the lidar's transform after which a warning is logged
 MAX_UNPLACED_SCANS = 50
@@ -38,7 +39,7 @@ class Listener(tf2_ros.TransformListener):
     """Fills a TF buffer, and tells a placement of scans about every message on /tf and /tf_static."""
 
     def __init__(self, buffer: tf2_ros.Buffer, placement: ScanPlacement) -> None:
-        # set before `super().__init__`, which subscribes and may already call this object
+        # must be set before `super().__init__`, which subscribes, so that messages may come at once
         self._placement = placement
         super().__init__(buffer, tcp_nodelay=True)
 
@@ -57,7 +58,7 @@ class Listener(tf2_ros.TransformListener):
 class _PendingScan(NamedTuple):
     scan: Scan
     stamp: rospy.Time
-    arrived_at: float  # [s] time of the scan's arrival by the monotonic clock
+    arrived_at: float  # [s] wall time at which the scan came
 
 
 class ScanPlacement:
@@ -87,11 +88,13 @@ class ScanPlacement:
         self._pending_scan: Optional[_PendingScan] = None
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
-        # stamp of the latest transform at the moment when a wait became overdue; None if no wait was overdue
+        # stamp of the latest transform when a scan had waited too long; until a newer transform comes, later
+        # scans do not wait. None if no scan has waited too long
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
-        # frame of the lidar and its pose, if /tf_static alone gives the pose
+        # frame of the lidar and its pose in base_link, if the pose is fixed; None if /tf_static does not have
+        # it
         self._static_mount: Optional[Tuple[str, Pose]] = None
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
@@ -106,7 +109,8 @@ class ScanPlacement:
             if pending is None or stamp < pending.stamp:
                 self._pending_scan, self._next_scan = _PendingScan(scan, stamp, self._clock()), None
             elif stamp != pending.stamp:
-                # an equal stamp means the pending scan itself, which the simulator sends again in lockstep
+                # this scan is newer than the pending scan; a scan with an equal stamp is the pending scan
+                # itself, which the simulator may send again
                 self._next_scan = _PendingScan(scan, stamp, self._clock())
         self.update()
 
@@ -156,7 +160,8 @@ class ScanPlacement:
         frame = pending.scan.frame
         timeout = TRANSFORM_TIMEOUT if self._has_placed else START_TIMEOUT
         overdue = self._clock() - pending.arrived_at > timeout
-        # the run begins with a complete observation, so that all lockstep runs start alike
+        # the first observation must be complete, so that repeated runs in lockstep with the simulator start
+        # in the same way
         if not self._has_placed and not overdue:
             has_all_frames = self.lookup(BASE, frame) and self.lookup(ODOM, BASE)
             if not has_all_frames:
@@ -190,8 +195,8 @@ class ScanPlacement:
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None or has_passed:
                 return False, exact or latest
-        # the node waits only once for odometry that has stopped. The last pose is not used after MAX_AGE,
-        # because the robot would drive blindly
+        # if odometry has stopped, only one scan waits for it in vain. Its last pose is not used after
+        # MAX_AGE, because the robot would drive blindly
         if overdue:
             self._stamp_when_overdue = newest_stamp
         age = (stamp - newest_stamp).to_sec() - self.ahead

@@ -32,16 +32,19 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
-# length of the queues; no message may be lost, and a bag that is played fast comes in bursts
+# length of the queues of messages, which is so large that no message is lost; a bag that is played fast sends
+# many messages at once
 QUEUE = 1000
-# [s] largest lead of a stamp over the clock, because the clock may lag behind a bag that is played fast
+# [s] a message is ignored if its stamp is later than the clock by more than this; a smaller difference is
+# normal, because the clock may lag behind a bag that is played fast
 MAX_AHEAD = 60.0
-# [s] wall time without a message after which an input is missing: before its first message, and later; a busy
-# machine may delay a thread
+# [s] wall time without a message after which the filter no longer waits for an input: ABSENCE before the
+# first message of the input, SILENCE after it; both are long, because a busy machine may delay a thread
 ABSENCE, SILENCE = 1.0, 3.0
-CLOCK_BACK = 1.0  # [s] a clock that goes back by more belongs to a new run
-REPORT_PERIOD = 5.0  # [s] time between two warnings about a topic
-OFF_PLANE = 1e-6  # small variance of z, roll, pitch and their rates, which are always 0 on the plane
+CLOCK_BACK = 1.0  # [s] a new run has begun if the clock goes back by more than this
+REPORT_PERIOD = 5.0  # [s] time between two warnings of one kind about a topic
+# variance of z, roll, pitch and their rates, which is small because they are always 0 on the plane
+OFF_PLANE = 1e-6
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
 
 
@@ -58,7 +61,7 @@ class LocalizationNode:
         for remark in remarks:  # sentences on parameters and inputs that are ignored
             rospy.logerr(remark)
         options = self._config.options
-        # name of the robot's frame in published messages, where it may have another name
+        # name of the robot's frame in published messages; base_link_frame_output may give it another name
         self._base_frame = options.base_link_frame_output or options.base_link_frame
         self._lock = threading.Lock()
         # [s] time of the last warning, by input and kind of warning
@@ -73,7 +76,8 @@ class LocalizationNode:
             # the name of an input, such as imu0, gives the type of its messages
             kind = Imu if name.startswith("imu") else Odometry
             rospy.Subscriber(item.topic, kind, self._on_message, name, max(item.queue_size, QUEUE))
-        # logs once which inputs have sent nothing; the timer begins again if the clock goes back
+        # this timer runs once, and then logs which inputs have sent nothing; it begins again if the clock
+        # goes back
         rospy.Timer(rospy.Duration(REPORT_PERIOD), self._report_silence, oneshot=True, reset=True)
 
     def run(self) -> None:
@@ -98,7 +102,8 @@ class LocalizationNode:
             name: name of the input in the parameters, such as odom0.
         """
         stamp = msg.header.stamp.to_sec()
-        self._heard_at[name] = inf  # the input is not silent while its thread waits for the lock
+        # the input has just sent a message, so it is not silent while this thread waits for the lock
+        self._heard_at[name] = inf
         with self._lock:
             # the time is read under the lock, because a fast bag may advance by seconds while this thread
             # waits
@@ -116,12 +121,13 @@ class LocalizationNode:
                 return
             held = self._held_messages[name]
             held.append(msg)
-            # pose of the sensor, and of the frame in which its poses are; None if TF does not have them yet
+            # poses of the frames of this message; None if TF does not have them yet
             mounting = self._mounting(msg, name)
             if mounting is None:
-                # the input counts as silent, so that the other inputs need not wait for it
+                # the input counts as silent, so that the filter does not wait for it while its transform is
+                # missing
                 self._heard_at[name] = 0.0
-                del held[:-QUEUE]  # keeps the last QUEUE messages
+                del held[:-QUEUE]  # only the last QUEUE messages are kept
                 return
             self._held_messages[name] = []
             for message in held:
@@ -139,7 +145,7 @@ class LocalizationNode:
         except ReadingError as error:
             self._complain(name, "reading", f"{error}, so it is ignored")
             return
-        # no estimate is due while the filter waits for earlier readings of the other inputs
+        # `estimates` is empty while the filter waits for earlier readings of the other inputs
         for estimate in estimates:
             msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base_frame)
             publish(self._odometry_publisher, msg)
@@ -163,14 +169,15 @@ class LocalizationNode:
         """
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
-        # frame of the velocities, which every reading needs
+        # frame of the sensor, which every reading needs for its velocities
         parents_and_children = [(options.base_link_frame, sensor)]
-        # the first six flags of the configuration choose parts of the pose
+        # `config[:6]` says which parts of a pose are used; if any part is used as it is, the frame of the
+        # poses is needed, too
         if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
             parents_and_children.append((options.odom_frame, msg.header.frame_id))
         poses = []
         for parent, child in parents_and_children:
-            if child.lstrip("/") in ("", parent):  # an empty name means the parent itself
+            if child.lstrip("/") in ("", parent):  # an empty name means the parent frame
                 poses.append(Pose())
                 continue
             stamped = lookup_transform(self._transforms, parent, child)
@@ -215,7 +222,8 @@ def reading_from_msg(msg: Any) -> Reading:
         pose, twist = msg.pose.pose, msg.twist.twist
         return Reading(
             stamp,
-            # zeros in place of a quaternion mean that the driver measures no attitude; it counts as level
+            # a driver that does not measure the orientation sends zeros as the quaternion; the robot then
+            # counts as level
             pose=Pose(_numbers(pose.position), _unit(pose.orientation) or Pose().quat_xyzw),
             pose_covariance=_square(msg.pose.covariance),
             velocity=np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),
@@ -225,7 +233,7 @@ def reading_from_msg(msg: Any) -> Reading:
     has_rates = msg.angular_velocity_covariance[0] != -1.0
     has_forces = msg.linear_acceleration_covariance[0] != -1.0
     attitude = _unit(msg.orientation) if has_attitude else None
-    # linear and angular velocity, of which an IMU measures only the angular one
+    # linear velocity, which an IMU does not measure and is 0 here, and angular velocity
     rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         stamp,
@@ -245,7 +253,8 @@ def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)
     msg.twist.twist.linear.y = vy
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
-        # (6, 6) x, y, z, roll, pitch, yaw, or their rates; the filter estimates x, y and yaw only
+        # (6, 6) covariance of x, y, z, roll, pitch, yaw, or of their rates; the filter estimates only x, y
+        # and yaw
         covariance = OFF_PLANE * np.eye(6)
         covariance[PLANE] = estimate.covariance[first : first + 3, first : first + 3]
         part.covariance = covariance.ravel().tolist()

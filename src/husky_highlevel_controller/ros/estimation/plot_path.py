@@ -77,7 +77,8 @@ def main() -> None:
         print(f"plot_path: {error}", file=sys.stderr)
         sys.exit(2)
     for name, path in paths.items():
-        # sum of the distances between neighbouring points (N, 2) [m]; last point
+        # length of the path, which is the sum of the distances between neighbouring points [m]; its last
+        # point [m]
         length, (x, y) = np.hypot(*np.diff(path, axis=0).T).sum(), path[-1]
         print(f"{name}: {length:.2f} m, ends at x {x:.3f} m, y {y:.3f} m")
     print(options.output)

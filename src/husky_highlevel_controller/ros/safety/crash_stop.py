@@ -18,9 +18,10 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 QUEUE = 1000  # messages
-# [s] with a larger offset between the clocks of IMU and odometry, braking would look like a crash
+# [s] no crash is detected if the clocks of IMU and odometry differ by more than this, because braking would
+# look like a crash
 CLOCK_TOLERANCE = 0.1
-LONG_DELAY = 0.6  # [s] longest time for which samples wait for odometry without a warning
+LONG_DELAY = 0.6  # [s] a warning is logged if IMU samples wait longer than this for odometry
 
 
 class CrashStopNode:
@@ -31,12 +32,13 @@ class CrashStopNode:
         values, robot = parameters_and_robot()
         service, config = read_config(values, rospy.get_name() + "/", ServiceConfig, CrashConfig)
         self._detector = CrashDetector(config)
-        # held while the detector is used, because odometry and IMU come in different threads
+        # lock that is held while the detector is used, because odometry and IMU come in different threads
         self._detector_lock = threading.Lock()
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
-        # with a long queue, because each lost message would falsify the sums of the detector
+        # the queues are long, because the detector adds up all messages, and the sums would be wrong if one
+        # were lost
         self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, QUEUE)
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
 
@@ -58,7 +60,8 @@ class CrashStopNode:
         # time of the sample by odometry's clock; the texts are for a warning if the two clocks differ
         stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
         if self._guard.clocks.seconds != 0.0:
-            # without a danger, because the guard must still notice when the robot drives again after a stop
+            # None means that there is no danger; `judge` is still called, because it notices when the robot
+            # drives again after a stop
             self._guard.judge(stamp, None)
             return
         with self._detector_lock:

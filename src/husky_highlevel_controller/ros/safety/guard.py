@@ -60,14 +60,17 @@ class Guard:
             queue_size: number of odometry messages that wait; with 1, only the newest counts.
         """
         self._latch = Latch()  # memory of the last stop, so that each danger stops the controller only once
-        self._odometry: Optional[Odometry] = None  # newest message; None before the first
+        self._odometry: Optional[Odometry] = None  # newest message of odometry; None before the first message
         self._odometry_callback = on_odometry
-        self.clocks = ClockOffset(clock_tolerance)  # measures how far the sensor's clock is from odometry's
+        # measures the offset between the sensor's clock and odometry's clock
+        self.clocks = ClockOffset(clock_tolerance)
         self._stop_service = rospy.resolve_name(config.start_stop_service_name)
-        # the last topic of `velocity` is the controller's and the weakest, so the one before has priority
+        # `velocity` lists topics of commands, highest priority first; the controller sends on the last topic,
+        # so a zero command on the topic before it stops the robot
         self._zero_publisher = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
         self._stop_request = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
-        # commands zero if the ROS master loses this node, because no new program could then stop the robot
+        # sends zero commands if the ROS master no longer knows this node, because a program that is started
+        # later could not find this node
         self._registration = RegistrationWatch(self._command_zero)
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)

@@ -17,10 +17,11 @@ from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, Se
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
-# [s] allowed offset of the clocks, because a slow lidar stamps its scans up to 0.2 s before the newest
-# odometry
+# [s] the clocks of lidar and odometry may differ by this; a slow lidar stamps its scans up to 0.2 s before
+# the newest odometry
 CLOCK_TOLERANCE = 0.3
-STARTING_TIME = 1.0  # [s] time after the start in which missing odometry or transforms cause no warning
+# [s] missing odometry or transforms cause a warning only if they are missing for this time
+STARTING_TIME = 1.0
 
 
 class ProximityStopNode:
@@ -77,7 +78,8 @@ class ProximityStopNode:
                 f"something is {clearance:.2f} m away, and the robot moves towards it at "
                 f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
             )
-        # also without a danger, because the guard must notice when the robot drives again after a stop
+        # `judge` is called for every scan, also without a danger, because it notices when the robot drives
+        # again after a stop
         self._guard.judge(stamp, danger)
 
 

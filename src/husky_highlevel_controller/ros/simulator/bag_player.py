@@ -19,10 +19,11 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, messages_of_drive
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
-FIRST_MESSAGES = (
-    400  # number of messages that are simulated before the player begins, so that every topic is known
-)
-QUEUE = 100_000  # length of the queues, so that no message is lost on a busy machine
+# number of messages that are simulated before the player begins; all topics are among them, so the player
+# can advertise every topic
+FIRST_MESSAGES = 400
+# length of the queues of messages, which is so large that no message is lost on a busy machine
+QUEUE = 100_000
 
 
 class BagPlayer:
@@ -51,12 +52,13 @@ class BagPlayer:
         # /clock is advertised last, as the sign that the player is ready
         clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         publish(clock, Clock(time_to_msg(now)))
-        self._truth.wait_to_begin(lambda: None)  # the reader of the true poses lets time begin
-        begun = time.monotonic()  # [s] wall time at the simulated time 0, moved on by each delay
+        # wait until the reader of the true poses lets simulated time begin
+        self._truth.wait_to_begin(lambda: None)
+        begun = time.monotonic()  # [s] wall time that belongs to simulated time 0; each delay makes it later
         for snapshot, topic, msg in chain(first_messages, self._messages):
             if snapshot.stamp > now:
                 now = snapshot.stamp
-                lead = begun + now / self._pace - time.monotonic()  # [s] time until this message is due
+                lead = begun + now / self._pace - time.monotonic()  # [s] wall time until this message is due
                 time.sleep(max(0.0, lead))
                 # after a delay, the player does not catch up, because a filter cannot follow a burst of
                 # messages
@@ -64,7 +66,8 @@ class BagPlayer:
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return
-            # the true poses go only to their reader, because a submission must not read them
+            # the true poses go only to their reader, the grader, because a student's program must not read
+            # them
             if topic == TRUTH_TOPIC:
                 self._truth.write(snapshot)
             else:
