@@ -191,7 +191,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
     """
     # for example, Tuple[float, ...] has the origin tuple and the arguments (float, ...)
     origin, args = typing.get_origin(kind), typing.get_args(kind)
-    if origin is typing.Union:  # Optional
+    if origin is typing.Union:  # Optional[X] is a short form of Union[X, None]
         return None if value is None else _value(args[0], value, name, metadata, parameters_only)
     if is_dataclass(kind):
         return _nested_record(typing.cast(Type, kind), value, name, parameters_only)

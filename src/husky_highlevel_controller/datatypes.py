@@ -93,7 +93,7 @@ class TriangleMesh:
     """Triangles. They are a surface, which rays meet from either side, and have no inside."""
 
     vertices: np.ndarray  # (V, 3) [m] corners in the geometry's frame, read-only
-    faces: np.ndarray  # (F, 3) rows of `vertices`, three for each triangle; read-only
+    faces: np.ndarray  # (F, 3) row numbers of `vertices`, three for each triangle; read-only
     source: str = ""  # name of the mesh's file; empty if unknown
 
     @cached_property
@@ -252,7 +252,8 @@ class ImuSample(NamedTuple):
     """Sample of an inertial measurement unit; on the Husky along base_link's axes."""
 
     stamp: float  # [s]
-    quat_xyzw: Quaternion  # orientation of the sensor in a frame that is level and has any heading
+    # orientation of the sensor; roll and pitch are true, but the heading has an arbitrary zero
+    quat_xyzw: Quaternion
     angular_velocity: Vector3  # [rad/s] components along the sensor's axes
     specific_force: Vector3  # [m/s^2] components along the sensor's axes; at rest 9.8 m/s^2 upwards (REP 145)
 
@@ -264,7 +265,7 @@ class PowerState(NamedTuple):
     currents: Tuple[float, float]  # [A] currents of the motors
     electronics_current: float  # [A] current of everything except the motors
     voltage: float  # [V] voltage of the battery
-    charge: float  # fraction of `capacity`
+    charge: float  # remaining charge as a fraction of `capacity`
     capacity: float  # [Wh]
     driver_temperatures: Tuple[float, float]  # [deg C]
     motor_temperatures: Tuple[float, float]  # [deg C]
@@ -310,7 +311,7 @@ class Snapshot(NamedTuple):
     robot: RobotState
     command: Twist2D  # command that the wheels follow, within the limits of the robot
     contacts: Tuple[str, ...] = ()  # names of the bodies that the robot touches but does not stand on
-    # sample at the steps of ODOMETRY_RATE and at steps with a scan; None at all other steps
+    # sample, taken at ODOMETRY_RATE and with every scan; None at all other steps
     odometry: Optional[OdometrySample] = None
     scan: Optional[Scan] = None
     imu: Optional[ImuSample] = None

@@ -31,7 +31,7 @@ class PythonPackage(NamedTuple):
 
 
 ROBOT = (
-    PythonPackage("numpy", "numpy", "1.20"),  # sliding_window_view, numpy.typing
+    PythonPackage("numpy", "numpy", "1.20"),  # oldest version with sliding_window_view and numpy.typing
     PythonPackage("yaml", "PyYAML"),
 )
 LAUNCH = (

@@ -45,14 +45,15 @@ from husky_highlevel_controller.robot import load_robot
 # [m], [m/s] If a robot moves farther than TELEPORT_DISTANCE + TOP_SPEED * time between two scans, it has not
 # driven there; somebody has put it elsewhere.
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
-RESUME_ERROR = 0.10  # [m] an arrived robot drives again if it is more than this too far from the pillar
+# [m] an arrived robot drives again if the pillar is farther away than the stop distance by more than this
+RESUME_ERROR = 0.10
 ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
 ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
 # [m] the measured gap has an error, so at this gap the robot may already touch the pillar; it then creeps on
 # for TOUCH_CREEP_TIME to be sure
 TOUCH_GAP = 0.003
-# [s] the robot creeps 8 mm in this time at control.MIN_TOUCH_SPEED; this is enough to touch the pillar, but
-# hardly pushes it
+# [s] the robot creeps 8 mm in this time at control.MIN_TOUCH_SPEED, so that it touches the pillar but hardly
+# pushes it
 TOUCH_CREEP_TIME = 0.2
 
 
@@ -222,7 +223,7 @@ class _Look(NamedTuple):
     track: Track
     pillar: Optional[Pillar]  # pillar in the laser's frame; None if the scan does not show it
     pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None without a transform to odom
-    # result of the scan at the remembered position of the pillar, such as SEEN or EMPTY
+    # state of the pillar's remembered position in this scan, such as seen, hidden or empty
     visibility: Visibility
 
 
@@ -326,7 +327,7 @@ def _act(
     obstacles_in_base = near_points(
         observation.scan, observation.laser_in_base, target if pillar_seen else None, observation.outline
     )
-    # if the pillar is only remembered, the robot drives to it only if it may search
+    # if the pillar is only remembered, the robot drives to it only if the parameter `search` is true
     if target is not None and (pillar_seen or control.search):
         return _drive(
             controller_state,
@@ -425,8 +426,8 @@ def _drive(
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
 
-    # direction of a free path, as near as possible to the pillar's direction; straight to the pillar, only
-    # the remaining distance must be free
+    # free direction that is nearest to the direction of the pillar; in the pillar's own direction, only the
+    # remaining distance must be free
     bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         twist = Twist2D(0.0, control.search_rate)

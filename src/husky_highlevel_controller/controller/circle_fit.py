@@ -15,10 +15,10 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts in the fit as much as this many beams
-# in the fit, weight of the expectation that the circle's centre lies on the line through the middle beam
+# weight in the fit of the expectation that the circle's centre lies on the line through the middle beam
 _PLACE_WEIGHT = 1e-3
-# weight of the expected distance of the centre; it is tiny, and only keeps the equations solvable if the
-# beams do not determine the distance
+# weight in the fit of the expected distance of the centre; it is tiny, and only keeps the equations solvable
+# if the beams do not determine the distance
 _MIN_WEIGHT = 1e-6
 # weight instead of _RADIUS_WEIGHT and _PLACE_WEIGHT when the radius is computed from the beams alone
 _FREE_WEIGHT = 1e-4
@@ -29,8 +29,8 @@ MAX_STEPS = 6
 # [m] the fit ends with a step smaller than this, because the next step would be a thousand times smaller
 _SETTLED = 3e-4
 
-# (4, 4) sums over the beams: each beam has four numbers, which are the derivatives of its error by x, y and
-# r, and the error itself; entry (i, j) sums the products of number i and number j
+# (4, 4) matrix of sums over the beams. Each beam has four numbers: the derivatives of its error by x, y and
+# r, and the error itself. Entry (i, j) is the sum of number i times number j.
 Products = List[List[float]]
 Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]
@@ -93,8 +93,8 @@ class Segments(NamedTuple):
 class Circle(NamedTuple):
     """A fitted circle."""
 
-    x: float  # [m] centre, in the direction of the segment's middle
-    y: float  # [m] centre, perpendicular to the direction of the segment's middle
+    x: float  # [m] x of the centre; the x axis points to the segment's middle
+    y: float  # [m] y of the centre; the y axis is perpendicular to the x axis
     radius: float  # [m]
     free_radius: float  # [m] radius from the beams alone, without the expected radius
     free_slack: float  # [m] possible error of `free_radius`
@@ -131,8 +131,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     origin, directions = segment.near + radius, segment.directions
     points = segment.ranges * directions
     points[0] -= origin
-    # one column for each beam, with n_x, n_y, -1 and e of the docstring; (n_x, n_y) is the unit vector from
-    # the end of the beam to the centre
+    # one column for each beam: n_x, n_y, -1 and e; (n_x, n_y) is the unit vector from the end of the beam to
+    # the centre, and e is the error
     rows = np.empty((4, len(segment.ranges)))
     rows[2] = -1.0
     to_centre, error = rows[:2], rows[3]
@@ -230,9 +230,9 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
-# A straight wall has the ranges 1 / r = a cos + b sin, with cosine and sine of a beam's angle. Multiplied by
-# r^2, this is r = a r^2 cos + b r^2 sin. The error of this equation is a range, so it is measured along the
-# beam.
+# On a straight wall, the range r of a beam satisfies 1 / r = a cos + b sin, with cosine and sine of the
+# beam's angle. Multiplied by r^2, this is r = a r^2 cos + b r^2 sin. A fit of this form minimises the errors
+# of r, which are measured along the beams.
 
 
 def line_sum_squared_error(segment: Segment) -> float:

@@ -32,10 +32,9 @@ from husky_highlevel_controller.datatypes import Scan
 LINE_ODDS = 4.0
 # smallest lead that a circle needs over a straight line if another object hides a part of the circle
 HIDDEN_ODDS = 2.0
-# [m] this coarse test rejects a circle only if it misses a limit by more than this, because its fit is not
-# exact
+# [m] this coarse test allows each limit to be exceeded by this, because its fit is not exact
 _MARGIN = 0.005
-# this coarse test rejects a circle only if the lead of a line is larger than its limit by more than this
+# this coarse test allows the lead of a line to be this much larger than the exact test allows
 _ODDS_MARGIN = 1.0
 _SAMPLES = 16  # up to this many of the beams that should meet a circle are checked
 
@@ -59,8 +58,8 @@ class PillarConfig:
 class _Fits(NamedTuple):
     """Circles of S segments, arrays of (S,)."""
 
-    x: np.ndarray  # [m] centre, in the direction of the segment's middle
-    y: np.ndarray  # [m] centre, perpendicular to the direction of the segment's middle
+    x: np.ndarray  # [m] x of the centre; the x axis points to the segment's middle
+    y: np.ndarray  # [m] y of the centre; the y axis is perpendicular to the x axis
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
     line_lead: np.ndarray  # lead of a straight line over the circle, as defined at LINE_ODDS
@@ -83,7 +82,8 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
         & (np.abs(fits.radius - config.pillar_radius) <= config.radius_tolerance + _MARGIN)
         & (fits.line_lead < LINE_ODDS + _ODDS_MARGIN)
     )
-    # only segments that pass these tests are tested for beams that pass through the circle or are hidden
+    # only segments that pass the tests above are tested for hidden beams and for beams that pass through the
+    # circle
     fits = _Fits(*(column[candidates] for column in fits))
     missing, hidden = _silhouettes(scan, fits, 4.0 * config.max_residual)
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
@@ -115,8 +115,9 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # nine weighted products for each beam, each of two of the values dx, dy, 1 and error. The value 1 stands
-    # for the derivative by the radius, which is -1, so the sums with it get their sign below.
+    # nine numbers for each beam; each is the product of two of the values dx, dy, 1 and error, times the
+    # weight of the beam. The value 1 stands for the derivative by the radius, which is -1, so the sums with
+    # it get their sign below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

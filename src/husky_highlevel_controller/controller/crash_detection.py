@@ -33,13 +33,15 @@ from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D,
 from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
 
 GRAVITY = 9.8  # [m/s^2]
-# [s] the gyro follows the direction of gravity, and the accelerometer corrects it with this time constant
+# [s] time constant with which the accelerometer corrects the direction of gravity; the gyro turns this
+# direction between the corrections
 LEVELLING_TIME = 2.0
 # [m/s^2] the accelerometer corrects the direction of gravity less if its force differs from gravity by more
 # than this, because such a force is a shock
 LEVELLING_FORCE = 20.0
 LATENESS = 0.05  # [s] odometry may come this much later than the IMU samples, so the samples wait
-# [s] a change of velocity is the mean velocity over the last AFTER minus an earlier mean over BEFORE
+# [s] a change of velocity is the mean velocity over the last AFTER minus the mean velocity over an earlier
+# time of length BEFORE
 AFTER, BEFORE = 0.15, 0.4
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
 # [s] time after the first sample in which no crash is detected, on smooth ground and on rough ground; in this
@@ -55,8 +57,8 @@ SHOCK_FORCE = 6.0
 # [m/s] the ground counts as rough if the vibration is larger than this; a real Husky A200 has 0.005 at rest,
 # 0.03 on flooring
 ROUGH_VIBRATION = 0.013
-# the allowance for rough ground is this many times larger for the sideways velocity, because the body rolls
-# on its tyres
+# vibration of the ground may change the sideways velocity this many times more than the forward velocity,
+# because the body rolls on its tyres
 SIDEWAYS_FACTOR = 2.0
 STANDING_SPEED = 0.02  # [m/s] the direction of travel is unknown if the wheels are slower than this
 
@@ -85,8 +87,8 @@ class Change(NamedTuple):
     # lost
     loss: float
     sideways: float  # [m/s] sideways velocity that the robot has gained in a short time and has kept
-    vibration: float  # [m/s] vibration of the ground, until now
-    vibration_before: float  # [m/s] vibration of the ground, until the change of velocity began
+    vibration: float  # [m/s] vibration of the ground, averaged until now
+    vibration_before: float  # [m/s] vibration of the ground, averaged until the change of velocity began
 
     def excess(self, config: CrashConfig) -> float:
         """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
@@ -138,7 +140,8 @@ class CrashDetector:
         # [s] time between the last two stamps; number of samples that have the last stamp
         self._period, self._samples_of_stamp = 0.0, 1
         self._increments: Deque[_Increment] = deque()
-        # stamp [s]; square of the velocity that one window gained sideways and upwards [m^2/s^2]
+        # stamp [s]; square of the velocity that the body gained sideways and upwards within one window
+        # [m^2/s^2]
         self._squared_changes: Deque[Tuple[float, float]] = deque()
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s]; vibration at this time [m/s]
         # result of the last call of `add_sample`; None if the call evaluated no sample
@@ -150,11 +153,11 @@ class CrashDetector:
             return
         if self._wheel_speeds and stamp == self._wheel_speeds[-1][0]:
             return
-        if self._wheel_speeds and stamp < self._wheel_speeds[-1][0]:  # time runs back
+        if self._wheel_speeds and stamp < self._wheel_speeds[-1][0]:  # time goes back
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf
-        # [s] older wheel speeds are not needed any more
+        # [s] stamp before which wheel speeds are not needed any more
         oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
         while self._wheel_speeds[0][0] < oldest:
             self._wheel_speeds.popleft()
@@ -186,7 +189,7 @@ class CrashDetector:
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
         if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:
-            self._waiting_samples.clear()  # time runs back
+            self._waiting_samples.clear()  # time goes back
         self._waiting_samples.append((sample, imu_in_base))
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
         # a call returns only one crash, so after a crash the remaining samples wait for the next call

@@ -53,8 +53,8 @@ class Pillar(NamedTuple):
 # a segment is the corner of a box and not a pillar if the lead of a corner over the circle, divided by the
 # number of beams, is at least this
 _CORNER_ODDS = 1.0
-# up to this number of segments, all are fitted exactly; the coarse test before the fits takes as long as a
-# few fits, so it is only worth its time if there are more
+# if a scan has at most this many segments, all are fitted exactly without the coarse test, because this test
+# takes as long as a few fits
 _UNSCREENED = 8
 # at most this many segments of a scan are fitted exactly, so that a scan of many objects does not take too
 # long
@@ -126,7 +126,7 @@ def _starts(
         # [m] distance between the two beams at the shorter of their ranges; a range may be negative if the
         # driver's range_min is negative, and then counts as 0
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        # on one pillar, two ranges differ by a radius at most, so a larger spacing counts as one radius
+        # the formula for `depth` is largest at a spacing of one radius; a larger spacing counts as one radius
         spacing = np.minimum(spacing, radius)
         # [m] largest difference of two ranges on one pillar; it occurs if one of the beams meets the edge of
         # the circle
@@ -217,8 +217,8 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
         # at first, the rival gets an error of 0; if the circle wins even then, the rival need not be fitted
         return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
 
-    # a line wins with a lead of LINE_ODDS. If beams are hidden, the circle itself must have a lead of
-    # HIDDEN_ODDS, so a line wins with any lead from -HIDDEN_ODDS on.
+    # a line wins over the circle with a lead of LINE_ODDS. If beams are hidden, the line wins unless the
+    # circle has a lead of HIDDEN_ODDS over the line.
     if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
         return False
     # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing
@@ -249,13 +249,13 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
         is_own[beams] = True
     # indices of the other beams from `first` to `last`, without indices beyond the ends of the scan
     others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
-    # each end of the scan that is inside the circle counts as one hidden beam
+    # if the circle reaches beyond an end of the scan, this end counts as one hidden beam
     missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))
     if len(others):
         # [rad] angle between a beam and the direction of the circle's centre
         angle = (others - centre) * step
-        # `across` is the distance at which a beam passes the circle's centre; the beam meets the circle at
-        # the length `depth` before it is beside the centre
+        # the line of a beam passes the circle's centre at the distance `across`; it meets the circle at the
+        # length `depth` before the point that is nearest to the centre
         across, square = distance * np.sin(angle), circle.radius * circle.radius
         depth = np.sqrt(square - np.minimum(across * across, square))
         # [m] range minus the range at which the beam should meet the circle; negative if the beam ends in

@@ -23,7 +23,8 @@ from husky_highlevel_controller.robot import DriveConfig, Robot
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05
 FASTEST = 100.0  # [m/s], [rad/s] a faster measured velocity cannot be right, so the robot must stop
 PATH_STEPS = 12  # number of poses on the way to standstill at which the clearance is checked
-APPROACH = 1e-3  # [m] the robot approaches a return if the clearance falls by this much
+# [m] the robot approaches a return if the clearance becomes smaller by more than this on the way
+APPROACH = 1e-3
 STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop has been started again
 
 
@@ -135,7 +136,8 @@ def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> 
 class Latch:
     """Memory that a stop was requested, so that it is requested only once."""
 
-    # [s] time at which the guard stopped the controller; None if it has not
+    # [s] time at which the controller was stopped because of a danger; None if it was not stopped, or was
+    # started again
     tripped_at: Optional[float] = None
     stood: bool = False  # true if the robot stood at the last update
 

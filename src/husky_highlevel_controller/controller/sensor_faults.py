@@ -11,7 +11,8 @@ from typing import Optional
 # an offset of two clocks is computed when a window of this wall time [s] is over and this many messages have
 # come
 WINDOW, MIN_MESSAGES = 0.5, 5
-# [s] the window ends after this wall time at the latest, even if no reference message has come
+# [s] the window in which two clocks are compared ends after this wall time at the latest, even if no
+# reference message has come
 MAX_WINDOW = 2.0
 # [s] the robot stands still if the lidar's clock is ahead of odometry's clock by more than this, which is
 # half a second plus a period of odometry
@@ -40,7 +41,7 @@ class ClockOffset:
     def add_reference(self, stamp: float) -> None:
         """Take a stamp [s] of the reference; it may be a repeated one."""
         if self._newest_reference is not None and stamp < self._newest_reference:
-            self._message_count = 0  # a new run
+            self._message_count = 0  # time has gone back, so a new run has begun
         self._new_references += stamp != self._newest_reference
         self._newest_reference = stamp
 
@@ -73,9 +74,8 @@ class ClockOffset:
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
-        # [s] the newest stamp of the reference may be up to one period old when a message comes; if messages
-        # come more often than the reference, at least one message of the window comes within the messages'
-        # own period
+        # [s] at least one message of the window comes soon after a message of the reference: within one
+        # period of the reference, or within one period of the messages if this period is shorter
         slack = min(period, abs(stamp - first) / (self._message_count - 1))
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time

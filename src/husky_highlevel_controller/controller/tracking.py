@@ -250,7 +250,8 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     # the pillar lies at an end of the scan, or is so far away that it gets fewer than two beams
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:
         return Visibility.OUT_OF_VIEW
-    # [m] largest error of the pillar's distance; a shorter range means that a nearer object hides it
+    # [m] a range may be shorter than the distance of the pillar by this; a still shorter range means that a
+    # nearer object hides the pillar
     slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
     nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
     readings = scan.returns[first : last + 1].tolist()

@@ -78,7 +78,7 @@ def _robot(name: str) -> Dict[str, Any]:
     wheels, drive, outline = robot.wheels, robot.drive, robot.footprint
     return {
         "size": [outline.half_length, outline.half_width],
-        "height": drive.wheel_radius - wheels.height,  # height of base_link
+        "height": drive.wheel_radius - wheels.height,  # [m] height of base_link above the ground
         "wheel": [wheels.base / 2.0, drive.wheel_separation / 2.0, wheels.height, drive.wheel_radius],
         "track": drive.wheel_separation * drive.wheel_separation_multiplier,
         "body": _packed(body),

@@ -48,7 +48,7 @@ class Localization:
         self._last_stamps: Dict[str, float] = {}  # [s] stamp of the last reading of each sensor
         # [s] stamp of the last pose from `set_pose`, and stamp of the last estimate
         self._pose_set_at = self._last_sent_stamp = -inf
-        self._next_period = 0  # number of the next estimate, whose time is this number of periods
+        self._next_period = 0  # time of the next estimate, as a number of periods from time 0
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
         """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""

@@ -32,7 +32,7 @@ class Measurement(NamedTuple):
     """Measured values of some states."""
 
     stamp: float  # [s]
-    states: Tuple[int, ...]  # indices
+    states: Tuple[int, ...]  # indices of the measured states
     values: np.ndarray  # (k,), SI units
     covariance: np.ndarray  # (k, k)
 

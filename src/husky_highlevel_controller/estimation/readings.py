@@ -27,8 +27,8 @@ from husky_highlevel_controller.geometry import (
 )  # fmt: skip
 
 ON_PLANE = (0, 1, 5)  # indices of x, y and yaw in the list x, y, z, roll, pitch, yaw
-# an axis of the robot is used if a used axis of the sensor has a component along it that is at least this
-# large
+# an axis of the robot counts as measured if a measured axis of the sensor has a component along it of at
+# least this size
 MIN_COMPONENT = 1e-6
 
 

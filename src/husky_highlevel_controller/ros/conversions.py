@@ -56,8 +56,8 @@ MAX_NEAREST = 200.0
 MILLIMETRES = (100.0, 60000.0)  # [mm] usual limits of ranges that a driver sends in millimetres by mistake
 MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is probably in millimetres
 
-# Matrix with the values of husky_control/config/control.yaml for x, y, z, roll, pitch and yaw on its
-# diagonal.
+# Covariance of odometry: a matrix with the values of husky_control/config/control.yaml for x, y, z, roll,
+# pitch and yaw on its diagonal.
 ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
 
 

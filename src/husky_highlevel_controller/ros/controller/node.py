@@ -105,8 +105,8 @@ class ControllerNode:
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
 
-        # data for the status on /diagnostics
-        # pillar "seen", "remembered" or "unknown"; last reason
+        # data for the status on /diagnostics; the first line has the state of the pillar, which is "seen",
+        # "remembered" or "unknown", and the reason of the last command
         self._pillar_status, self._reason = "unknown", ""
         self._scan_stamps: Deque[float] = deque(maxlen=RATE_SCANS)  # [s] stamps of the last answered scans
         # frame of the last scan; sentence on its fault, empty for a valid scan

@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, Se
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
-QUEUE = 1000  # messages
+QUEUE = 1000  # length of the queues of odometry and IMU messages
 # [s] no crash is detected if the clocks of IMU and odometry differ by more than this, because braking would
 # look like a crash
 CLOCK_TOLERANCE = 0.1

@@ -69,8 +69,8 @@ class Guard:
         # so a zero command on the topic before it stops the robot
         self._zero_publisher = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
         self._stop_request = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
-        # sends zero commands if the ROS master no longer knows this node, because a program that is started
-        # later could not find this node
+        # sends zero commands if the ROS master no longer knows this node, because then no program that is
+        # started later could stop the robot
         self._registration = RegistrationWatch(self._command_zero)
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)

@@ -13,9 +13,9 @@ from typing import Callable, Optional
 
 from husky_highlevel_controller.ros.node import contained
 
-CALL_TIMEOUT = 2.0  # [s] a call of the service fails if it takes longer than this wall time
-RETRY_PERIOD = 0.5  # [s] wall time between a failed call of the service and the next call
-# [s] wall time from the first call of the service to the first zero command, if no answer comes
+CALL_TIMEOUT = 2.0  # [s] a call of the stop service fails if it takes longer than this wall time
+RETRY_PERIOD = 0.5  # [s] wall time between a failed call of the stop service and the next call
+# [s] wall time from the first call of the stop service to the first zero command, if no answer comes
 ZERO_DELAY = 0.2
 # [s] wall time between two zero commands; it is short, because twist_mux no longer obeys a topic that was
 # silent for 0.5 s
@@ -43,7 +43,8 @@ class StopRequest:
         """
         self._call, self._command_zero = call, command_zero
         self._on_failure, self._on_success = on_failure, on_success
-        self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)  # text on the danger of the pending request
+        # text that describes the danger of the pending request
+        self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)
         self._call_slots = threading.Semaphore(MAX_HUNG_CALLS)  # one slot for each call that is not answered
         # lock that is held while `pending` and the queue change together
         self._pending_lock = threading.Lock()

@@ -60,8 +60,8 @@ class BagPlayer:
                 now = snapshot.stamp
                 lead = begun + now / self._pace - time.monotonic()  # [s] wall time until this message is due
                 time.sleep(max(0.0, lead))
-                # after a delay, the player does not catch up, because a filter cannot follow a burst of
-                # messages
+                # after a delay, the player does not catch up, because a filter cannot follow many messages at
+                # once
                 begun -= min(0.0, lead)
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
