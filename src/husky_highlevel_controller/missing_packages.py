@@ -63,7 +63,7 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
 
     The sentence has the command that installs them. `group` is a key of GROUPS.
     """
-    lacking: List[str] = []  # texts about the missing packages, as parts of the sentence
+    lacking: List[str] = []  # texts on packages that are missing or too old, which are joined below
     requirements: List[str] = []
     for package in GROUPS[group]:
         is_found = _is_importable(package.module)

@@ -49,8 +49,8 @@ TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
 RESUME_ERROR = 0.10
 ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
 ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
-# [m] the measured gap has an error, so at this gap the robot may already touch the pillar; it then creeps on
-# for TOUCH_CREEP_TIME to be sure
+# [m] the measured gap has an error, so at this gap the robot may already touch the pillar; to be sure, the
+# robot then creeps on for TOUCH_CREEP_TIME
 TOUCH_GAP = 0.003
 # [s] the robot creeps 8 mm in this time at control.MIN_TOUCH_SPEED, so that it touches the pillar but hardly
 # pushes it

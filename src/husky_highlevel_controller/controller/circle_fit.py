@@ -42,7 +42,7 @@ class Segment(NamedTuple):
 
     beams: np.ndarray  # (M,) indices of the beams in the scan, ascending
     ranges: np.ndarray  # (M,) [m]
-    near: float  # [m] shortest range
+    near: float  # [m] shortest range of the segment
     step: float  # [rad] angle between neighbouring beams of the scan
 
     @property
@@ -75,7 +75,7 @@ class Segments(NamedTuple):
     def select(self, mask: np.ndarray) -> Segments:
         """Segments for which `mask`, (S,) bool, is true."""
         if np.count_nonzero(mask) == len(mask):
-            return self  # the usual case, in which copies would take as long as a step of a fit
+            return self  # usually all are selected; a copy would take as long as a step of a fit
         beam_mask = mask.repeat(self.counts)
         return Segments(
             self.beams[beam_mask], self.ranges[beam_mask], self.counts[mask], self.near[mask], self.step

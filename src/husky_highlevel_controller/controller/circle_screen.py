@@ -63,8 +63,8 @@ class _Fits(NamedTuple):
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
     line_lead: np.ndarray  # lead of a straight line over the circle, as defined at LINE_ODDS
-    near: np.ndarray  # [m] shortest range
-    counts: np.ndarray  # number of beams
+    near: np.ndarray  # [m] shortest range of the segment
+    counts: np.ndarray  # number of beams of the segment
     first: np.ndarray  # index of the segment's first beam in the scan
     last: np.ndarray  # index of the segment's last beam in the scan
 
@@ -156,7 +156,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # (8, S) sums over the beams of each segment: squared distances from the circle, weighted squared errors
     # of the circle, and six sums for the line
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
-    # the lead of the line, as LINE_ODDS defines it; a line has two parameters
+    # the lead of the line, as the comment on LINE_ODDS defines it; a line has two parameters
     circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
     line_lead = np.maximum(count - 2, 1) * np.log((circle_error + noise_error) / (line_error + noise_error))
     return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), line_lead, near, count, first, last)

@@ -36,10 +36,10 @@ GRAVITY = 9.8  # [m/s^2]
 # [s] time constant with which the accelerometer corrects the direction of gravity; the gyro turns this
 # direction between the corrections
 LEVELLING_TIME = 2.0
-# [m/s^2] the accelerometer corrects the direction of gravity less if its force differs from gravity by more
-# than this, because such a force is a shock
+# [m/s^2] the accelerometer corrects the direction of gravity less if the measured force differs from gravity
+# by more than this, because such a force is a shock
 LEVELLING_FORCE = 20.0
-LATENESS = 0.05  # [s] odometry may come this much later than the IMU samples, so the samples wait
+LATENESS = 0.05  # [s] odometry may come this much later than IMU samples, so the samples wait
 # [s] a change of velocity is the mean velocity over the last AFTER minus the mean velocity over an earlier
 # time of length BEFORE
 AFTER, BEFORE = 0.15, 0.4
@@ -47,10 +47,10 @@ MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
 # [s] time after the first sample in which no crash is detected, on smooth ground and on rough ground; in this
 # time, the direction of gravity becomes known
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1
-LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between two samples
-PATIENCE = 2.0  # [s] samples are evaluated without odometry if no odometry has come for this time
-LONGEST_WAIT = 2.5  # [s] a sample that has waited this long for its odometry is evaluated without it
-LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for samples that come later than odometry
+LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between two IMU samples
+PATIENCE = 2.0  # [s] IMU samples are evaluated without odometry if no odometry has come for this time
+LONGEST_WAIT = 2.5  # [s] an IMU sample that has waited this long for its odometry is evaluated without it
+LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that come later than odometry
 # [m/s^2] a shock from below also causes horizontal force, so the part of a horizontal force above this limit
 # is reduced by the size of the vertical force
 SHOCK_FORCE = 6.0
@@ -112,7 +112,8 @@ class _Increment(NamedTuple):
 
     stamp: float  # [s]
     ahead: float  # [m/s] change of the forward velocity since the last sample
-    left: float  # [m/s] change of the velocity to the left, without the part that driving a curve causes
+    # [m/s] change of the velocity to the left since the last sample, without the part from driving a curve
+    left: float
     up: float  # [m/s]
 
 
@@ -123,9 +124,9 @@ class CrashDetector:
         """Begin without a sample; `config` has the limits of a crash."""
         self._config = config
         self._wheel_speeds: Deque[Tuple[float, float]] = deque()  # stamp [s] and speed [m/s] of the wheels
-        # samples that wait for odometry, each with the orientation of the IMU in base_link
+        # IMU samples that wait for odometry, each with the orientation of the IMU in base_link
         self._waiting_samples: Deque[Tuple[ImuSample, Quaternion]] = deque()
-        # [s] stamp of the first sample since the last odometry; inf if there is none
+        # [s] stamp of the first IMU sample since the last odometry; inf if there is none
         self._odometry_silent_since = inf
         self.reset()
 
@@ -324,7 +325,7 @@ class CrashDetector:
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
         change_ahead = change_left = 0.0  # changes of the mean velocity, ahead and to the left
-        # velocity to the left that was gained in the window between the two mean velocities
+        # velocity to the left that was gained between the times of the two mean velocities
         pushed_left = 0.0
         # velocity gained to the left and upwards in the newest window; on rough ground, it is vibration
         swung_left = swung_up = 0.0
@@ -391,7 +392,7 @@ class CrashDetector:
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # possible changes of the wheels' speed: 0, and the change that odometry shows for each shift in time
+        # possible changes of the wheels' speed: 0, and the change by odometry for each of five shifts in time
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0

@@ -66,7 +66,7 @@ def too_close(
     if not is_moving(twist_in_base):
         return None
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
-        # the clearance 0 makes the robot stop; this is safe, because the path to standstill is unknown
+        # the path to standstill is unknown, so the clearance 0 makes the robot stop at once
         return 0.0
     outline = robot.footprint
     path = _braking_path(twist_in_base, config, robot.drive)
@@ -82,7 +82,7 @@ def too_close(
     smallest_clearance = clearance_now  # smallest clearance on the path, for each point
     for pose in path:
         smallest_clearance = np.minimum(smallest_clearance, _clearance(points_in_base, pose, outline))
-    # a point counts if it comes too close, and if the robot moves towards it
+    # a point is a danger if it comes too close, and if the robot moves towards it
     is_threat = (smallest_clearance < config.margin) & (smallest_clearance < clearance_now - APPROACH)
     return float(clearance_now[is_threat].min()) if is_threat.any() else None
 

@@ -48,7 +48,7 @@ class Disobedience:
         graph = read_graph(rosgraph.get_master_uri())
         publishers = graph.publishers if graph else {}
         inputs = [rospy.resolve_name(name) for name in self._robot.topics.velocity]
-        # the inputs are sorted by priority, the highest first
+        # `inputs` has the topics of commands, highest priority first
         stronger = inputs[: inputs.index(topic)] if topic in inputs else []
         for other in stronger:
             # the web page always advertises its topic, even if nobody drives with it, so it is left out

@@ -293,7 +293,7 @@ class ControllerNode:
         The smallest range is the first number of its line, because the exercise sheet asks for it.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
-        if observation.ahead_of_odometry > 0.0:  # the clock of the lidar is not odometry's clock
+        if observation.ahead_of_odometry > 0.0:  # the clocks of lidar and odometry differ
             rospy.logwarn_throttle(
                 REPORT_PERIOD, clock_sentence("scans are", observation.ahead_of_odometry, "odometry")
             )
