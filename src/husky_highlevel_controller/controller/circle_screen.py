@@ -24,17 +24,19 @@ from husky_highlevel_controller.controller.circle_fit import (
 )
 from husky_highlevel_controller.datatypes import Scan
 
-# A segment is a wall and not a pillar if a straight line has at least this lead over the circle. The lead of
-# a shape is log(squared errors of the circle / squared errors of the shape), times (number of beams - number
-# of parameters of the shape). With 8 beams and a noise of 30 mm, 1 % of the pillars count as another shape.
-# With a noise of 1 mm, less than 1 % of boxes count as pillars. With more beams, such mistakes quickly become
-# rare.
+# A segment is a wall and not a pillar if a straight line fits better than the circle by at least this lead.
+# The lead of a shape is log(squared errors of the circle / squared errors of the shape), times (number of
+# beams - number of parameters of the shape). With 8 beams and a noise of 30 mm, 1 % of the pillars count as
+# another shape. With a noise of 1 mm, less than 1 % of boxes count as pillars. With more beams, such mistakes
+# quickly become rare.
 LINE_ODDS = 4.0
-# smallest lead that a circle needs over a straight line if another object hides a part of the circle
+# a circle must fit better than a straight line by this lead (see LINE_ODDS) if another object hides a part of
+# the circle
 HIDDEN_ODDS = 2.0
 # [m] this coarse test allows each limit to be exceeded by this, because its fit is not exact
 _MARGIN = 0.005
-# this coarse test allows the lead of a line to be this much larger than the exact test allows
+# this coarse test lets a line fit better than the circle by a lead (see LINE_ODDS) that is this much larger
+# than the exact test allows
 _ODDS_MARGIN = 1.0
 _SAMPLES = 16  # up to this many of the beams that should meet a circle are checked
 
@@ -62,7 +64,8 @@ class _Fits(NamedTuple):
     y: np.ndarray  # [m] y of the centre; the y axis is perpendicular to the x axis
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
-    line_lead: np.ndarray  # lead of a straight line over the circle, as defined at LINE_ODDS
+    # number that says how much better a straight line fits than the circle; LINE_ODDS has the formula
+    line_lead: np.ndarray
     near: np.ndarray  # [m] shortest range of the segment
     counts: np.ndarray  # number of beams of the segment
     first: np.ndarray  # index of the segment's first beam in the scan
@@ -156,7 +159,8 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # (8, S) sums over the beams of each segment: squared distances from the circle, weighted squared errors
     # of the circle, and six sums for the line
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
-    # the lead of the line, as the comment on LINE_ODDS defines it; a line has two parameters
+    # lead of a line over the circle: (number of beams - 2 parameters of a line) * log(error of the circle /
+    # error of the line); the error by noise is added to each
     circle_error, line_error, noise_error = sums[1], line_squared_error(sums[2:]), count * noise**2
     line_lead = np.maximum(count - 2, 1) * np.log((circle_error + noise_error) / (line_error + noise_error))
     return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), line_lead, near, count, first, last)

@@ -141,8 +141,8 @@ class CrashDetector:
         # [s] time between the last two stamps; number of samples that have the last stamp
         self._period, self._samples_of_stamp = 0.0, 1
         self._increments: Deque[_Increment] = deque()
-        # stamp [s]; square of the velocity that the body gained sideways and upwards within one window
-        # [m^2/s^2]
+        # stamp [s]; square of the velocity that the body gained sideways and upwards within the time
+        # `config.window` [m^2/s^2]
         self._squared_changes: Deque[Tuple[float, float]] = deque()
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s]; vibration at this time [m/s]
         # result of the last call of `add_sample`; None if the call evaluated no sample
@@ -327,10 +327,11 @@ class CrashDetector:
         change_ahead = change_left = 0.0  # changes of the mean velocity, ahead and to the left
         # velocity to the left that was gained between the times of the two mean velocities
         pushed_left = 0.0
-        # velocity gained to the left and upwards in the newest window; on rough ground, it is vibration
+        # velocity gained to the left and upwards within the last `window` seconds; on rough ground, it is
+        # vibration
         swung_left = swung_up = 0.0
-        # ages have rounding errors, so the limits of a window are shifted by 1e-6 s; then a sample exactly at
-        # a limit always counts on the same side
+        # ages have rounding errors, so the limits of the ages are shifted by 1e-6 s; then an increment
+        # exactly at a limit always counts on the same side
         for stamp, ahead_by, left_by, up_by in self._increments:
             age = end - stamp
             if age < -1e-6:

@@ -50,8 +50,8 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-# a segment is the corner of a box and not a pillar if the lead of a corner over the circle, divided by the
-# number of beams, is at least this
+# a segment is the corner of a box and not a pillar if a corner fits better than the circle by this lead (see
+# LINE_ODDS) for each beam
 _CORNER_ODDS = 1.0
 # if a scan has at most this many segments, all are fitted exactly without the coarse test, because this test
 # takes as long as a few fits
@@ -217,8 +217,8 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
         # at first, the rival gets an error of 0; if the circle wins even then, the rival need not be fitted
         return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
 
-    # a line wins over the circle with a lead of LINE_ODDS. If beams are hidden, the line wins unless the
-    # circle has a lead of HIDDEN_ODDS over the line.
+    # normally, the line wins only if it fits better than the circle by LINE_ODDS. If beams are hidden, the
+    # line wins unless the circle fits better than the line by HIDDEN_ODDS.
     if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
         return False
     # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing

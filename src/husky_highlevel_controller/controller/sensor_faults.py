@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import inf
 from typing import Optional
 
-# an offset of two clocks is computed when a window of this wall time [s] is over and this many messages have
-# come
+# two clocks are compared in windows of time; a window ends after this wall time [s] and this many messages,
+# and gives one offset
 WINDOW, MIN_MESSAGES = 0.5, 5
 # [s] the window in which two clocks are compared ends after this wall time at the latest, even if no
 # reference message has come
@@ -32,7 +32,8 @@ class ClockOffset:
         self._tolerance = tolerance
         self._newest_reference: Optional[float] = None  # [s], newest stamp
         self._new_references = self._message_count = 0
-        # [s] at the start of the window: wall time, stamp of the first message, newest stamp of the reference
+        # [s] at the start of the window of comparison: wall time, stamp of the first message, newest stamp of
+        # the reference
         self._window_begin = (0.0, 0.0, 0.0)
         # [s] smallest and largest difference between the stamp of a message and the newest stamp of the
         # reference, in this window
@@ -74,8 +75,8 @@ class ClockOffset:
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
-        # [s] at least one message of the window comes soon after a message of the reference: within one
-        # period of the reference, or within one period of the messages if this period is shorter
+        # [s] even if both clocks are equal, the smallest difference of the stamps may be this large: one
+        # period of the reference, or one period of the messages if this is shorter
         slack = min(period, abs(stamp - first) / (self._message_count - 1))
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time

@@ -313,7 +313,7 @@ class ControllerNode:
         self._reason = output.reason
         if has_new_stage or waits_for_new_reason:
             self._log_change(observation, before, output, control)
-        # the difference is negative after a restart of the simulator; then the line is logged, too
+        # the difference is negative after a restart of the simulator; then the smallest range is logged, too
         if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:
             self._range_logged_at = scan.stamp
             rospy.loginfo(

@@ -39,7 +39,7 @@ QUEUE = 1000
 # normal, because the clock may lag behind a bag that is played fast
 MAX_AHEAD = 60.0
 # [s] wall time without a message after which the filter no longer waits for an input: ABSENCE before the
-# first message of the input, SILENCE after it; both are long, because a busy machine may delay a thread
+# first message of the input, SILENCE after it. A busy machine may delay a thread, so these times are long.
 ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s] a new run has begun if the clock goes back by more than this
 REPORT_PERIOD = 5.0  # [s] time between two warnings of one kind about a topic
@@ -171,8 +171,8 @@ class LocalizationNode:
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
         # frame of the sensor, which every reading needs for its velocities
         parents_and_children = [(options.base_link_frame, sensor)]
-        # `config[:6]` says which parts of a pose are used; if any part is used as it is, the frame of the
-        # poses is needed, too
+        # `config[:6]` says which parts of the pose are used. Their frame is needed, too, unless the filter
+        # uses only the difference of two poses.
         if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
             parents_and_children.append((options.odom_frame, msg.header.frame_id))
         poses = []
