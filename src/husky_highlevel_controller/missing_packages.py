@@ -53,8 +53,8 @@ PAGE = (
     PythonPackage("PIL", "pillow"),
     PythonPackage("websockets", "websockets"),
 )
-# packages for each purpose: "robot" for nodes on a real robot, "launch" for these nodes and the simulator,
-# "run" for a launch and the commands, "page" for the web page
+# packages for each purpose: "robot" for the nodes on a real robot, "launch" also for the simulator, "run"
+# also for the commands, "page" for the web page
 GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
 
 

@@ -245,7 +245,7 @@ def line_sum_squared_error(segment: Segment) -> float:
 def corner_sum_squared_error(segment: Segment) -> float:
     """Sum of squares along the beams of the best two lines, one for each side of a cut [m^2]."""
     terms = _terms(segment)
-    # products uu, uv, vv, ur, vr, rr of the three terms u, v, r of each beam
+    # for each beam, the products uu, uv, vv, ur, vr, rr of the terms u = r^2 cos, v = r^2 sin and the range r
     products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]
     # the corner may lie behind any beam; `left` has the sums up to this beam, `right` the sums of the beams
     # after it

@@ -75,8 +75,9 @@ class ClockOffset:
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
-        # [s] even if both clocks are equal, the smallest difference of the stamps may be this large: one
-        # period of the reference, or one period of the messages if this is shorter
+        # [s] if the clocks are equal, the message that comes soonest after a message of the reference may
+        # still be this much later: one period of the reference, or one period of the messages if this is
+        # shorter
         slack = min(period, abs(stamp - first) / (self._message_count - 1))
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time
