@@ -51,7 +51,8 @@ class ArrivalWatch:
         self._has_driven, self._stands_since = False, inf
         # name of the pillar that the robot has reached and not left since; None if there is none
         self._arrived_at: Optional[str] = None
-        self._next_look = -inf  # [s]
+        # [s] earliest time of the next check whether the robot has left that pillar
+        self._next_check = -inf
 
     def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
         """Take in the motion of the robot; return an arrival when it has stood for STANDING_TIME.
@@ -63,21 +64,23 @@ class ArrivalWatch:
         is_moving = max(abs(state.speed), abs(state.yaw_rate)) > STANDS
         if is_moving:
             self._has_driven, self._stands_since = True, inf
-            if self._arrived_at is not None and state.stamp >= self._next_look:
-                self._next_look = state.stamp + PERIOD
-                reached_pillars = [pillar for pillar in pillars() if pillar.name == self._arrived_at]
+            # until the robot is AWAY from its last pillar, another stop there is not another arrival
+            if self._arrived_at is not None and state.stamp >= self._next_check:
+                self._next_check = state.stamp + PERIOD
+                last_pillar = [pillar for pillar in pillars() if pillar.name == self._arrived_at]
                 # the robot has also left a pillar that no longer exists
-                if min(self._gaps(state, reached_pillars), default=inf) > AWAY:
+                if min(self._gaps(state, last_pillar), default=inf) > AWAY:
                     self._arrived_at = None
             return None
 
+        # inf, the value of a moving robot, becomes the stamp of the stop
         self._stands_since = min(self._stands_since, state.stamp)
         if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
             return None
         # each stop is checked only once; the robot must drive again before the next check
         self._has_driven = False
         all_pillars = list(pillars())
-        gaps = self._gaps(state, all_pillars)
+        gaps = self._gaps(state, all_pillars)  # [m] distances from the robot's outline to the pillars
         if not gaps or min(gaps) > REACHED:
             return None
         nearest = all_pillars[int(np.argmin(gaps))].name

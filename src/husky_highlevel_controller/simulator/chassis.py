@@ -74,12 +74,13 @@ class Chassis:
     def _reset_contacts(self) -> None:
         """Forget loads, bumps, speeds and torques, because the robot was put elsewhere at rest."""
         wheels = self._robot.wheels
-        self._loads = [0.0] * len(wheels)
+        self._loads = [0.0] * len(wheels)  # [N] normal force of the ground on each wheel
+        # [m] contact of each wheel with the ground, in base_link; at first the lowest point of the wheel
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
         # sum of the normal forces under the wheels, in base_link [N]
         self._ground_force: Vector3 = (0.0, 0.0, 0.0)
         self._hull_contacts: List[Drag] = []
-        self._wheel_speeds: Sequence[float] = (0.0,) * len(wheels)
+        self._wheel_speeds: Sequence[float] = (0.0,) * len(wheels)  # [rad/s]
         self.torques = [0.0] * len(wheels)  # [N m] torques of the wheels' motors
         self.observe()
 
@@ -97,6 +98,7 @@ class Chassis:
         # physics step
         (vx, vy, vz), (wx, wy, wz) = along_axes(self._base_axes, velocity), along_axes(self._base_axes, spin)
         x, y, z = self._robot.com
+        # v is the velocity of the centre of mass, so the velocity of base_link's origin is v - w x com
         velocity_in_base = vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x)
         self.state = RobotState(pose, velocity_in_base, (wx, wy, wz))
         return self.state
@@ -185,7 +187,9 @@ class Chassis:
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
         # velocity of the point: v + w x point
         velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        # the slip is the part of the velocity along the surface: v - (v . n) n
         slip_x, slip_y, slip_z = minus(velocity, normal, dot(velocity, normal))
+        # friction against the slip; HULL_SLIP_SPEED lets it fade to 0 at rest, instead of jumping there
         force_per_slip = -HULL_FRICTION * load / (hypot(slip_x, slip_y, slip_z) + HULL_SLIP_SPEED)
         return (force_per_slip * slip_x, force_per_slip * slip_y, force_per_slip * slip_z)
 
@@ -215,6 +219,7 @@ class Chassis:
             ground_x += force * normal[0]
             ground_y += force * normal[1]
             ground_z += force * support
+            # only the upward part of the force carries the wheel
             load, sums = force * support, wheel_loads[wheel]
             sums[0] += load
             sums[1] += load * point[0]

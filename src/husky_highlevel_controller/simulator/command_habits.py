@@ -71,9 +71,10 @@ class CommandHabits:
             may_stand: whether the node of a name may hold the robot on purpose.
         """
         self._timeout, self._may_stand = timeout, may_stand
-        self._senders: Dict[Tuple[str, str], _Sender] = {}
+        self._senders: Dict[Tuple[str, str], _Sender] = {}  # memory by topic and name of the sender
         # for each topic whose last command was zero, the sender of this command
         self._zero_senders: Dict[str, str] = {}
+        # habits and names of senders that were reported; no habit of a sender is reported again
         self._reported: Set[Tuple[Habit, str]] = set()
 
     def note(
@@ -175,6 +176,7 @@ def habit_sentence(finding: Finding) -> str:
             f"{sender} has sent only zero commands on {topic} for {ZEROS_TIME:g} s, so the robot stands. "
             "Check the parameters and the conditions of the node"
         )
+    # the only other habit is OVERRULED
     return (
         f"{finding.stronger_sender} holds the robot with zero commands on {finding.stronger_topic}, which "
         f"has priority over {topic}, so {sender} does not drive it. End {finding.stronger_sender}, or let it "

@@ -53,6 +53,7 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
     """Return the world, with a plane at z = 0 if nothing is within FALL_DEPTH below `start` and `height`."""
     parts = [(body.pose_in_world, part) for body in world.bodies for part in body.collisions]
     scene = make_scene([(part.shape, compose(pose, part.pose_in_body)) for pose, part in parts])
+    # the search begins above any slab on which the robot may start; inf means that there is no ground
     if isfinite(_drop(scene, (start.x, start.y, height + MAX_SLAB))):
         return world
     place = f"({start.x:g}, {start.y:g})"

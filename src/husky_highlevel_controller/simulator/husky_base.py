@@ -59,11 +59,12 @@ class HuskyBase(Drive):
 
     def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
         """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
-        if self._step_count % self.steps == 0:
+        if self._step_count % self.steps == 0:  # a new period of the control loop begins
             self._command_in_force = self.update(now, 1.0 / self._base.control_rate)
             limit = self._base.max_wheel_speed / self._config.wheel_radius
             self._target_speeds = scale_to_limit(*wheel_speeds(self._command_in_force, self._config), limit)
         self._step_count += 1
+        # the speeds of the wheels follow the target speeds with a time constant
         (left, right), (to_left, to_right) = self._wheel_speeds, self._target_speeds
         self._wheel_speeds = (
             left + self._lag_fraction * (to_left - left),

@@ -16,13 +16,16 @@ MAX_SPEED = 100.0
 
 
 def checked_motion(motion: ModelMotion) -> ModelMotion:
-    """Return the motion with a unit quaternion, which stands for zeros too, as in Gazebo.
+    """Return the motion with its quaternion scaled to length 1; a quaternion of zeros becomes no rotation.
+
+    Gazebo reads quaternions in this way, too.
 
     Raises:
         ObjectError: the pose is too far away, the model too fast, or a number is not finite.
     """
     length = hypot(*motion.pose.quat_xyzw)
     quat = IDENTITY.quat_xyzw
+    # a length of NaN or infinity is not hidden here, so that `checked_pose` refuses the quaternion
     if length > 0.0 or not isfinite(length):
         x, y, z, w = (value / length for value in motion.pose.quat_xyzw)
         quat = (x, y, z, w)

@@ -43,7 +43,7 @@ class Odometer:
         Between two readings of the encoders `wheels` is None, and the last speed continues.
         """
         if wheels is not None:
-            turned_for = (step - self._last_wheel_step) * self._dt
+            turned_for = (step - self._last_wheel_step) * self._dt  # [s] time since the last reading
             # mean speeds [rad/s] of the wheels since the last reading
             front_left, front_right, rear_left, rear_right = (
                 (now - before) / turned_for for now, before in zip(wheels.angles, self._last_wheels.angles)
@@ -54,6 +54,7 @@ class Odometer:
             self._from_wheels = advance_odometry(self._from_wheels, twist, turned_for)
         duration = (step - self._last_odometry_step) * self._dt
         self._last_odometry_step = step
+        # the filtered odometry has the forward speed of the wheels, and the yaw rate of the gyro
         linear = self._from_wheels.twist_in_base.linear
         self.filtered = advance_odometry(self.filtered, Twist2D(linear, yaw_rate), duration)
         return OdometrySample(self._last_wheels, self._from_wheels, self.filtered)

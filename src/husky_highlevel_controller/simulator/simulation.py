@@ -162,7 +162,7 @@ class Simulation:
         # this simulation of the new world is only a test, which raises the errors before anything changes
         Simulation(world, self._robot, self._config, start, self._seed, height).close()
         self._world = world
-        self._equipment = self._equip()
+        self._equipment = self._equip()  # the IMU needs the gravity of the new world
         self.reset()
 
     @property
@@ -208,7 +208,9 @@ class Simulation:
             for steps, device, field, _ in equipment.sensors
             if step % steps == 0
         }
+        # the encoders and the power are read once in each period of the drive
         wheels_due = step % equipment.drive.steps == 0
+        # each scan gets odometry of its own stamp
         if "scan" in samples or step % self._odometry_steps == 0:
             wheels = equipment.drive.encoded(self._chassis.wheels()) if wheels_due else None
             samples["odometry"] = self._odometer.sample(wheels, equipment.imu.yaw_rate, step)
@@ -221,7 +223,7 @@ class Simulation:
 
         Copies of the odometer and the lidar measure it, so that it does not change later results.
         """
-        odometry = copy(self._odometer).sample(None, 0.0, 0)
+        odometry = copy(self._odometer).sample(None, yaw_rate=0.0, step=0)
         samples = {}
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
@@ -261,7 +263,7 @@ class Simulation:
 
         The filter is planar, so odom is level, and as high as base_link of a robot that stands on z = 0.
         """
-        height = self._chassis.on_ground(Pose()).position[2]
+        height = self._chassis.on_ground(Pose()).position[2]  # [m] height of base_link over level ground
         base_in_odom = pose_from_2d(self._odometer.filtered.pose_base_in_odom)
         base_in_world = pose_from_2d(pose_to_2d(self._chassis.state.pose_in_world), height)
         return compose(base_in_odom, inverse(base_in_world))
@@ -277,7 +279,7 @@ class Simulation:
         self._objects.delete(name)
 
     def move(self, name: str, pose_in_world: Pose) -> None:
-        """Put a body, or the robot's wheels, somewhere else, at rest.
+        """Put a body, or the robot with its wheels on the floor, somewhere else, at rest.
 
         The odometry of a robot that is moved goes along, so that odom stays where it is in the world.
 

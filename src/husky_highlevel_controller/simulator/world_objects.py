@@ -51,6 +51,7 @@ class WorldObjects:
                 if body.collisions:
                     self._bullet.check_room(body.name)
         except Exception:
+            # the bodies that came before the failure are removed again
             for name in added:
                 self._drop(name)
             raise
@@ -106,9 +107,11 @@ class WorldObjects:
             raise self._unknown(model)
         body = self._bodies[members[0]]
         pose = compose(self.pose_of(body.name), body.pose_model_in_body)
+        # a body that physics does not move has no velocity
         if not body.collisions or body.mass == 0.0:
             return ModelMotion(pose)
         velocity, spin = self._bullet.velocity_of(body.name)
+        # the velocity at the body's origin becomes the velocity at the model's origin
         at_body = ModelMotion(self.pose_of(body.name), velocity, spin)
         return ModelMotion(pose, velocity_at(at_body, pose.position), spin)
 
@@ -125,6 +128,7 @@ class WorldObjects:
         # transform in the world from the model's present pose to its new pose; it applies to all bodies of
         # the model
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
+        # a body that is only drawn is not in the Bullet world, and stays where it is
         solid = [name for name in self.members(model) if self._bodies[name].collisions]
         if not solid:
             raise PlacementError(f"'{model}' has no collision shape, so it cannot be moved")

@@ -10,7 +10,8 @@ import os
 
 
 def _import_silently() -> None:
-    """Import PyBullet with standard error redirected to nowhere."""
+    """Import PyBullet without the line that its C code prints to standard error at the first import."""
+    # C code writes to descriptor 2 (standard error), so replacing `sys.stderr` would not be enough
     stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:

@@ -49,8 +49,10 @@ class RobotWorld(BulletWorld):
             body_id: int = self._engine.loadURDF(path, flags=_URDF_FLAGS)
         finally:
             os.remove(path)
-        info = self._engine.getDynamicsInfo(body_id, BASE_INDEX)
-        self._inertial_in_body[body_id] = Pose(info[3], info[4])
+        _, _, _, com_position, com_quat, *_ = self._engine.getDynamicsInfo(body_id, BASE_INDEX)
+        # Bullet's poses are poses of the centre-of-mass frame, so `_set_pose` needs this frame's pose in
+        # base_link
+        self._inertial_in_body[body_id] = Pose(com_position, com_quat)
         self._set_pose(body_id, pose)
         return body_id
 

@@ -16,7 +16,7 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-# [m^3] a flat mesh counts with this volume, because a volume of 0 could make the centre of mass NaN
+# [m^3] smallest volume with which a mesh counts
 _FLATTEST = 1e-9
 
 
@@ -33,6 +33,7 @@ def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
     shape, position = geometry.shape, geometry.pose_in_body.position
     if isinstance(shape, TriangleMesh):
         volume, centroid = volume_of(shape)
+        # a flat mesh has no volume, but a body of volume 0 would have no centre of mass
         return max(volume, _FLATTEST), transform_point(geometry.pose_in_body, centroid)
     if isinstance(shape, Box):
         return float(np.prod(shape.size)), position

@@ -127,16 +127,17 @@ class BulletWorld:
                 self._add_plane(body, geometry.shape.normal, geometry.pose_in_body)
             else:
                 solids.append(geometry)
+        is_movable = body.mass > 0.0
         if solids:
             # all solids together become one shape, and the centre of mass is at the centre of their volume
-            shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
+            shape, center = self._shape_of(solids, is_movable), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
             # bodies of one model pass through one another, as in Gazebo
             if body.model:
                 others = self._ids_by_model.setdefault(body.model, [])
                 self._set_collides(body_id, others, collides=False)
                 others.append(body_id)
-            if body.mass > 0.0:
+            if is_movable:
                 self._lift_out_of_the_ground(body_id)
 
     def _set_collides(self, body_id: int, others: List[int], collides: bool) -> None:
@@ -154,8 +155,8 @@ class BulletWorld:
     def _remove(self, body_id: int) -> None:
         """Remove a body of Bullet's, and forget all records of its id."""
         for bodies in self._ids_by_model.values():
-            # Bullet gives this id, with its collision settings, to the next new body, so the settings are
-            # reset
+            # this body passes through the other bodies of its model; Bullet gives its id, with this setting,
+            # to the next new body, so the setting is reset
             if body_id in bodies:
                 bodies.remove(body_id)
                 self._set_collides(body_id, bodies, collides=True)
@@ -228,14 +229,14 @@ class BulletWorld:
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
-        """Check that one of some bodies would overlap no other body if all of them stood at these poses.
+        """Check that a body has room at its new pose, when other bodies move to new poses together with it.
 
         Copies of the bodies are put there for the check, because a body that is moved there and back would
         lose its contacts.
 
         Args:
-            poses: poses in the world of the bodies that move together, by name.
-            name: body that is checked, one of them.
+            poses: new poses in the world of all bodies that move together, by name.
+            name: body that is checked; it is one of these bodies.
 
         Raises:
             PlacementError: the body would reach into another one.
@@ -246,9 +247,8 @@ class BulletWorld:
                 copies[other] = self._copy(other, pose)
             # the moving bodies do not count at their present poses, because they leave them; their copies
             # stand at the new poses and count
-            self.check_room(
-                name, copies[name], [body_id for other in poses for body_id in self._ids_by_name[other]]
-            )
+            present_ids = [body_id for other in poses for body_id in self._ids_by_name[other]]
+            self.check_room(name, copy=copies[name], ignored=present_ids)
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
@@ -283,9 +283,10 @@ class BulletWorld:
         self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
             # Bullet quickly finds the bodies whose bounding boxes overlap; only these bodies are checked
-            # exactly
+            # exactly. A body consists of its base (index -1) and of a link for each joint (from index 0 on).
             parts = range(BASE_INDEX, self._engine.getNumJoints(checked_id))
             boxes = [self._engine.getAABB(checked_id, part) for part in parts]
+            # `or ()`, because Bullet returns None if nothing overlaps
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
             for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
@@ -368,6 +369,7 @@ class BulletWorld:
         """Place a movable body on top of the plane it is sunk into; Bullet would fling it into the air."""
         for plane in self._planes:
             points = self._engine.getClosestPoints(body_id, plane, 0.0)
+            # the deepest point counts; the normal of a point is the plane's, which points out of the ground
             depths_and_normals = [(-point[_DISTANCE], point[_NORMAL]) for point in points]
             depth, normal = max(depths_and_normals, default=(0.0, ()))
             if depth > _LIFT_FROM:

@@ -78,6 +78,7 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
     import xacro  # imported only here, because only making a URDF needs xacro
 
     source = share_folder() / "urdf" / load_robot(robot).description
+    # Python writes True and False, but xacro reads true and false
     mappings = {name: value.lower() if value in FLAGS else value for name, value in arguments.items()}
     # the URDF is written in short lines, because Bullet cuts lines after 8 kB
     return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))
@@ -130,7 +131,9 @@ def main() -> None:
 
     A user's own description comes first; spawn_model names it by the variable HUSKY_SIMULATOR_DESCRIPTION.
     """
+    # the text before the first := is the name, and the text behind it is the value
     arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
+    # the mount of the lidar, which the user may also give by environment variables
     mount = {
         name: os.environ[variable] for name, variable in LIDAR_VARIABLES.items() if variable in os.environ
     }

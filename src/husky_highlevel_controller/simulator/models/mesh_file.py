@@ -70,6 +70,7 @@ class MeshFiles:
         self.bytes_left -= size
         mesh = load_mesh(path, part)
         if len(mesh.faces) > MAX_FACES:
+            # the world loader names these files in one warning
             self.coarser.append(f"{path.name} ({len(mesh.faces)})")
             mesh = simplified(mesh, MAX_FACES)
         self.known[path, part] = mesh

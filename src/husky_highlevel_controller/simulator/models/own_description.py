@@ -27,6 +27,7 @@ def robot_of(text: str) -> Optional[str]:
     """
     root, _, joints = urdf.read_urdf(text)
     name = root.get("name")
+    # a robot also counts, whatever its name is, if the URDF has the joints of all its wheels
     with_wheels = (robot for robot in ROBOTS if set(load_robot(robot).wheels.joints) <= set(joints))
     return name if name in ROBOTS else next(with_wheels, None)
 

@@ -112,7 +112,7 @@ def robot_model(
     poses = urdf.poses_of_links("base_link", fixed_joints)
     # base_link and all links fixed to it become one body, to which the wheels are added
     physics = ET.Element("robot", name=root.get("name", "robot"))
-    fixed_links = [(links[name], pose) for name, pose in poses.items()]
+    fixed_links = [(links[name], pose) for name, pose in poses.items()]  # `poses` also has base_link itself
     # `_merge` computes the mass, the centre of mass and the inertia of all parts together
     body = _merge([_inertial(link, pose) for link, pose in fixed_links])
     _require_solid(body, "base_link's rigid body")
@@ -212,19 +212,21 @@ def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (urdf.number_of(element.find("inertia"), name, where) for name in names)
     pose = compose(pose_link_in_base, urdf.origin_of(element, where))
-    turn = matrix_from_quat(pose.quat_xyzw)
+    turn = matrix_from_quat(pose.quat_xyzw)  # the inertia is given along the axes of <origin>
     return mass, pose.position, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
 
 
 def _merge(parts: Sequence[Inertial]) -> Inertial:
     """Inertial of several rigid bodies as one (parallel axis theorem)."""
-    mass = float(sum(part[0] for part in parts))
+    mass = float(sum(m for m, _, _ in parts))
+    # if no part has a mass, the sum is zero, and a division by 1 leaves it zero
     centre = sum((m * np.array(com) for m, com, _ in parts), np.zeros(3)) / (mass or 1.0)
     inertia = np.zeros((3, 3))
     for m, com, about_com in parts:
+        # an inertia about another point is larger by m (|arm|^2 1 - arm arm^T)
         arm = np.array(com) - centre
         inertia += about_com + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    inertia.setflags(write=False)
+    inertia.setflags(write=False)  # the record of the robot is immutable, so its arrays are, too
     x, y, z = centre.tolist()
     return mass, (x, y, z), inertia
 
@@ -303,7 +305,7 @@ def _crown(link: ET.Element, collision: ET.Element) -> None:
     """
     tread = collision.find("geometry/cylinder")
     if tread is None:
-        return
+        return  # another shape, such as a box, stays as it is
     flanks = copy.deepcopy(collision)
     cylinder = flanks.find("geometry/cylinder")
     assert cylinder is not None

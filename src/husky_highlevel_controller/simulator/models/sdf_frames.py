@@ -68,6 +68,7 @@ class FrameScope:
             pose.note("a <pose> relative to an unknown frame is read relative to the parent", frame)
             frame_pose = self._find(default_frame)
         pose_in_frame = pose.pose() if pose else IDENTITY
+        # the default frame may be unknown, too; then this world or model takes its place
         if frame_pose is None or frame_pose == IDENTITY:
             return pose_in_frame
         return compose(frame_pose, pose_in_frame)
@@ -87,12 +88,14 @@ class FrameScope:
         if name == "world":
             return inverse(self._pose_in_world())
         model, _, part = name.partition("::")
+        # `_inner` has the scopes of the models in this one, by name
         pose_in_model = self._inner[model]._find(part) if model in self._inner else None
         return compose(self._resolve(model), pose_in_model) if pose_in_model else None
 
     def _resolve(self, name: str) -> Pose:
         """Return the pose of a member in this world or model; WorldError if it depends on itself."""
         pose, default_frame = self._members[name]
+        # `pose_of` comes back here for the frame of a member; a name that comes twice depends on itself
         if name in self._unfinished:
             circle = " > ".join((*self._unfinished[self._unfinished.index(name) :], name))
             raise (pose or self.holder).error(f"frames are relative to each other: {circle}")

@@ -60,7 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        node.load.lost += 1  # this count decides whether the warning "the lidar sees nothing" is logged
+        node.load.missed_by_lidar += 1
     return None
 
 
@@ -108,16 +108,17 @@ def _mesh(node: Node) -> Optional[TriangleMesh]:
     """Triangles of a mesh file; None, and a note, if it cannot be used."""
     uri, submesh, scale = node.child("uri"), node.child("submesh"), node.child("scale")
     x, y, z = scale.numbers(3) if scale else (1.0, 1.0, 1.0)
-    if not x * y * z:
-        raise (scale or node).error(f"needs numbers other than zero, not '{scale.text if scale else ''}'")
+    if scale and not x * y * z:
+        raise scale.error(f"needs numbers other than zero, not '{scale.text}'")
     part = submesh.child("name") if submesh else None
     if submesh and submesh.child("center"):
         submesh.note("<center> of a <submesh> is not supported and is left out")
     try:
         mesh = node.load.meshes.read(uri.text if uri else "", node.source, part.text if part else "")
     except MeshError as error:
+        # the text of a MeshError continues "a mesh", as in "is not on this machine"
         node.note(f"a mesh {error}, and is left out", uri.text if uri else "")
-        node.load.lost += 1
+        node.load.missed_by_lidar += 1
         return None
     return scaled_mesh(mesh, (x, y, z))
 

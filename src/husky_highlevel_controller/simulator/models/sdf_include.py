@@ -96,9 +96,9 @@ def _included(include: Node) -> Optional[Node]:
         return None
     path, files = _find_model(uri, include.source), include.load.files
     if path is None:
-        # these counts decide whether a warning says that the lidar sees nothing because models are missing
-        include.load.models += 1
-        include.load.lost += 1
+        # because of these counts, a warning may say that the lidar sees nothing
+        include.load.model_count += 1
+        include.load.missed_by_lidar += 1
         include.note(
             "a model that is not on this machine is left out; add its folder to GAZEBO_MODEL_PATH",
             uri,

@@ -59,7 +59,7 @@ class Assembly:
         # at first, each link and the world are groups of their own, with their own names; each joint merges
         # two groups
         group_of = {name: name for name in (*self.links, _WORLD)}
-        for joint, scope in zip(self.joints, self.scopes):
+        for joint, scope in zip(self.joints, self.scopes):  # the scope is the model that contains the joint
             ends = [self._link_at_end(joint, tag, scope) for tag in ("parent", "child")]
             if "" in ends:
                 joint.note("a <joint> of a link that does not exist is left out")

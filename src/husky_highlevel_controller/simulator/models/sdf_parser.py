@@ -53,9 +53,10 @@ class Load:
     open_files: List[str] = field(default_factory=list)
     meshes: MeshFiles = field(default_factory=MeshFiles)
     # number of models in the world, also of models that are left out; ground planes do not count
-    models: int = 0
-    lost: int = 0  # number of shapes and models that are left out, although the lidar would see them
-    includes: int = 0  # number of included models so far; a model that is included twice counts twice
+    model_count: int = 0
+    # number of shapes and models that are left out, although the lidar would see them
+    missed_by_lidar: int = 0
+    include_count: int = 0  # number of included models so far; a model that is included twice counts twice
 
 
 @dataclass(frozen=True)

@@ -122,12 +122,12 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
 def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
     """Warn if the lidar has nothing to see because something was left out."""
     solids = [part for body in world.bodies for part in body.collisions if not isinstance(part.shape, Plane)]
-    if load.models and load.lost and not solids:
+    if load.model_count and load.missed_by_lidar and not solids:
         log.warning(
             "world '%s': the lidar sees nothing, because no shape of its %d models is left; "
             "see the warnings above",
             world.name,
-            load.models,
+            load.model_count,
         )
 
 
@@ -168,8 +168,8 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
         read = _read_included if model.include else _read_model
-        # a model in the world gets a new assembly; a model inside a model uses the assembly of the outer
-        # model
+        # a model in the world gets a new assembly, which yields its bodies; a model inside a model only adds
+        # its links to the assembly of the outer model
         if place.assembly is None:
             yield from _whole_model(model, place, read)
         else:
@@ -189,7 +189,9 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
     # a model that has only planes is a ground, and grounds are not counted
-    model.node.load.models += not shapes or not all(isinstance(shape, Plane) for shape in shapes)
+    is_ground = bool(shapes) and all(isinstance(shape, Plane) for shape in shapes)
+    if not is_ground:
+        model.node.load.model_count += 1
     yield from bodies
 
 
@@ -200,12 +202,12 @@ def _read_included(model: Model, place: _Place) -> None:
     load, file = include.load, model.node.source
     if file in load.open_files:
         raise include.error(f"a model includes itself: {' > '.join((*load.open_files, file))}")
-    load.includes += 1
-    if load.includes > MAX_INCLUDES:
+    load.include_count += 1
+    if load.include_count > MAX_INCLUDES:
         raise include.error(
             f"more than {MAX_INCLUDES} models are included; check whether each includes several others"
         )
-    load.open_files.append(file)
+    load.open_files.append(file)  # while the file is on this list, no model in it may include the file
     _read_model(model, place)
     load.open_files.pop()
 
@@ -220,7 +222,7 @@ def _read_model(model: Model, parent: _Place) -> None:
     assert assembly is not None
     node.note_unknown()
     # an <include> without a <name> uses the name in the model file; another <include> of the file may have
-    # taken this name
+    # taken this name, and then the name gets a number
     if model.include and not model.include.child("name"):
         name = _free_name(name, parent, node)
     full_name = parent.scoped(name)
@@ -316,7 +318,7 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
         link.note(f"a link farther than {FARTHEST:g} m from the origin is left out", full_name)
-        link.load.lost += 1
+        link.load.missed_by_lidar += 1
         return None
     collisions, mass = tuple(_geometries(link, "collision", model)), _mass(link, model)
     if mass and any(isinstance(part.shape, Plane) for part in collisions):
@@ -431,7 +433,7 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
         if not smallest <= max(shape.size) <= largest:
             bounds = f"{smallest:g} to {largest:g} m"
             node.note(f"a mesh whose size is not within {bounds} is left out", f"{max(shape.size):g} m")
-            node.load.lost += 1
+            node.load.missed_by_lidar += 1
             return None
         return Geometry(shape, pose, rgba)
     if min(shape.size) < smallest:

@@ -71,7 +71,7 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
             content = _strict(content)
             encoding = encoding or _encoding_of(content)
         parser = DefusedXMLParser(target=builder, encoding=encoding)
-        builder.expat = parser.parser
+        builder.expat = parser.parser  # the builder asks it for the line of each element
         parser.feed(content)
         root: ElementTree.Element = parser.close()
     except DefusedXmlException as error:
@@ -89,7 +89,8 @@ def _strict(data: bytes) -> bytes:
     Gone are text before the declaration or after a NUL, `--` in comments, <?word>, and a bare &.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
-    text, _, _ = text.partition(b"\0")
+    text, _, _ = text.partition(b"\0")  # TinyXML ends at a NUL byte
+    # _LOOSE matches what TinyXML reads and the standard forbids; `_strict_part` returns its replacement
     text = _LOOSE.sub(_strict_part, text)
     # space before the declaration <?xml ...?> moves behind it, so that the lines keep their numbers
     return _DECLARATION.sub(rb"\2\1", text, count=1) if _DECLARATION.match(text) else text

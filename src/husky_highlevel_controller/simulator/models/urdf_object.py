@@ -98,6 +98,7 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
     x, y, z = sizes
     if element.tag == "box":
         return Box((x, y, z))
+    # the shape is a mesh, whose sizes are its scale
     uri = element.get("filename", "")
     try:
         return scaled_mesh(files.read(uri, ""), (x, y, z))

@@ -65,7 +65,7 @@ class Imu:
         """The sample at one instant, one period after the last."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
         turning = cross(state.angular_velocity_in_base, self._position_in_base)
-        # velocity of the IMU: v + w x r
+        # velocity of the IMU: v + w x r; `minus` with the factor -1 adds
         velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))
         # the specific force is computed in the world's frame, where gravity is constant and where old and new
         # velocities can be subtracted
@@ -84,7 +84,7 @@ class Imu:
         wx, wy, wz = (
             value + config.rate_noise * draw for value, draw in zip(state.angular_velocity_in_base, noise[3:])
         )
-        self.yaw_rate = wz
+        self.yaw_rate = wz  # the filtered odometry uses it
         return ImuSample(stamp, attitude, (wx, wy, wz), (fx, fy, fz))
 
 

@@ -55,15 +55,17 @@ class Lidar:
         """The scan at one instant: misses are +inf and too close is -inf, both without noise (REP 117)."""
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
+        # true distances; inf if a beam meets nothing within `range_max`
         ranges = self._cast_rays(pose_laser_in_world, self._beams, config.range_max)
         # every beam gets a random number, even if it meets nothing, so that the noise of one beam does not
         # depend on the other beams
         noisy = self._rng.normal(0.0, config.noise, len(ranges))
         noisy += ranges
+        # noise never makes a valid range invalid; the true distance decides which ranges are not valid
         np.maximum(noisy, config.range_min, out=noisy)
         np.minimum(noisy, config.range_max, out=noisy)
         noisy[ranges >= config.range_max] = np.inf
-        if ranges.min() <= config.range_min:  # seldom
+        if ranges.min() <= config.range_min:  # this is seldom, so most scans need no mask
             noisy[ranges <= config.range_min] = np.inf if config.hides_near else -np.inf
         noisy.setflags(write=False)
         angles, limits = (-config.angle_max, config.angle_max), (config.range_min, config.range_max)

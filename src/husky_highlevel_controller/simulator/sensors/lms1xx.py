@@ -101,6 +101,7 @@ class Lms1xx:
             base_in_world = _pose_before(state, piece.age) if is_moving else state.pose_in_world
             depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
             echoes.append(_echoes(depths, piece, config))
+        # range [m] and fraction of the light of the echo of each beam; 0 if there is no echo
         ranges, light_fractions = (np.concatenate(part) for part in zip(*echoes))
         # every beam gets a random number, even if it meets nothing, so that the noise of one beam does not
         # depend on the other beams
@@ -148,13 +149,16 @@ def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
     Neighbouring spots share rays, of which there are RAYS_PER_BEAM from one beam to the next.
     """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
-    step = float(increment) / RAYS_PER_BEAM
-    half = int(WIDEST_SPOT / step) + 1
+    step = float(increment) / RAYS_PER_BEAM  # [rad] angle from one ray to the next
+    half = int(WIDEST_SPOT / step) + 1  # number of rays on either side of a beam
+    offsets = step * np.arange(-half, half + 1)
     pieces = []
     for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
-        age = (config.beams - 1 - (beams[0] + beams[-1]) / 2.0) * config.time_increment
+        middle_beam = (beams[0] + beams[-1]) / 2.0
+        age = (config.beams - 1 - middle_beam) * config.time_increment  # the scan ends with the last beam
+        # rays from `half` before the first beam of the piece to `half` behind its last beam
         rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * RAYS_PER_BEAM + half + 1)
-        pieces.append(_Piece(len(beams), age, beams_at(rays), step * np.arange(-half, half + 1)))
+        pieces.append(_Piece(len(beams), age, beams_at(rays), offsets))
     return pieces
 
 
@@ -173,7 +177,8 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
     """
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
-    # distances of the S rays that sample the spot of each beam, (N, S)
+    # distances of the S rays that sample the spot of each beam, (N, S); the spot of the next beam begins
+    # RAYS_PER_BEAM rays later
     spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
     # the loop keeps the beams that have no strong echo yet: `beams` has their indices, and `depth` and
     # `weights` have one row for each of them

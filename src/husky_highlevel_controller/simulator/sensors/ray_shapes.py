@@ -31,7 +31,7 @@ def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Pre
     along each axis, half of each edge, and how deep the laser is inside each slab (negative outside).
     """
     x, y, z = axes
-    a, b, c = size
+    a, b, c = size  # halves of the edges
     i, j, k = dot(center, x), dot(center, y), dot(center, z)
     return (x[:2], y[:2], z[:2]), (i, j, k, a, b, c, a - abs(i), b - abs(j), c - abs(k))
 
@@ -49,10 +49,11 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
     for d = (d_x, d_y, 0): d.m, which takes the place of the root's difference of large numbers; s.m =
     d.(e x m); the component of s along z, of which s.s = w^2 + s_z^2 for a unit d; and d.e, for the ends.
     """
-    (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size
+    (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size  # `half` is half the length
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
     middle, square = x * u + y * v + z * w, radius * radius
     rows = ((i, j), (v * k - w * j, w * i - u * k), (v, -u), (u, v))
+    # the last three numbers are for the ends: centre along the axis, and depth of the laser between the ends
     return rows, (w * w, square, square - i * i - j * j - k * k, middle, half, half - abs(middle))
 
 

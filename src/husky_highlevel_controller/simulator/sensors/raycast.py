@@ -220,6 +220,7 @@ def _meet_one(
 
 def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
     """The beams within `spread` of `middle` [rad]: the first, and the one after the last."""
+    # 1e-9 rad are added, so that rounding loses no beam that touches an edge
     low, high = middle - spread - 1e-9, middle + spread + 1e-9
     ends = [(low, high)]
     # a ball behind the laser may reach over the angle +-pi, so the beams on the other side of this angle are

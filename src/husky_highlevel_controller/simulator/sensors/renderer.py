@@ -40,8 +40,8 @@ class Renderer:
         self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
         end.close()
         self._pipe.send(config)
-        self._bodies: Dict[str, Body] = {}
-        self.busy = False
+        self._bodies: Dict[str, Body] = {}  # bodies that the process knows
+        self.busy = False  # true from the start of an image until `take` returns it
 
     def start(self, bodies: Mapping[str, Body], poses: Mapping[str, Pose], camera: Pose) -> None:
         """Begin to render; not while busy."""

@@ -77,7 +77,8 @@ class VibratingImu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
         sample = self._imu.sample(state, stamp)
-        # noise of variance 1 for each axis, from the last two values and a random number (autoregressive)
+        # noise of variance 1 for each value of a sample (three accelerations, three rates), from its last two
+        # values and a random number (autoregressive)
         draws = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
         noise = [
             A * last + B * before + INNOVATION * draw
@@ -89,10 +90,12 @@ class VibratingImu:
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
         wheel_speed = max(abs(linear), abs(turning))
         speed = min(wheel_speed, self._saturation_speed)
-        vibration = [speed * scale * value for scale, value in zip(self._noise_per_speed, noise)]
+        dfx, dfy, dfz, dwx, dwy, dwz = (
+            speed * scale * value for scale, value in zip(self._noise_per_speed, noise)
+        )
         (fx, fy, fz), (wx, wy, wz) = sample.specific_force, sample.angular_velocity
-        self.yaw_rate = wz + vibration[5]
+        self.yaw_rate = wz + dwz  # the filtered odometry uses it
         return sample._replace(
-            specific_force=(fx + vibration[0], fy + vibration[1], fz + vibration[2]),
-            angular_velocity=(wx + vibration[3], wy + vibration[4], self.yaw_rate),
+            specific_force=(fx + dfx, fy + dfy, fz + dfz),
+            angular_velocity=(wx + dwx, wy + dwy, self.yaw_rate),
         )
