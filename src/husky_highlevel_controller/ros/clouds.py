@@ -71,7 +71,7 @@ def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
             for i, axis in enumerate("xyz")
         ],
         is_bigendian=False,
-        point_step=12,
+        point_step=12,  # bytes of a point, which is three floats of 4 bytes
         row_step=12 * width,
         data=points.astype("<f4").tobytes(),
         is_dense=False,

@@ -72,7 +72,7 @@ def header(stamp: float, frame: str) -> Header:
 
 
 def scan_to_msg(scan: Scan) -> ArrayScan:
-    """LaserScan message as the lidar's driver fills it; gazebo_ros_laser: times and intensities are all 0."""
+    """LaserScan message as the lidar's driver fills it; Gazebo's driver leaves times and intensities at 0."""
     return ArrayScan(
         header=header(scan.stamp, scan.frame),
         angle_min=scan.angle_min,
@@ -113,7 +113,8 @@ def scan_from_msg(msg: LaserScan) -> Scan:
         time_increment=msg.time_increment,
         scan_time=msg.scan_time,
     )
-    # other scans cannot be in millimetres, so the check, which takes time, is left out for them
+    # a scan in millimetres has a very large range_max, or ranges beyond range_max, which are not valid. The
+    # check takes time, so it is left out for all other scans
     if scan.range_max > MAX_NEAREST or not scan.valid_count:
         _check_unit(scan)
     return scan
@@ -121,7 +122,8 @@ def scan_from_msg(msg: LaserScan) -> Scan:
 
 def _check_geometry(msg: LaserScan, beams: int) -> None:
     """Raise ScanError for angles or limits of ranges that no lidar of so many beams has."""
-    # the increment may be negative, because some lidars turn clockwise
+    # The increment may be negative, because some lidars turn clockwise. The conditions are written with
+    # `not`, so that NaN is a problem, too.
     full_turn, increment, problem = 2.0 * pi + TURN_TOLERANCE, abs(msg.angle_increment), ""
     if not isfinite(msg.angle_min):
         problem = f"angle_min = {msg.angle_min} rad"
@@ -158,8 +160,9 @@ def _check_unit(scan: Scan) -> None:
             return
     low, high = measured.min(), measured.max()
     # true if the ranges are usual in mm, and range_max is too large for metres
-    look_like_mm = scan.range_max > MAX_RANGE_MAX and MILLIMETRES[0] <= low and high <= MILLIMETRES[1]
-    if low > MAX_NEAREST or look_like_mm:
+    smallest_mm, largest_mm = MILLIMETRES
+    look_like_mm = scan.range_max > MAX_RANGE_MAX and smallest_mm <= low and high <= largest_mm
+    if low > MAX_NEAREST or look_like_mm:  # a real scan in metres has a nearer return than MAX_NEAREST
         raise ScanError(
             f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = "
             f"{scan.range_max:g} m; check that they are in metres"

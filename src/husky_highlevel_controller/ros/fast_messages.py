@@ -40,7 +40,11 @@ class MovingTree(TFMessage):
     """
 
     def __init__(self, branches: Sequence[Tuple[str, str]]) -> None:
-        """Make the message of these branches, each with its parent and its child."""
+        """Make the message of these branches, each with its parent and its child.
+
+        The bytes are the number of branches, and then for each branch: sequence number, stamp, both names,
+        each after its length, and pose. Sequence number, stamp and pose are zeros until `move` is called.
+        """
         super().__init__()
         self._bytes = bytearray(pack("<I", len(branches)))
         self._offsets = []  # positions in `_bytes` of the stamp and of the pose of each transform

@@ -55,7 +55,7 @@ def publish(publisher: Any, message: Any, **options: Any) -> None:
 def contained(what: str) -> Iterator[None]:
     """Run a block whose error must not end its thread, because others wait for that thread.
 
-    Each kind of error is logged once with its traceback, and counts for nothing while the node shuts down.
+    Each kind of error is logged once with its traceback, and errors are ignored while the node shuts down.
 
     Args:
         what: what fails, as the beginning of a sentence.
@@ -64,13 +64,13 @@ def contained(what: str) -> Iterator[None]:
         yield
     except Exception as error:  # the thread must continue after any error
         kind = (what, type(error).__name__)
-        if kind not in _contained and not rospy.core.is_shutdown_requested():
-            _contained.add(kind)
+        if kind not in _logged_errors and not rospy.core.is_shutdown_requested():
+            _logged_errors.add(kind)
             rospy.logerr(f"{what} failed and will be tried again: {traceback.format_exc()}")
 
 
 # failed actions, each with the kind of its error; each pair is logged only once
-_contained: Set[Tuple[str, str]] = set()
+_logged_errors: Set[Tuple[str, str]] = set()
 
 
 class NewSubscribers(rospy.SubscribeListener):
@@ -123,7 +123,8 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
-    replace_transport()  # must come before the first publisher is made
+    # rospy's own transport is too slow; this call must come before the first publisher is made
+    replace_transport()
     level = rospy.DEBUG if debug else rospy.INFO
     # `argv` is given, because rospy would otherwise use the arguments that it read when it was imported; this
     # process may be a fork that was made after the import
@@ -137,8 +138,9 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
         make().run()
     except HuskyError as error:
         # a node without any parameter was probably started without its launch file
-        hint = f"; start it by roslaunch husky_highlevel_controller {LAUNCH_FILES.get(name)}.launch"
-        unset = name in LAUNCH_FILES and not rospy.get_param("~", {})
-        rospy.logfatal(str(error) + hint * unset)  # the hint is added if `unset` is true
+        hint = ""
+        if name in LAUNCH_FILES and not rospy.get_param("~", {}):
+            hint = f"; start it by roslaunch husky_highlevel_controller {LAUNCH_FILES[name]}.launch"
+        rospy.logfatal(f"{error}{hint}")
         rospy.signal_shutdown("bad input")
         sys.exit(1)

@@ -56,6 +56,7 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
         if owner is None or is_read:
             continue
+        # the likest of the parameters that the owner asked for in vain; it probably means the set parameter
         likeness_and_absent = [(_likeness(name, absent, owner), absent) for absent in absent_by_node[owner]]
         best, likest = max(likeness_and_absent)
         if best >= MIN_LIKENESS:
@@ -180,7 +181,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
             is_new = self._requests.get(request) is not is_found
             if is_new and (request in self._requests or len(self._requests) < MAX_REQUESTS):
                 self._requests[request] = is_found
-                self._unread = None
+                self._unread = None  # the list of unread parameters must be made again
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ def shorten(line: str) -> str:
     if found is None:
         return line
     try:
+        # rospy writes the header of the connection as a dictionary in Python
         header = ast.literal_eval(found["header"])
         sentence = f"{header['callerid']} cannot connect to {header['topic']}: {found['reason']}"
     except (ValueError, SyntaxError, KeyError, TypeError, MemoryError, RecursionError):

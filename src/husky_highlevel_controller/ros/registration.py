@@ -26,6 +26,8 @@ DEADLINE = 2.0  # [s] longest wait for an answer of the master
 # silent for 0.5 s
 STAND_PERIOD = 0.05
 REPORT_PERIOD = 10.0  # [s] wall time between two lines of the log about a lost registration
+# codes of answers: SUCCESS comes from the master, which sends -1 for an unknown name; NO_ANSWER is our own
+SUCCESS, NO_ANSWER = 1, 0
 LOST = (
     "standing still: the ROS master was started again, so this node is no longer registered. No new "
     "program finds this node, so press the red button of the robot, then start all nodes again"
@@ -46,23 +48,21 @@ class Registration:
         node of the same name at another address is not this one.
         """
         name = rospy.get_name()
-        # a code of 1 means success, -1 an unknown name, and 0 (of `_ask`) no answer
         code, uri = self._ask("lookupNode", name)
-        is_known = code == 1 and uri == rospy.get_node_uri()
+        is_known = code == SUCCESS and uri == rospy.get_node_uri()
         if is_known:
             # the name of a node does not prove its registration, because a subscription to a parameter also
             # makes the name known
             code, _ = self._ask("lookupService", f"{name}/get_loggers")
-            is_known = code == 1
-        has_no_answer = code == 0
-        if has_no_answer or rospy.core.is_shutdown_requested():
+            is_known = code == SUCCESS
+        if code == NO_ANSWER or rospy.core.is_shutdown_requested():
             return None
         self.is_lost = self.is_lost or not is_known
         return is_known
 
     def _ask(self, method: str, what: str) -> Tuple[int, Any]:
-        """Return the code and the value of the master's answer; the code is 0 if there is none."""
-        return reply(self._master_uri, method, rospy.get_name(), what, deadline=DEADLINE) or (0, "")
+        """Return the code and the value of the master's answer; the code is NO_ANSWER if there is none."""
+        return reply(self._master_uri, method, rospy.get_name(), what, deadline=DEADLINE) or (NO_ANSWER, "")
 
 
 class RegistrationWatch:

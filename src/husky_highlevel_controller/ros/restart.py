@@ -100,8 +100,8 @@ def run_again_after_crash(command: Sequence[str]) -> int:
 def with_own_config(command: Sequence[str]) -> List[str]:
     """The command line with a copy of its configuration file, next to the log that roslaunch names.
 
-    The command line stays as it is without a file (`-d FILE`), without a log (`__log:=FILE`), and if the file
-    cannot be copied.
+    RViz then saves into the copy, and does not change the original. The command line stays as it is without
+    a file (`-d FILE`), without a log (`__log:=FILE`), and if the file cannot be copied.
     """
     words = list(command)
     # file of the log, which roslaunch gives to every node; the copy of the configuration comes next to it

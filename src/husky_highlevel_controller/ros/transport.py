@@ -36,7 +36,10 @@ HEADER_TIMEOUT = 10.0  # [s] a connection is closed if no byte of its header has
 
 
 class PromptConnection(QueuedConnection):
-    """rospy's queue, which is passed by as long as there is nothing in it and the socket has room."""
+    """Connection to a subscriber that sends each message at once, in the thread that publishes it.
+
+    If the socket has no room, the rest and all later messages go through rospy's queue and its thread.
+    """
 
     _queue: List[bytes]
 
@@ -57,7 +60,10 @@ class PromptConnection(QueuedConnection):
         return bool(super().write_data(data))
 
     def _send(self, data: bytes) -> bool:
-        """Send as much as there is room for; the thread sends the rest."""
+        """Send as much as the socket has room for, and leave the rest to the thread, which runs `_run`.
+
+        The caller holds `_write_lock`.
+        """
         connection = self._connection
         try:
             sent = connection.socket.send(data, socket.MSG_DONTWAIT)
@@ -66,11 +72,11 @@ class PromptConnection(QueuedConnection):
         except OSError:
             # rospy's own method gets the same error again, and handles it
             return bool(connection.write_data(data))
-        connection.stat_bytes += sent
+        connection.stat_bytes += sent  # `stat_bytes` and `stat_num_msg` are rospy's statistics
         if sent < len(data):
             with self._lock:
                 self._unsent = data[sent:]
-                self._cond_data_available.notify()
+                self._cond_data_available.notify()  # wakes the thread
         else:
             connection.stat_num_msg += 1
         return True

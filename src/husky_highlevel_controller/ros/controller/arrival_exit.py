@@ -50,7 +50,7 @@ class ArrivalExit:
         """
         values, self._robot = parameters_and_robot()
         (self._config,) = read_config(values, rospy.get_name() + "/", ExitConfig)
-        # the pose of the lidar comes from the data of the robot, not from TF
+        # the clearance needs the pose of the lidar, which comes from the data of the robot, not from TF
         mount = self._robot.lidar_mount
         turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
@@ -66,6 +66,7 @@ class ArrivalExit:
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
         # state and message from the controller's last status on /diagnostics; empty before the first status
         self._controller_state, self._controller_message = "", ""
+        # a connection of this subscriber shows that the controller announces its arrival
         self._arrived_subscriber = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
         rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
         rospy.Subscriber(self._robot.topics.odometry, Odometry, self._on_odometry, queue_size=1)

@@ -52,7 +52,7 @@ class Health:
 
 
 def level_and_message(health: Health) -> Tuple[int, str]:
-    """Level of the status, and a message with the remedy."""
+    """Return the level of the status, and its message: the first problem with its remedy, or the state."""
     if health.paused:
         return DiagnosticStatus.OK, "simulated time stands still"
     # Only the first problem is reported, because it may be the cause of later ones. For example, no pillar is
@@ -61,14 +61,16 @@ def level_and_message(health: Health) -> Tuple[int, str]:
     error = _error(health)
     if error is not None:
         return DiagnosticStatus.ERROR, error
+    # `ahead` is 0 unless the clocks of scans and odometry differ by more than a tolerance
     if health.ahead > 0.0:
         return DiagnosticStatus.WARN, clock_sentence("scans are", health.ahead, "odometry")
-    # the driver of the lidar does not set stamps
+    # a stamp of 0 means that the driver of the lidar does not set stamps
     if health.scan_stamp == 0.0 and health.scan_age > OLD:
         return DiagnosticStatus.WARN, zero_sentence("scans are")
     # the stamp is in the future, so it comes from another clock
     if health.scan_age < -OLD:
         return DiagnosticStatus.WARN, clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
+    # `scan_silence` is not None here, because `_error` reports that no scan has come
     if health.scan_age > OLD or (health.scan_silence or 0.0) > OLD:
         return DiagnosticStatus.WARN, "scans come late"
     if health.tf_age > OLD:
@@ -95,6 +97,7 @@ def _error(health: Health) -> Optional[str]:
         return "no transform from odom to base_link; check that odometry is running"
     if health.ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.ahead, 'odometry')}"
+    # a stamp of 0 is a missing stamp, which causes only a warning; a negative time means "behind"
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:
         return clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.tf_age > TOO_OLD:
@@ -151,7 +154,9 @@ class Diagnostics:
 
     def _publish(self) -> None:
         """Examine the controller, and publish the result on /diagnostics."""
-        health = self._examine(self._still_polls >= STILL_POLLS or self._last_time == 0.0)
+        # ROS time is 0 until the first message on /clock
+        is_paused = self._still_polls >= STILL_POLLS or self._last_time == 0.0
+        health = self._examine(is_paused)
         level, message = level_and_message(health)
         status = DiagnosticStatus(
             level=level, name=rospy.get_name().strip("/"), message=message, hardware_id="husky"

@@ -159,7 +159,10 @@ class Display:
     def _with_deletions(
         self, publisher: rospy.Publisher, markers: List[Marker], stamp: float
     ) -> List[Marker]:
-        """The markers, and deletions of the markers that were shown before and are no longer there."""
+        """The markers, and deletions of the markers that were shown before and are no longer there.
+
+        Each namespace has one marker, so the namespace is enough to delete a marker.
+        """
         namespaces = {each.ns for each in markers}
         ended = self._shown_namespaces[publisher] - namespaces
         header = conversions.header(stamp, BASE)
@@ -229,6 +232,7 @@ def _pillar_markers(
         return []
     # [m] diameter of the pillar, and height of its middle in base_link
     width, middle = 2.0 * pillar.radius, ground + height / 2.0
+    # the cylinder in the frame of the lidar is slightly smaller, because two equal cylinders flicker in RViz
     size = (INNER_SCALE * width, INNER_SCALE * width, INNER_SCALE * height)
     center = Point(pillar.x, pillar.y, _height_in_laser(observation, middle))
     markers = [marker(Marker.CYLINDER, IN_LASER, stamp, observation.scan.frame, size, center)]
@@ -272,7 +276,8 @@ def _state_markers(
     stamp = observation.scan.stamp
     markers = []
     if output.estimate is not None:
-        # a disc around the pillar; its rim is two standard deviations of the pillar's position wide
+        # a disc around the pillar; its rim is two standard deviations of the pillar's position wide, but at
+        # least MIN_SPREAD, so that it is visible
         estimate = output.estimate
         diameter = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
         size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
@@ -300,9 +305,11 @@ def _stop_point(observation: Observation, output: ControlOutput, from_center: fl
 
     `from_center` is the distance of this point from the pillar's centre [m].
     """
+    # the caller has made sure that both are known
     assert output.target_in_base is not None
     assert observation.laser_in_base is not None
     x, y = output.target_in_base
     laser_x, laser_y, _ = observation.laser_in_base.position
-    fraction = from_center / max(hypot(x - laser_x, y - laser_y), 1e-6)
+    distance = hypot(x - laser_x, y - laser_y)  # [m] from the pillar's centre to the lidar
+    fraction = from_center / max(distance, 1e-6)  # the limit avoids a division by 0
     return Point(x + fraction * (laser_x - x), y + fraction * (laser_y - y), 0.0)

@@ -176,7 +176,7 @@ class ControllerNode:
                     self._diagnostics.update()
             with contained("showing the last scan"):
                 self._display.update()
-            self._diagnostics.wait(POLL_PERIOD)
+            self._diagnostics.wait(POLL_PERIOD)  # ends early if the status has changed
 
     def _notice_disobedience(self) -> None:
         """Log once why the robot does not follow the commands, and keep it for the status."""
@@ -269,8 +269,8 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
-        # a robot that pushes the pillar may stand still although its wheels turn; this is not disobedience,
-        # so the command is remembered as zero
+        # with stop_distance 0, the robot drives against the pillar and pushes it. It may then stand still
+        # although its wheels turn; this is not disobedience, so the command is remembered as zero
         is_pushing = control.stop_distance == 0.0
         self._last_command = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(
@@ -290,7 +290,8 @@ class ControllerNode:
     ) -> None:
         """Log each scan at DEBUG level; the smallest range and changes at INFO, or WARN with the remedy.
 
-        The smallest range is the first number of its line, because the exercise sheet asks for it.
+        The smallest range is logged every RANGE_PERIOD. It is the first number of its line, because the
+        exercise sheet asks for it. The reason and whether the pillar is seen are kept for /diagnostics.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
         if observation.ahead_of_odometry > 0.0:  # the clocks of lidar and odometry differ
@@ -307,7 +308,7 @@ class ControllerNode:
                 f"scan {scan.stamp:.2f}: {state.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
                 f"{_scan_summary(scan, pillar)}; {output.reason}"
             )
-        # true if the state of the controller or the stage of the search has changed
+        # true if the state of the controller or the stage of its search has changed
         has_new_stage = _stage(self._controller_state) != _stage(before)
         waits_for_new_reason = state is State.WAITING and output.reason != self._reason
         self._reason = output.reason
@@ -337,6 +338,7 @@ class ControllerNode:
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
+            # a controller that has arrived was started, so `started_at` is not None
             duration = scan.stamp - (self._controller_state.started_at or 0.0)
             rospy.loginfo(
                 f"arrived after {duration:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "

@@ -16,7 +16,7 @@ class ReconfigureServer:
     def __init__(self, kind: Any, *records: Any) -> None:
         """Serve the parameters of records; `kind` is the module that catkin makes from the .cfg."""
         self._records = records
-        self._serving = False
+        self._serving = False  # true after the first call of `_apply`, which the next line causes
         self._server = _Server(kind, self._apply)
         self._serving = True
 
@@ -26,18 +26,20 @@ class ReconfigureServer:
         return self._records
 
     def _apply(self, config: Dict[str, Any], _level: int) -> Dict[str, Any]:
-        """Take new values, and return the whole configuration.
+        """Put new values into the records, and return the whole configuration: all values by name.
 
         It does not raise, because an error would end the thread of rqt_reconfigure.
         """
         changed = []
         for record in self._records:
+            # only the fields with metadata are parameters
             old = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}
             # keep the type of the old value, because YAML may give 1 for 1.0
             new = {name: type(value)(config.get(name, value)) for name, value in old.items()}
             changed.append(replace(record, **new))
             config.update(new)
             for name in new:
+                # the first call comes from the constructor and takes the start values, so it logs no change
                 if self._serving and new[name] != old[name]:
                     rospy.loginfo(f"{name}: {old[name]} becomes {new[name]}")
         self._records = tuple(changed)

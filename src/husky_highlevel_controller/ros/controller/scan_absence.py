@@ -21,7 +21,9 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        self._asked_at: Optional[float] = None  # [s] ROS time of the last question to the ROS master
+        # [s] ROS time of the last question to the ROS master; before the first question, begin of the time
+        # without scans; None while scans come
+        self._asked_at: Optional[float] = None
         self._sentence = ""
 
     def update(self, now: float, scan_time: Optional[float]) -> str:
@@ -36,7 +38,8 @@ class ScanAbsence:
             self._asked_at, self._sentence = None, ""
         # the time may go back, because the simulator may have been started again
         elif self._asked_at is None or now < self._asked_at:
-            # start of the time without scans; the first question comes PATIENCE later
+            # the time without scans begins now, so the first question comes PATIENCE later. While there is no
+            # ROS time (0), it does not begin
             self._asked_at = now or None
         elif now - self._asked_at >= PATIENCE:
             graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
@@ -56,8 +59,10 @@ def absence_sentence(graph: Graph, topic: str) -> str:
     )
     if other_scans:
         return f"no node publishes {topic}: set ~scan_topic_name to {' or '.join(other_scans)}"
+    # every node publishes its log, so all nodes are among the publishers
     nodes = {node for names in graph.publishers.values() for node in names}
     if any(node.rsplit("/", 1)[-1] == SIMULATOR for node in nodes):
+        # a simulator that runs and publishes no scans was started without a lidar
         remedy = "start the simulator with laser_enabled:=true or set HUSKY_LMS1XX_ENABLED=1"
     else:
         remedy = "start the lidar's driver, or set ~scan_topic_name to its topic"

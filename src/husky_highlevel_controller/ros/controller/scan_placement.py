@@ -71,7 +71,7 @@ class ScanPlacement:
         self,
         transforms: tf2_ros.BufferCore,
         on_observation: Callable[[Observation], None],
-        outline: Footprint,
+        footprint: Footprint,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Set up without a pending scan.
@@ -79,19 +79,19 @@ class ScanPlacement:
         Args:
             transforms: buffer of TF, which the node's `Listener` fills.
             on_observation: called for one observation at a time, in the thread that completes it.
-            outline: footprint of the robot, which becomes a part of each observation.
+            footprint: outline of the robot, which becomes a part of each observation.
             clock: returns the wall time [s].
         """
         self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
-        self._outline = outline
-        self._lock = threading.Lock()
+        self._footprint = footprint
+        self._lock = threading.Lock()  # held while the pending scan and the next scan change
         self._pending_scan: Optional[_PendingScan] = None
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
         # stamp of the latest transform when a scan had waited too long; until a newer transform comes, later
         # scans do not wait. None if no scan has waited too long
         self._stamp_when_overdue: Optional[rospy.Time] = None
-        self._clock_offset = ClockOffset(MIN_OFFSET)
+        self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
         # frame of the lidar and its pose in base_link, if the pose is fixed; None if /tf_static does not have
         # it
@@ -101,7 +101,7 @@ class ScanPlacement:
         """Take a scan, and its stamp exact to the nanosecond. Any thread."""
         with self._lock:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
-            if odometry_stamp > 0.0:
+            if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed
                 self._clock_offset.add_reference(odometry_stamp)
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
@@ -166,11 +166,13 @@ class ScanPlacement:
             has_all_frames = self.lookup(BASE, frame) and self.lookup(ODOM, BASE)
             if not has_all_frames:
                 return None
-        may_improve, transform = self._base_in_odom(pending.stamp, overdue)
-        if may_improve:
+        must_wait, transform = self._base_in_odom(pending.stamp, overdue)
+        if must_wait:
             return None
         base_in_odom = pose_to_2d(pose_from_transform(transform)) if transform else None
-        return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline, self.ahead)
+        return Observation(
+            pending.scan, self._laser_in_base(frame), base_in_odom, self._footprint, self.ahead
+        )
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
         """Return whether to wait for a better transform of base_link in odom, and the best one so far.
@@ -199,16 +201,19 @@ class ScanPlacement:
         # MAX_AGE, because the robot would drive blindly
         if overdue:
             self._stamp_when_overdue = newest_stamp
-        age = (stamp - newest_stamp).to_sec() - self.ahead
+        age = (stamp - newest_stamp).to_sec() - self.ahead  # [s] age at the scan, both by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
+        # `ahead` is 0 unless the two clocks differ by more than a tolerance
         waits = not self.ahead and newest_stamp != self._stamp_when_overdue
         return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Pose of the lidar, None if unknown; warn if many scans in a row had none."""
-        mount = self._static_mount
-        if mount is not None and mount[0] == frame:
-            return mount[1]
+        mount = self._static_mount  # read only once, because another thread may set it to None
+        if mount is not None:
+            static_frame, static_pose = mount
+            if static_frame == frame:
+                return static_pose
         transform = self.lookup(BASE, frame)
         self._unplaced_scans = 0 if transform else self._unplaced_scans + 1
         if self._unplaced_scans > MAX_UNPLACED_SCANS:

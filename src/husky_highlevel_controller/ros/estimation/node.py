@@ -63,6 +63,7 @@ class LocalizationNode:
         options = self._config.options
         # name of the robot's frame in published messages; base_link_frame_output may give it another name
         self._base_frame = options.base_link_frame_output or options.base_link_frame
+        # lock that is held while the filter is used, because each input has a thread of its own
         self._lock = threading.Lock()
         # [s] time of the last warning, by input and kind of warning
         self._complained_at: Dict[Tuple[str, str], float] = {}
@@ -146,14 +147,15 @@ class LocalizationNode:
             self._complain(name, "reading", f"{error}, so it is ignored")
             return
         # `estimates` is empty while the filter waits for earlier readings of the other inputs
+        odom = self._config.options.odom_frame
         for estimate in estimates:
-            msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base_frame)
-            publish(self._odometry_publisher, msg)
+            odometry = estimate_to_msg(estimate, odom, self._base_frame)
+            publish(self._odometry_publisher, odometry)
             if self._config.options.publish_tf:
-                pose, frame = conversions.pose_from_msg(msg.pose.pose), msg.header.frame_id
+                base_in_odom = conversions.pose_from_msg(odometry.pose.pose)
                 publish(
                     self._tf_publisher,
-                    conversions.tree_to_msg([(frame, self._base_frame, pose)], estimate.stamp),
+                    conversions.tree_to_msg([(odom, self._base_frame, base_in_odom)], estimate.stamp),
                 )
 
     def _is_silent(self, name: str, now: float) -> bool:
@@ -185,12 +187,15 @@ class LocalizationNode:
                 self._complain(name, "transform", f"TF has no transform from '{child}' to '{parent}'")
                 return None
             poses.append(conversions.pose_from_transform(stamped))
+        # the pose of the sensor; then the pose of the frame of its poses, if this frame is needed
         return Mounting(*poses)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Put the filter's pose where a message says; warn if the pose is not finite, or is not in odom."""
+        # a quaternion of zeros counts as no turn
         place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
-        pose, covariance = [place.x, place.y, yaw_from_quat(quat)], _square(msg.pose.covariance)[PLANE]
+        pose = [place.x, place.y, yaw_from_quat(quat)]
+        covariance = _square(msg.pose.covariance)[PLANE]  # (3, 3) covariance of x, y and yaw
         frame, odom = msg.header.frame_id, self._config.options.odom_frame
         if not np.isfinite([*pose, *covariance.ravel()]).all():
             rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is not a valid pose")
@@ -198,7 +203,7 @@ class LocalizationNode:
             rospy.logwarn(f"set_pose: the pose is in '{frame}' and is ignored; send it in '{odom}'")
         else:
             with self._lock:
-                stamp = (msg.header.stamp or rospy.Time.now()).to_sec()
+                stamp = (msg.header.stamp or rospy.Time.now()).to_sec()  # a stamp of 0 means now
                 self._filter.set_pose(stamp, np.array(pose), covariance)
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:
@@ -252,9 +257,10 @@ def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     planar = PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate))
     msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)
     msg.twist.twist.linear.y = vy
+    # part of the message, and the index of its first number in the state
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
         # (6, 6) covariance of x, y, z, roll, pitch, yaw, or of their rates; the filter estimates only x, y
-        # and yaw
+        # and yaw, which are the rows and columns PLANE
         covariance = OFF_PLANE * np.eye(6)
         covariance[PLANE] = estimate.covariance[first : first + 3, first : first + 3]
         part.covariance = covariance.ravel().tolist()

@@ -59,7 +59,7 @@ class CrashStopNode:
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
         # time of the sample by odometry's clock; the texts are for a warning if the two clocks differ
         stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
-        if self._guard.clocks.seconds != 0.0:
+        if self._guard.clocks.seconds != 0.0:  # an offset within CLOCK_TOLERANCE is exactly 0
             # None means that there is no danger; `judge` is still called, because it notices when the robot
             # drives again after a stop
             self._guard.judge(stamp, None)

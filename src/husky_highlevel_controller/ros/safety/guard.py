@@ -88,8 +88,10 @@ class Guard:
         If the clocks differ, a warning names the messages with their verb ("scans are") and the effect.
         """
         self.clocks.add(stamp, time.monotonic())
+        # an offset within the tolerance is exactly 0
         if self.clocks.seconds == 0.0 or self._odometry is None:
             return stamp
+        # a stamp of 0 is a missing stamp
         sentence = clock_sentence(who, self.clocks.seconds, "odometry") if stamp else zero_sentence(who)
         rospy.logwarn_throttle(REPORT_PERIOD, f"{sentence}; until then {effect}")
         newest: float = self._odometry.header.stamp.to_sec()
@@ -110,6 +112,7 @@ class Guard:
         twist = self.twist(stamp)
         moving = twist is None or is_moving(twist)  # a robot without odometry may be moving
         latch, stop = advance_latch(self._latch, danger is not None, moving, stamp)
+        # the latch is tripped from a stop until the robot moves again
         if self._latch.tripped_at is not None and latch.tripped_at is None:
             rospy.loginfo("guard active again: the robot moves")
         self._latch = latch

@@ -23,6 +23,7 @@ HARDWARE = "husky_base"
 LOW_VOLTAGE, HIGH_VOLTAGE = (19.0, 18.0), (29.0, 30.0)  # [V]
 DRIVER_TEMPERATURE, MOTOR_TEMPERATURE = (50.0, 60.0), (65.0, 80.0)  # [deg C]
 LOW_CHARGE = (0.3, 0.2)
+SAFETY_FIELDS = ("timeout", "lockout", "e_stop", "ros_pause", "no_battery", "current_limit")
 
 Level = Tuple[int, str]
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -50,7 +51,7 @@ class BaseStatus:
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
     """The base's state at `stamp` [s], without faults except battery and emergency stop."""
-    left, right = range(2)  # index of the left side, and of the right side, in each pair of `power`
+    left, right = 0, 1  # index of the left side, and of the right side, in each pair of `power`
     return HuskyStatus(
         header=conversions.header(stamp, ""),
         uptime=round(1000.0 * power.uptime),
@@ -75,6 +76,7 @@ def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
     """Diagnostics as husky_base makes them: system, power, safety and software."""
     low_charge = _low(status.charge_estimate, LOW_CHARGE)
     array = DiagnosticArray(header=status.header)
+    # `_fields` chooses the fields of the status by the last word of their names
     array.status = [
         _diagnostic("system_status", _system_level(status), _fields(status, "voltage", "current", "temp")),
         _diagnostic(
@@ -85,8 +87,7 @@ def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
         _diagnostic(
             "safety_status",
             (ERROR, "emergency stop") if status.e_stop else (OK, "safety OK"),
-            [(name, getattr(status, name)) for name in ("timeout", "lockout", "e_stop", "ros_pause")]
-            + [(name, getattr(status, name)) for name in ("no_battery", "current_limit")],
+            [(name, getattr(status, name)) for name in SAFETY_FIELDS],
         ),
         _diagnostic("software_status", (OK, "software OK"), _fields(status, "freq")),
     ]

@@ -36,7 +36,8 @@ class CallQueue:
         before it is done raises ROSInterruptException.
         """
         future: Future = Future()
-        (self._calls_between_steps if between_steps else self._calls).append((work, future))
+        calls = self._calls_between_steps if between_steps else self._calls
+        calls.append((work, future))
         self._arrived.set()
         while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # the loop ends when the call is made
             if rospy.is_shutdown():
@@ -48,7 +49,7 @@ class CallQueue:
     ) -> Tuple[bool, str]:
         """`call` work that returns a sentence on its result. Return success and a message; log a refusal.
 
-        With `changes`, `on_change` is called with the sentence.
+        If the work `changes` the world, `on_change` gets the sentence, too.
         """
         try:
             sentence = self.call(work, between_steps)

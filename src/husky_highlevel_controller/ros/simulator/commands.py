@@ -112,6 +112,8 @@ class Commands:
     ) -> None:
         """Log each habit of a command's sender, such as commands that come too slowly, once.
 
+        The sender of an obeyed command that is not zero becomes the driver.
+
         Args:
             stamp: simulated time at which the command is taken [s].
             topic: topic of the command.

@@ -92,7 +92,7 @@ class DepthCamera:
 
 
 def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
-    """Pinhole camera without distortion."""
+    """Return the geometry of the image as a message: a pinhole camera without distortion."""
     f, (u, v) = config.focal_length, config.center  # focal length f and centre (u, v) of the image [pixels]
     return CameraInfo(
         header=header,
@@ -100,6 +100,7 @@ def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
         width=config.width,
         distortion_model="plumb_bob",
         D=[0.0] * 5,
+        # camera matrix K, no rotation R, projection P; all are written row by row
         K=[f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0],
         R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         P=[f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0],
@@ -107,7 +108,7 @@ def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
 
 
 def depth_to_msg(depth: np.ndarray, header: Header) -> Image:
-    """Metres as 32-bit floats (REP 118)."""
+    """Return a depth image (height, width) [m] as a message: metres as 32-bit floats, as REP 118 demands."""
     height, width = depth.shape
     return Image(
         header=header,
@@ -115,6 +116,6 @@ def depth_to_msg(depth: np.ndarray, header: Header) -> Image:
         width=width,
         encoding="32FC1",
         is_bigendian=False,
-        step=4 * width,
+        step=4 * width,  # bytes of a row, with 4 bytes for each number
         data=depth.astype("<f4").tobytes(),
     )

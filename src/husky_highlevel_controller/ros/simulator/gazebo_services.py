@@ -114,7 +114,8 @@ class GazeboServices:
         name = request.model_name
         frame = self._frame_motion(request.reference_frame, "reference_frame")
         try:
-            motion = checked_motion(conversions.motion_from_msg(request.initial_pose, Twist()))
+            at_rest = Twist()  # a request to spawn a model has no velocity
+            motion = checked_motion(conversions.motion_from_msg(request.initial_pose, at_rest))
             self._simulation.spawn(bodies_of_xml(request.model_xml, name, in_world(motion, frame).pose))
         except HuskyError as error:
             raise ObjectError(f"'{name}' is not spawned: {error}") from error
@@ -147,8 +148,10 @@ class GazeboServices:
         result, sentence = self._ask_simulation(read, f"the true state of '{request.model_name}'")
         if result is None:
             return GetModelStateResponse(success=False, status_message=sentence)
-        header = conversions.header(result[0], request.relative_entity_name)
-        return GetModelStateResponse(header, *conversions.motion_to_msg(result[1]), True, sentence)
+        stamp, motion = result
+        header = conversions.header(stamp, request.relative_entity_name)
+        pose_msg, twist_msg = conversions.motion_to_msg(motion)
+        return GetModelStateResponse(header, pose_msg, twist_msg, True, sentence)
 
     def _on_get_properties(self, _request: Any) -> GetWorldPropertiesResponse:
         stamp, names = self._calls.call(lambda: (self._simulation.stamp, self._names()))

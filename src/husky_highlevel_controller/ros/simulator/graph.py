@@ -63,10 +63,14 @@ class Partners:
         """Return whether all are connected; false if the master does not answer."""
         if not self._has_sender() or (self._scans and not self._scans.get_num_connections()):
             return False
+        # topics with their publishers, topics with their subscribers, services; None without an answer
         state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
+        if not state:
+            return False
+        subscribers = state[1]
         # number of subscribers of each topic; the master also counts subscribers that are not connected yet
-        subscribed = {topic: len(nodes) for topic, nodes in state[1]} if state else {}
-        return bool(state) and all(
+        subscribed = {topic: len(nodes) for topic, nodes in subscribers}
+        return all(
             publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
             for publisher in self._publishers
         )
@@ -108,7 +112,10 @@ class SecondFilter:
         self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
-        """Look for new publishers; a node that was started later is logged as a second publisher instead."""
+        """Leave the filter to a new publisher of the topic, if one roslaunch has started it and this node.
+
+        A node that was started in another way is a mistake, which `second_publishers` finds.
+        """
         for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen_publishers):
             self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
@@ -150,7 +157,7 @@ class GraphWatch:
         self._kinds_of_nodes: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}
         # [s] simulated time at which each mistake was first seen
         self._first_seen_at: Dict[Mistake, float] = {}
-        self._warned_mistakes: Set[Mistake] = set()
+        self._warned_mistakes: Set[Mistake] = set()  # mistakes that were reported; each is reported only once
 
     def start(self) -> None:
         """Look now, and every PERIOD in a thread of its own."""

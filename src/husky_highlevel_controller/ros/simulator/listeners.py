@@ -77,11 +77,13 @@ class Listeners:
             # None means that a thread of this process works, and may be about to send a message
             if self._own_threads.turns() is None:
                 return False
+            # turns on a CPU by process; None for a process with a running thread
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
             # Python processes are asleep if no thread has run between two checks, and if each process that
-            # receives /clock has run since the last tick
+            # receives /clock has run since the last tick. Other processes are asleep if no thread has run for
+            # ASLEEP_FOR
             is_certain = self._all_in_python and turns == last_turns and self._have_run(turns)
             if is_certain or time.monotonic() >= end:
                 self._turns_when_idle = turns
@@ -98,6 +100,7 @@ class Listeners:
         if topic_ports | clock_ports == self._ports:
             return
         self._ports = topic_ports | clock_ports
+        # connections to processes on other machines are missing in this dictionary
         process_by_ports = _owners(self._ports)
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
@@ -138,7 +141,7 @@ class _Threads:
             threads = []
         for ended in self._files.keys() - threads:
             self._forget(ended)
-        turns = {}
+        turns = {}  # by thread; the number of turns is compared only, so it stays text
         own_thread = str(threading.get_native_id())
         for thread in threads:
             if thread == own_thread:  # this thread makes the check, so it is always running
@@ -195,7 +198,7 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
     The kernel takes 4 ms to list all connections, so they are listed only when they change.
     """
     # fields of a line of /proc/net/tcp: 0 number, 1 local ADDRESS:PORT, 2 remote ADDRESS:PORT, 9 inode of the
-    # socket
+    # socket; numbers are hexadecimal, and the first line has the titles
     ports_by_socket: Dict[str, Ports] = {}
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         fields = line.split()

@@ -70,7 +70,7 @@ class Mode(Enum):
     FREE = 5
 
 
-_WATCHED = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
+_WATCHING_MODES = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
 
 
 class Lockstep:
@@ -78,7 +78,9 @@ class Lockstep:
 
     A controller that sleeps by simulated time answers no scan during its sleep, so the clock must go on (mode
     SLEEPING). A busy machine may begin such a sleep before or after a tick of the clock. So the simulator
-    waits at each tick until the controller sleeps (mode WATCHED).
+    waits at each tick until the controller sleeps (mode WATCHED). These waits end after AWAKE answered scans
+    in a row (mode ANSWERING), unless the controller works at ticks (mode ALWAYS_WATCHED). In mode FREE,
+    lockstep is off or has ended, and nothing waits.
     """
 
     def __init__(
@@ -94,7 +96,7 @@ class Lockstep:
                 ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
-        self._mode_before_sleep = self._mode  # mode before SLEEPING
+        self._mode_before_sleep = self._mode  # mode that comes back after SLEEPING
         self._listeners, self._tell = listeners, tell
         self._answered = threading.Event()  # set if a command has come since the last scan
         # topics on which a command has come since the last scan; None before the first scan
@@ -102,7 +104,7 @@ class Lockstep:
         self._has_commanded = False  # true if any command has come so far
         # true from `begin_scan` until the wait for the answer to the scan is over
         self._answer_is_due = False
-        self._answered_in_a_row = 0  # scans answered
+        self._answered_in_a_row = 0  # number of scans in a row that were answered
 
     def drops(self, topic: str) -> bool:
         """Return whether to drop a command on this topic, because the last scan has an answer. Any thread.
@@ -165,6 +167,7 @@ class Lockstep:
             )
         self._answer_is_due = False
         self._answered_in_a_row = self._answered_in_a_row + 1 if self._answered.is_set() else 0
+        # this controller is awake, so the simulator no longer waits at ticks, except in mode ALWAYS_WATCHED
         if self._answered_in_a_row >= AWAKE:
             if self._mode is Mode.SLEEPING:
                 self._mode = self._mode_before_sleep
@@ -180,11 +183,11 @@ class Lockstep:
                 it misses a tick in between.
         """
         self._wait_until_idle(meanwhile)
-        if self._mode in (*_WATCHED, Mode.SLEEPING):
+        if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
         # At this tick, the new scan is not sent yet. So a command that is already here was caused by the
-        # tick: the controller sends commands at ticks of /clock.
+        # tick. The controller works at ticks of /clock, so from now on the simulator always waits at ticks.
         if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
@@ -215,7 +218,7 @@ class Lockstep:
                 waiting_since, is_resent = time.monotonic(), True
                 resend()
             elif is_resent and waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if is_nudged:
+                if is_nudged:  # the listeners are idle again after the nudge
                     self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
                 waiting_since, is_nudged = time.monotonic(), True
@@ -233,7 +236,7 @@ class Lockstep:
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until the listeners are idle, if the mode requires it."""
+        """Wait until the listeners are idle; return at once in the modes ANSWERING and FREE."""
 
         def are_idle() -> bool:
             meanwhile()
@@ -243,9 +246,9 @@ class Lockstep:
             self._wait_or_end(
                 are_idle, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy"
             )
-        elif self._mode in _WATCHED:
+        elif self._mode in _WATCHING_MODES:
             end = time.monotonic() + WATCH_TIMEOUT
-            while self._mode in _WATCHED and not are_idle():
+            while self._mode in _WATCHING_MODES and not are_idle():
                 if time.monotonic() >= end or rospy.is_shutdown():
                     self._mode = Mode.ANSWERING  # some listeners, such as RViz, are never idle
                 time.sleep(0.001)
@@ -253,7 +256,7 @@ class Lockstep:
     def _wait_or_end(
         self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
     ) -> None:
-        """Wait until something is done; after `timeout` [s] of wall time warn, and end lockstep."""
+        """Wait until something is done; after `timeout` [s] of wall time, warn and end lockstep (FREE)."""
         end = time.monotonic() + timeout
         while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:

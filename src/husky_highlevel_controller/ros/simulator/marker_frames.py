@@ -43,9 +43,9 @@ class MarkerFrames:
         sources_of_frames = {node for topic in FRAME_TOPICS for node in graph.publishers.get(topic, ())}
         sources_of_frames.discard(rospy.get_name())
         if any(not node.endswith(OTHER_FRAMES) for node in sources_of_frames):
-            return
+            return  # the frames of such a node are not in `_frames`, so they would cause false alarms
         for topic, nodes in graph.publishers.items():
-            kind = KINDS.get(graph.types.get(topic, ""))
+            kind = KINDS.get(graph.types.get(topic, ""))  # None if the topic has no markers
             has_markers_of_nodes = kind is not None and any(not TOOLS.match(node) for node in nodes)
             if has_markers_of_nodes and topic not in self._subscribers:
                 self._messages_left[topic] = MESSAGES
@@ -54,6 +54,7 @@ class MarkerFrames:
     def _on_markers(self, topic: str, message: Any) -> None:
         """Report markers in unknown frames, and stop listening to a topic after MESSAGES messages."""
         node = message._connection_header["callerid"]
+        # a MarkerArray has a list of markers; a Marker has none, so it is its own list
         for marker in getattr(message, "markers", [message]):
             frame = marker.header.frame_id.lstrip("/")
             is_drawn = marker.action in (Marker.ADD, Marker.MODIFY)

@@ -170,6 +170,7 @@ class SimulatorNode:
                 # to it
                 if simulation.stamp == begin and not self._start.lockstep:
                     publishers.send_kept_scan()
+                # the time of the pause is not made up for
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
                     self._display.refresh()
@@ -382,6 +383,7 @@ class SimulatorNode:
     def _keep_pace(self) -> None:
         """Sleep until wall time has caught up with simulated time; warn once if this machine is too slow."""
         stamp, now = self._simulation.stamp, time.monotonic()
+        # real-time factor that was reached; None while the simulation can still catch up
         reached = self._pacer.lag(stamp, now)
         if reached is not None and reached < SLOW_FRACTION * self._start.real_time_factor:
             rospy.logwarn_once(

@@ -266,9 +266,9 @@ class Publishers:
         self._bumped_bodies.clear()
 
     def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> MovingTree:
-        """Transform of odom, unless another node publishes it, and of the wheels, in one message.
+        """Transform of odom, unless another node publishes it, and of the wheels if `with_wheels`.
 
-        Each message costs a system call and wakes every subscriber.
+        All are in one message, because each message costs a system call and wakes every subscriber.
         """
         with_base = not self.leaves_filter
         poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []

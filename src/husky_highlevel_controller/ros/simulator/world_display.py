@@ -96,12 +96,14 @@ class WorldDisplay:
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         """Set up the markers, and subscribe to RViz's tools."""
         self._simulation, self._calls = simulation, calls
-        self._shown_markers: Dict[str, _Shown] = {}
+        self._shown_markers: Dict[str, _Shown] = {}  # last state that was sent of each body, by its name
         self._world_in_odom = Pose()  # pose of the world in odom when all objects were last drawn
         self._next_refresh = 0.0  # [s] simulated time of the next refresh
-        self._dragged: Set[str] = set()
+        self._dragged: Set[str] = set()  # names of the markers that a user is dragging now
+        # buffer of TF, which the tools need; None until one of RViz's tools is connected
         self._transforms: Optional[tf2_ros.Buffer] = None
         self._server = _Server("~world", self._on_feedback)
+        # points that are clicked, and poses that are set for the robot, with RViz's tools
         drop, move = partial(self._ask, self._drop_box), partial(self._ask, self._move_robot)
         self._tools = (
             rospy.Subscriber("clicked_point", PointStamped, drop, queue_size=10),
@@ -143,7 +145,7 @@ class WorldDisplay:
         for name, body in bodies.items():
             shown, pose = self._shown_markers.get(name), self._simulation.pose_of(name)
             if shown and shown.body is not body:  # the body is new and has the name of a deleted body
-                shown = None
+                shown = None  # so it gets a marker of its own
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
                 # a turn of the body counts as the motion of a point 1 m away from its origin
@@ -162,7 +164,8 @@ class WorldDisplay:
         """Put a box on a point that was clicked in RViz, and return a sentence about it."""
         clicked = self._in_world(PoseMsg(msg.point, Quaternion(w=1.0)), msg.header.frame_id)
         x, y, z = clicked.position
-        upright = Pose((x, y, z + BOX_SIZE[2] / 2.0))
+        _, _, height = BOX_SIZE
+        upright = Pose((x, y, z + height / 2.0))  # the pose of a box is the pose of its middle
         geometry, number = Geometry(Box(BOX_SIZE), rgba=BOX_COLOR), 1
         while f"box_{number}" in self._simulation.bodies:
             number += 1

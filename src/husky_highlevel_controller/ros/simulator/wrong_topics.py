@@ -170,7 +170,7 @@ def absent_services(master_uri: str) -> List[AbsentService]:
         for each in asked
         if each.service.rpartition("/")[0].endswith("/gazebo")
         and not TOOLS.match(each.node)
-        and not each.node.startswith("/rosservice")
+        and not each.node.startswith("/rosservice")  # a person calls it, and sees that the service is absent
     ]
 
 
@@ -184,7 +184,7 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
     return [
         WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
         for node, topic, publishes, others in _one_sided(graph)
-        if graph.types.get(topic, "*") != "*"
+        if graph.types.get(topic, "*") != "*"  # "*" means that the type is unknown
         for suggestion in _suggestions(topic, node, others, graph.types)
     ]
 
@@ -253,7 +253,7 @@ def _wrong_topic_sentence(finding: WrongTopic) -> str:
 
 
 def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, str]) -> Iterator[str]:
-    """Yield the topic whose name is nearest to a wrong topic; nothing if none is near.
+    """Yield at most one topic: the topic whose name is nearest to a wrong topic, if any name is near.
 
     Args:
         topic: topic that no node of the other side uses.
