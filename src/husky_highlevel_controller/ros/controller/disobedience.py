@@ -48,8 +48,8 @@ class Disobedience:
         graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
         publishers = graph.publishers if graph else {}
         inputs = [rospy.resolve_name(name) for name in self._robot.topics.velocity]
-        # `inputs` has the topics of commands, highest priority first; a remapped topic is not among them, so it
-        # has no priority
+        # `inputs` has the topics of commands, highest priority first; a remapped topic is not among them, so
+        # it has no priority
         stronger = inputs[: inputs.index(topic)] if topic in inputs else []
         for other in stronger:
             # the web page always advertises its topic, even if nobody drives with it, so it is left out

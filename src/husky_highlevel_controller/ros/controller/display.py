@@ -310,6 +310,6 @@ def _stop_point(observation: Observation, output: ControlOutput, from_center: fl
     assert observation.laser_in_base is not None
     x, y = output.target_in_base
     laser_x, laser_y, _ = observation.laser_in_base.position
-    distance = hypot(x - laser_x, y - laser_y)  # [m] from the pillar's centre to the lidar
+    distance = hypot(x - laser_x, y - laser_y)  # [m] pillar's centre to the lidar
     fraction = from_center / max(distance, 1e-6)  # the limit avoids a division by 0
     return Point(x + fraction * (laser_x - x), y + fraction * (laser_y - y), 0.0)

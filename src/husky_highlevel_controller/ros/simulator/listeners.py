@@ -141,7 +141,7 @@ class _Threads:
             threads = []
         for ended in self._files.keys() - threads:
             self._forget(ended)
-        turns = {}  # by thread; the number of turns is compared only, so it stays text
+        turns = {}  # content of the file SCHEDULE by thread; it is only compared, so it stays text
         own_thread = str(threading.get_native_id())
         for thread in threads:
             if thread == own_thread:  # this thread makes the check, so it is always running

@@ -144,8 +144,9 @@ class WorldDisplay:
             del self._shown_markers[name]
         for name, body in bodies.items():
             shown, pose = self._shown_markers.get(name), self._simulation.pose_of(name)
-            if shown and shown.body is not body:  # the body is new and has the name of a deleted body
-                shown = None  # so it gets a marker of its own
+            if shown and shown.body is not body:
+                # the body is new and has the name of a deleted body, so it gets a marker of its own
+                shown = None
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
                 # a turn of the body counts as the motion of a point 1 m away from its origin
