@@ -85,7 +85,9 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
     for item in fields(record):  # type: ignore[arg-type]
         full_name, new_values = source + item.name, values_by_field.get(item.name, {})
         if "" in new_values:
-            changed[item.name] = _value(hints[item.name], new_values[""], full_name, item.metadata, True)
+            changed[item.name] = _value(
+                hints[item.name], new_values[""], full_name, item.metadata, parameters_only=True
+            )
         elif new_values:
             nested = getattr(record, item.name)
             changed[item.name] = replace_parameters(nested, new_values, full_name + "/")
@@ -214,7 +216,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
             for key, each in value.items()
         }
     if isinstance(kind, type) and issubclass(kind, Enum):
-        return kind(_plain_value(str, value, name, {"choices": [each.value for each in kind]}, False))
+        choices = {"choices": [each.value for each in kind]}
+        return kind(_plain_value(str, value, name, choices, parameters_only=False))
     if kind is np.ndarray:
         return _array(value, name, metadata["shape"])
     if kind is Path:
@@ -231,12 +234,14 @@ def _nested_record(kind: Type[Record], value: Any, name: str, parameters_only: b
     has_defaults_only = all(not _is_required(item) for item in fields(kind))  # type: ignore[arg-type]
     if value is None and has_defaults_only:
         value = {}  # a YAML key with nothing after it has the value None; the record then gets its defaults
+    # errors call a key inside the record "name/key", and a value that is not a record "name = value"
     return from_plain(kind, value, name + "/" if isinstance(value, dict) else f"{name} = ")
 
 
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
     """Return the entries of a list as a tuple, each as its type of `kinds`; ConfigError if one is wrong."""
     entries = _checked_list(value, name, metadata)
+    # a list of any length has as many `kinds` as entries, so only a field's own "length" limits its entries
     length = metadata.get("length", len(kinds))
     if len(entries) != length or len(entries) != len(kinds):
         raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")

@@ -32,10 +32,11 @@ def dependencies_of(root: Any) -> List[str]:
 def unknown_dependencies(
     package: str, dependencies: Iterable[str], known: Collection[str]
 ) -> List[UnknownDependency]:
-    """Return the dependencies that are not packages.
+    """Return the dependencies that are not packages, with the package that is probably meant.
 
-    A dependency may also be the name of a library of the system, which no list here has. These names have no
-    underscore (boost, eigen) or a hyphen (python3-numpy). They are found only if a package is like them.
+    A dependency may also be the name of a library of the system, which no list here has. Such a name has no
+    underscore (boost, eigen), or it has a hyphen (python3-numpy). It is returned only if it is similar to the
+    name of a package.
 
     Args:
         package: name of the package that depends.

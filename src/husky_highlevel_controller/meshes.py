@@ -53,10 +53,12 @@ def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
     # signed volumes of the tetrahedra from each face to the lowest corner of the box
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     volume, box_volume = float(parts.sum()), float(np.prod(high - low))
+    # the signed volumes of an open mesh may add up to any number; only a plausible volume is believed
     is_closed = _SOLID * box_volume < abs(volume) <= box_volume
     if not is_closed:
         x, y, z = ((low + high) / 2.0).tolist()
         return box_volume, (x, y, z)
+    # the centroid of a tetrahedron is the mean of its four corners, one of which is `low`
     x, y, z = (low + parts @ (a + b + c) / 4.0 / volume).tolist()
     return abs(volume), (x, y, z)
 

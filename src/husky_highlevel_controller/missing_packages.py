@@ -126,6 +126,7 @@ def _version(module: str) -> str:
     if spec is None or spec.origin is None:
         return ""
     folders = sorted(Path(spec.origin).parent.parent.glob(f"{module}-*-info"))
+    # the second part of the name, without egg or dist behind the last dot, is the version
     return folders[-1].name.split("-")[1].rpartition(".")[0] if folders else ""
 
 
@@ -137,7 +138,7 @@ def _numbers(version: str) -> List[int]:
 def _pip(requirements: List[str]) -> str:
     """Command line of pip, into the virtual environment or otherwise into the home folder."""
     words = [sys.executable, "-m", "pip", "install"]
-    if sys.prefix == sys.base_prefix:
+    if sys.prefix == sys.base_prefix:  # this Python is not in a virtual environment
         words.append("--user")
         if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
             # this option is safe here, because with --user pip installs only in the home folder

@@ -23,6 +23,7 @@ def share_folder() -> Path:
     """
     module = Path(__file__).resolve()
     package = module.parent
+    # paths from this file in the source tree, in pip's package, and in catkin's install space
     candidates = (module.parents[2], package / "share", module.parents[4] / "share" / package.name)
     for candidate in candidates:
         if (candidate / "urdf").is_dir():

@@ -145,7 +145,7 @@ def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[s
         neighbours[child].append((parent, inverse(pose_child_in_parent)))
     poses = {root: Pose()}
     queue = [root]
-    for link in queue:
+    for link in queue:  # the loop also visits the links that it appends
         for neighbour, pose_in_link in neighbours[link]:
             if neighbour not in poses:
                 poses[neighbour] = compose(poses[link], pose_in_link)

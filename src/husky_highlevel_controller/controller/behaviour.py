@@ -267,6 +267,7 @@ def _close_at(
     """Return the time since which the robot is close to a pillar that it will touch [s], or None."""
     if target is None or not to_be_touched(target, control):
         return None
+    # a robot that is close stays close up to a larger gap, so that a noisy gap does not start the time again
     near = RESUME_ERROR if controller_state.close_at is not None else TOUCH_GAP
     if target.gap > near:
         return None

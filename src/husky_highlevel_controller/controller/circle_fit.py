@@ -176,6 +176,7 @@ def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vecto
     dx, dy, dr = fit_step(circle, products, radius)
     longest = max(abs(dx), abs(dy), abs(dr))
     fraction = min(1.0, radius / longest) if longest > 0.0 else 1.0
+    # the lower limit keeps the radius above zero
     return (x - fraction * dx, y - fraction * dy, max(r - fraction * dr, 0.1 * radius)), longest
 
 
@@ -189,6 +190,7 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
         radius: expected radius [m].
     """
     x, y, r = circle
+    # solve the normal equations of `fit_circle`; the weights are those of its prior
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
         _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
@@ -205,9 +207,11 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
         noise: differences in range not worth explaining [m].
     """
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
+    # the step of `fit_step` without its expectations; the small weights only keep the equations solvable
     covariance = _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))
-    degrees_of_freedom = max(count - 3, 1e-3)
+    degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
+    # variance of a beam's error: the squared errors that are left after the step, for each degree of freedom
     variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / degrees_of_freedom
     standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
     # this factor is large for few beams, as in Student's t distribution

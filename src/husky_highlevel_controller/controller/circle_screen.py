@@ -90,6 +90,8 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     fits = _Fits(*(column[candidates] for column in fits))
     missing, hidden = _silhouettes(scan, fits, 4.0 * config.max_residual)
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
+    # the results belong to the segments that are still candidates. Few beams may pass through the circle,
+    # compared with those that lie on it. If another object hides a part of it, it must clearly beat a line.
     candidates[candidates] = (missing <= fits.counts // 10) & ((hidden == 0) | beats_line)
     return segments.select(candidates)
 

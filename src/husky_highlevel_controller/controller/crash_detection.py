@@ -158,7 +158,8 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf
-        # [s] stamp before which wheel speeds are not needed any more
+        # [s] stamp before which wheel speeds are not needed any more: the next sample needs those of MEMORY
+        # before the last sample, but speeds are not kept longer than LONGEST_DELAY for samples that are late
         oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
         while self._wheel_speeds[0][0] < oldest:
             self._wheel_speeds.popleft()
@@ -204,9 +205,10 @@ class CrashDetector:
         return loss
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
-        """Return whether odometry of a time [s] has come, or will not come any more.
+        """Return whether odometry of a time [s] has come, or is no longer waited for.
 
-        The newest odometry may be up to one of its periods, and LATENESS, before that time.
+        `now` is the stamp of the newest sample [s]. The newest odometry may be up to one of its periods, and
+        LATENESS, before that time.
         """
         if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
@@ -259,6 +261,7 @@ class CrashDetector:
         less. `duration` is the time since the last sample [s].
         """
         assert self._vertical is not None
+        # seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration;
         # minus(a, b, factor) is a - factor * b; `unit` returns None for a vector without a direction, and
         # then the vertical stays as it is
         self._vertical = (
@@ -270,11 +273,9 @@ class CrashDetector:
         force = minus(force, left, self._curve_acceleration(sample))
         error = minus(force, self._vertical, GRAVITY)
         belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
+        pull = belief * duration / (self._levelling_time * GRAVITY)
         # `minus` with a negative factor adds a part of the error, so the vertical turns towards the force
-        self._vertical = (
-            unit(minus(self._vertical, error, -belief * duration / (self._levelling_time * GRAVITY)))
-            or self._vertical
-        )
+        self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
 
     def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
         """Unit vectors ahead and left along the ground, in the IMU's frame."""
@@ -305,12 +306,14 @@ class CrashDetector:
         ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force
         vertical = dot(force, self._vertical) - GRAVITY
+        # forces of shocks from below are reduced or cut off, because the ground causes them and not a crash
+        force_ahead = _damped(dot(force, ahead), vertical)
+        force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
         return _Increment(
             sample.stamp,
-            _damped(dot(force, ahead), vertical) * duration,
-            (_clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE) - self._curve_acceleration(sample))
-            * duration,
-            _clamped(vertical, SHOCK_FORCE) * duration,
+            ahead=force_ahead * duration,
+            left=(force_left - self._curve_acceleration(sample)) * duration,
+            up=_clamped(vertical, SHOCK_FORCE) * duration,
         )
 
     def _judge_change(self) -> Optional[float]:

@@ -40,11 +40,13 @@ class Obedience(NamedTuple):
             base_in_odom: pose of the robot at that stamp; None if it is unknown.
             twist: commanded velocity.
         """
+        # without a pose, or without a command to move, there is nothing to compare
         if base_in_odom is None or (abs(twist.linear) < MIN_LINEAR and abs(twist.angular) < MIN_ANGULAR):
             return Obedience(stamp=stamp)
         if self.pose is not None and stamp >= self.stamp:
             moved = hypot(base_in_odom.x - self.pose.x, base_in_odom.y - self.pose.y)
             turned = abs(wrap_angle(base_in_odom.yaw - self.pose.yaw))
             if not (moved > MOVED or turned > TURNED):
-                return self._replace(stamp=stamp)
+                return self._replace(stamp=stamp)  # the robot still stands at the old pose
+        # the robot has moved, this is the first command to move, or the time has run back
         return Obedience(base_in_odom, stamp, stamp)

@@ -77,6 +77,7 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
     """Return the segments worth an exact fit, at most the nearest `MAX_FITS`."""
     segments = cluster(scan, config)
     segments = segments.select(_plausible(segments, config))
+    # a few segments are fitted sooner than screened
     if len(segments.counts) > _UNSCREENED:
         segments = may_be_pillars(scan, segments, config)
     if len(segments.counts) > MAX_FITS:
@@ -95,6 +96,7 @@ def cluster(scan: Scan, config: PillarConfig) -> Segments:
     ranges = scan.returns[beams]
     starts, single = _starts(config, abs(scan.angle_increment), beams, ranges)
     if len(single):
+        # without the single beams, the beams on their two sides become neighbours
         beams, ranges = np.delete(beams, single), np.delete(ranges, single)
         starts, _ = _starts(config, abs(scan.angle_increment), beams, ranges)
     counts = np.concatenate((starts[1:], (len(beams),))) - starts

@@ -168,7 +168,8 @@ def _walks(track: Track, pillar: Pillar) -> bool:
 def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
     """Confirm the track if the pillar stood still for WATCH_TIME, or was seen from positions BASELINE apart.
 
-    After WATCH_TIME the anchor is renewed.
+    Both are measured from the track's anchor, which has an earlier estimate and the lidar's position then.
+    After WATCH_TIME the anchor is renewed. The caller has given up a pillar that does not stand still.
     """
     assert track.estimate is not None
     assert track.anchor is not None
@@ -223,7 +224,7 @@ def _give_up(track: Track, reject: bool) -> Track:
         # the object at a rejected position is accepted again if more beams hit it; this limit makes sure that
         # _MANY_BEAMS are always enough
         beams = min(track.beams, _MANY_BEAMS - 1)
-        newest_rejected = rejected[1 - _MAX_REJECTED :]
+        newest_rejected = rejected[1 - _MAX_REJECTED :]  # leaves room for one more
         rejected = (*newest_rejected, (track.estimate.x, track.estimate.y, beams))
     return Track(updated_at=track.updated_at, rejected=rejected, walked_to=track.walked_to)
 

@@ -86,6 +86,7 @@ def draw_paths(
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
     """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
+    # transposed rotation matrix, because points are rows and stand before it
     rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
     # corners of the robot's outline, and of the arrow on it, as multiples of half the length and half the
     # width

@@ -48,6 +48,7 @@ def to_html(replay: Replay) -> str:
     The page keeps only as many poses as a smooth animation needs.
     """
     rows = _rows_to_show(replay.times)
+    # `pillars` has a row for each time, or only one row, or none
     pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
     # if the pillar stands still, the page needs only one position; without a pillar, the comparison gives
     # true, too
@@ -72,7 +73,7 @@ def to_html(replay: Replay) -> str:
 
 @lru_cache(maxsize=4)
 def _robot(name: str) -> Dict[str, Any]:
-    """Triangles in millimetres, and positions of the wheels."""
+    """Sizes [m] and triangles [mm] of a robot of ROBOTS, by the names that the page's script uses."""
     robot = load_robot(name)
     body, wheel = robot_mesh(robot)
     wheels, drive, outline = robot.wheels, robot.drive, robot.footprint

@@ -171,6 +171,7 @@ def _matrix(value: Any) -> np.ndarray:
         raise ValueError("is not a list of numbers") from None
     if len(numbers) != VARIABLES**2:
         raise ValueError(f"has {len(numbers)} numbers, not {VARIABLES**2}")
-    if not (np.isfinite(numbers).all() and (numbers[:: VARIABLES + 1] >= 0.0).all()):
+    variances = numbers[:: VARIABLES + 1]  # diagonal of the matrix, whose rows lie one after another
+    if not (np.isfinite(numbers).all() and (variances >= 0.0).all()):
         raise ValueError("has NaN, infinity or a negative variance")
     return numbers.reshape(VARIABLES, VARIABLES)[np.ix_(PLANAR, PLANAR)]

@@ -109,6 +109,7 @@ class Localization:
     def _estimates(self, end: float) -> List[MotionEstimate]:
         """Return the estimates before a time [s]; all measurements before it were processed."""
         estimates: List[MotionEstimate] = []
+        # after a longer pause of the readings, the estimates for the time of the pause are left out
         if end - self._ekf.estimate.stamp > MAX_PAUSE:
             self._next_period = max(self._next_period, ceil(end * self._frequency))
         while self._ekf.started and self._next_period / self._frequency < end:
@@ -119,6 +120,7 @@ class Localization:
                 estimate = self._ekf.predicted(stamp)
             else:
                 estimate = self._ekf.estimate
+            # without a new measurement, the estimate is still the one that was sent before
             if estimate.stamp > self._last_sent_stamp:
                 self._last_sent_stamp = estimate.stamp
                 estimates.append(estimate)

@@ -69,6 +69,7 @@ class PlanarEkf:
         if not self.started:
             _, state, covariance = self.estimate
             state, covariance, measured = state.copy(), covariance.copy(), list(measurement.states)
+            # the first measurement sets the states that it measures; the others keep their initial values
             state[measured] = measurement.values
             covariance[np.ix_(measured, measured)] = measurement.covariance
             self.estimate, self.started = MotionEstimate(measurement.stamp, state, covariance), True
@@ -119,10 +120,11 @@ def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimat
     _, measured, values, noise = measurement
     stamp, state, covariance = estimate
     noise = noise.copy()
+    # a variance of 0, which some sensors give, could make the matrix below singular
     np.fill_diagonal(noise, np.maximum(np.abs(noise.diagonal()), MIN_VARIANCE))
     selection = np.eye(STATES)[list(measured)]  # (k, 8) matrix that selects the measured states
     gain = covariance @ selection.T @ np.linalg.inv(selection @ covariance @ selection.T + noise)
-    innovation = values - selection @ state
+    innovation = values - selection @ state  # difference between measured and estimated values
     if YAW in measured:
         row = measured.index(YAW)
         innovation[row] = wrap_angle(innovation[row])

@@ -63,13 +63,15 @@ class MotionSensor:
     def __init__(self, name: str, config: InputConfig, gravity: float) -> None:
         """Make a sensor from the name of its parameters, odomN or imuN; gravity in m/s^2."""
         self._config, self._is_imu, self._gravity = config, name.startswith("imu"), gravity
+        # mask of x, y, z, roll, pitch, yaw (0 to 5), their velocities (6 to 11) and accelerations (12 to 14)
         used = np.array(config.config, dtype=bool)
         if self._is_imu:
             used[[0, 1, 2, 6, 7, 8]] = False  # an IMU measures no position and no velocity
         else:
-            used[12:] = False
+            used[12:] = False  # odometry measures no acceleration
         self._pose_used, self._velocity_used, self._force_used = used[:6], used[6:12], used[12:]
-        self._first_pose: Optional[Pose] = None
+        self._first_pose: Optional[Pose] = None  # origin of the poses with `relative`
+        # stamp [s], pose and covariance of the last reading, for the velocities with `differential`
         self._last_reading: Optional[Tuple[float, Pose, np.ndarray]] = None
 
     def forget(self) -> None:
@@ -154,6 +156,7 @@ class MotionSensor:
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)
         x, y, _ = sensor_in_base.position
         values = np.concatenate((axes @ reading.velocity[:3], axes @ reading.velocity[3:]))
+        # base_link's velocity is the sensor's velocity minus yaw rate x (x, y)
         values[:2] += y * yaw_rate, -x * yaw_rate
         used = _turned(axes, self._velocity_used)
         covariance = _turned_covariance(axes, reading.velocity_covariance)
@@ -166,10 +169,12 @@ class MotionSensor:
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)
         force = reading.specific_force
         if self._config.remove_gravitational_acceleration:
+            # without a measured attitude, the robot is taken to be level
             attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
         covariance = (axes @ reading.force_covariance @ axes.T)[:2, :2]
+        # axes of base_link (0 for x, 1 for y) along which a used axis of the sensor measures
         kept = [i for i in (0, 1) if np.linalg.norm(axes[i] * self._force_used) >= MIN_COMPONENT]
         states = tuple((AX, AY)[i] for i in kept)
         return Measurement(reading.stamp, states, values[kept], covariance[np.ix_(kept, kept)])
