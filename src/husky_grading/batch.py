@@ -67,10 +67,10 @@ DPKG = "/var/lib/dpkg/info"  # folder in which Debian keeps a file NAME.list for
 CLEANUP_DEADLINE = 10.0
 # [bytes] a worker of a cluster does not send back files of the result that are larger than this
 MAX_RETURNED = 50_000_000
-SEED = "seed"  # name of the file that keeps the class's random seed, in the folder of results
+SEED_FILE = "seed"  # name of the file that keeps the class's random seed, in the folder of results
 # the seed of a class is below this limit; the simulator gets seed plus run number as a ROS parameter, which
 # must fit into a 32-bit integer with a sign
-SEEDS = 2**30
+SEED_LIMIT = 2**30
 # folders that a worker of a cluster does not send back: the copied submission, its build, and files that it
 # wrote
 NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
@@ -114,7 +114,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             raise HuskyError(
                 f"--only {name} is not a submission in {batch.folder}; there are: {', '.join(names)}"
             )
-    overrides = _overrides(batch.folder, names)  # settings from marking.yaml, by the student's name
+    overrides = _teachers_overrides(batch.folder, names)  # settings from marking.yaml, by student
     batch.out.mkdir(parents=True, exist_ok=True)
     # catkin ignores a folder with this file; otherwise, a catkin workspace around the folder would build the
     # submissions' packages
@@ -129,7 +129,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
     try:
         with Workers(jobs, batch.cluster) as workers:
-            marked = _marked_by(workers, waiting, bool(batch.cluster))
+            marked = _mark_jobs(waiting, workers, elsewhere=bool(batch.cluster))
             for number, result in enumerate(marked, 1):
                 results[result.name] = result
                 _report_progress(result, number, len(waiting))
@@ -137,14 +137,20 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         raise HuskyError("stopped; run the same command again to continue") from None
     # if `--only` names some submissions, the others may have no result yet, and get no row in the tables
     ordered = [results[name] for name in names if name in results]
-    write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
-    for result in ordered:
-        print(f"{result.name:<40}{_sum(result)}")
-    unfinished = [each.name for each in ordered if each.state is not ResultState.MARKED]
+    result_folders = {each.name: each.folder for each in hand_ins}  # names of the folders, by student
+    write_class(ordered, result_folders, batch.out)
+    _print_class(ordered, batch.out)
+    return ordered
+
+
+def _print_class(results: Sequence[MarkingResult], out: Path) -> None:
+    """Print the points of each submission, the unfinished submissions, and the paths of the class's files."""
+    for result in results:
+        print(f"{result.name:<40}{_points_text(result)}")
+    unfinished = [each.name for each in results if each.state is not ResultState.MARKED]
     if unfinished:
         print(f"\nnot completely graded, so not in moodle.csv: {', '.join(unfinished)}")
-    print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
-    return ordered
+    print(f"\ntable: {out / 'results.csv'}\npage:  {out / 'index.html'}")
 
 
 def _look_up_results(
@@ -159,6 +165,8 @@ def _look_up_results(
     """
     results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
+    # hash of the names of the installed packages; a submission that misses a package is marked again if this
+    # hash has changed, because the package may be installed now
     installed = installed_packages(batch.setups)
     for hand_in in hand_ins:
         # a student without an entry in marking.yaml gets the default settings
@@ -171,7 +179,7 @@ def _look_up_results(
             continue
         kept_result = None
         if job.name in batch.only:
-            # without this file, the submission is built again
+            # the teacher wants a new result; without this file, the submission is also built again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         else:
             kept_result = _kept_result(job)
@@ -189,17 +197,21 @@ def _report_progress(result: MarkingResult, number: int, count: int) -> None:
     """
     if result.problem or not sys.stderr.isatty():
         why = f": {result.problem}" if result.problem else ""
-        tqdm.write(f"{number} of {count}: {result.name}: {_sum(result)}{why}", file=sys.stderr)
+        tqdm.write(f"{number} of {count}: {result.name}: {_points_text(result)}{why}", file=sys.stderr)
         sys.stderr.flush()
 
 
-def _sum(result: MarkingResult) -> str:
-    """Return the points of a result as text."""
+def _points_text(result: MarkingResult) -> str:
+    """Return the points of a result as text, or that it could not be marked."""
     return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
 
 
-def _overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
-    """Return the teacher's settings for students; the marking.yaml of a submission is not the teacher's."""
+def _teachers_overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
+    """Return the settings for students from the marking.yaml in the folder of a class, by student.
+
+    If the folder is itself a package, it is a student's submission. A marking.yaml in it is then ignored,
+    because otherwise students could give themselves points.
+    """
     if not is_package(folder):
         return read_overrides(folder, names)
     if (folder / FILE).exists():
@@ -218,12 +230,12 @@ def class_seed(out: Path) -> int:
     Raises:
         HuskyError: the file of the seed has no valid seed.
     """
-    path = out / SEED
+    path = out / SEED_FILE
     if not path.exists():
         out.mkdir(parents=True, exist_ok=True)
-        write_whole(path, f"{secrets.randbelow(SEEDS)}\n")
+        write_whole(path, f"{secrets.randbelow(SEED_LIMIT)}\n")
     text = read_text(path).strip()
-    if not text.isdecimal() or int(text) >= SEEDS:
+    if not text.isdecimal() or int(text) >= SEED_LIMIT:
         raise HuskyError(f"{path}: {text[:80]!r} is not a valid seed. Remove the file to draw another one")
     return int(text)
 
@@ -238,7 +250,9 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     path = hand_in.path
     job = Job(
         hand_in.name, str(batch.out / HAND_INS / hand_in.folder), config, hand_in=str(path),
-        override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)),
+        override=override, setups=batch.setups,
+        # the sandbox hides these folders, because they have the submissions and results of other students
+        hidden=(str(batch.folder), str(batch.out)),
         time_limit=batch.time_limit,
     )  # fmt: skip
     # only settings that change the build stay in `choices`; the student's other settings get their defaults
@@ -250,10 +264,13 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     # errors are ignored here, because the marking program reports unreadable files and too many files later
     with contextlib.suppress(UnreadableFileError, OSError):
         for file in walk(path) if path.is_dir() else [path]:
+            # size and time of the last change stand for the content, because reading all files takes long
             status = file.stat()
             line = f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n"
             digest.update(line.encode(errors="replace"))
     made_of = digest.hexdigest()
+    # the settings of the runs are added to the same hash; the default rules replace the teacher's rules, so
+    # other rules do not change the hash
     digest.update(to_json(replace(config, rules=Rules())).encode() + repr(override.robot).encode())
     return replace(job, made_of=made_of, fingerprint=digest.hexdigest())
 
@@ -276,11 +293,12 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
     """
     out = Path(job.out)
     try:
+        # if packages were missing, the kept fingerprint also has the hash of the installed packages
         if (out / FINGERPRINT).read_text() not in (job.fingerprint, job.fingerprint + job.installed):
             return None
         result = load_result(out / RESULT)
         judged = result if _has_same_rules(job) else judge_again(job)
-    except PointsError:
+    except PointsError:  # an error of the teacher, which marking again would not repair
         raise
     except Exception:
         # after any error the submission is marked again; if the error persists, the new result reports it
@@ -308,31 +326,38 @@ def _has_same_rules(job: Job) -> bool:
         before = load(Job, out / JOB)
     except HuskyError:  # the earlier job cannot be read, so its rules are unknown
         return False
+    # the config has the rules, and the override has the points by hand and the penalty; the result shows the
+    # name
     return (before.name, before.config, before.override) == (job.name, job.config, job.override)
 
 
-def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[MarkingResult]:
-    """Yield the result of each job as soon as it comes, with a progress bar.
+def _mark_jobs(jobs: Sequence[Job], workers: Workers, elsewhere: bool) -> Iterator[MarkingResult]:
+    """Mark submissions by workers, with a progress bar, and yield each result as soon as it comes.
 
     If the workers are `elsewhere`, on other machines, the submission's files travel to them and back.
     """
     title = f"submissions ({len(jobs)} to grade)"  # text of the progress bar
     if not elsewhere:
-        for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
+        # each worker runs `run_program` for one job; if that raises, `_failed` makes the result
+        for _, result in workers.as_completed(
+            run_program, list(jobs), title, starts_programs=True, on_error=_failed
+        ):
             yield result
         return
 
     def failed(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
-        """Return the files of a job that failed on its worker."""
+        """Return the files that take the place of a worker's files if its job failed."""
         return {RESULT: to_json(_failed(packed[0], error)).encode()}
 
     # a `PackedPath` reads a submission's files only when it is sent to a worker, so the whole class is never
     # in memory
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
-    for number, files in workers.as_completed(run_there, packed, title, 1, True, failed):
+    for number, files in workers.as_completed(
+        run_there, packed, title, starts_programs=True, on_error=failed
+    ):
         try:
             yield write_outputs(files, jobs[number])
-        except Exception as error:
+        except Exception as error:  # for example, this machine's disk is full
             yield _failed(jobs[number], error)
 
 
@@ -366,7 +391,9 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
     # the working directory is /, because `python -m` imports modules from it, and a student's folder may have
     # a yaml.py
-    process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
+    process = Process(
+        command, out / "mark.log", {**os.environ, **variables}, folder=Path("/"), shows_errors=shows_errors
+    )
     deadline = job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
     try:
         in_time = wait(lambda: not process.running, deadline)
@@ -380,6 +407,8 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     try:
         return load_result(out / RESULT)
     except HuskyError:
+        # the last 500 characters of the log; with `shows_errors` the log is empty, because the errors are on
+        # the terminal
         output = " ".join(process.output.split())[-500:] or "its errors are above"
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
@@ -394,29 +423,36 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
 
 
 def run_there(packed: Tuple[Job, PackedPath]) -> Files:
-    """Run the marking program on this worker, and return the files of the result."""
+    """Run the marking program on this machine, a worker, and return the files of the result by their paths.
+
+    `packed` is the job, with paths of the machine that sent it, and the submission's files.
+    """
     job, content = packed
     with tempfile.TemporaryDirectory(prefix="husky_grade_") as place:
         folder = Path(place)
         (folder / "hand_ins").mkdir()
         path, out = content.unpack(folder / "hand_ins"), folder / "out" / Path(job.out).name
+        # paths of this machine replace the job's; the sandbox hides `folder`, which has the result
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
-        for file in walk(out, NOT_RETURNED):
+        for file in walk(out, skipped=NOT_RETURNED):
             with contextlib.suppress(UnreadableFileError):  # a file that is too large is left out
                 files[file.relative_to(out).as_posix()] = read_regular(file, MAX_RETURNED)
         return files
 
 
 def write_outputs(files: Files, job: Job) -> MarkingResult:
-    """Write the files that a worker sent back into the job's folder of results, the fingerprint last.
+    """Write the files that a worker sent back into the job's folder of results, and return the result.
+
+    The fingerprint is written last, because it means that all other files are complete.
 
     Raises:
         HuskyError: there is no result among the files.
     """
     out = Path(job.out)
     remove_tree(out)
-    for place, content in sorted(files.items(), key=lambda file: file[0] == FINGERPRINT):
+    fingerprint_last = sorted(files.items(), key=lambda file: file[0] == FINGERPRINT)
+    for place, content in fingerprint_last:
         path = out / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

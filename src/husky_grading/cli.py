@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Optional, Sequence
 
@@ -34,7 +33,8 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """Return the options of a command line; argparse ends the program if an option is wrong."""
     parser = _make_parser()
     options = parser.parse_args(arguments)
-    if options.husky:  # earlier name of `--robot`; the error gives the new name
+    # earlier name of `--robot`, which is hidden in the help; the error gives the new name
+    if options.husky:
         parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
     if options.cluster and not options.all:
         parser.error(f"--cluster {options.cluster} needs --all")
@@ -89,11 +89,13 @@ def _make_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     _add_run_options(parser)
     add("--out", type=Path, default=Path("marking"), help="folder of results (default: ./marking)")
+    # `--setup` is the earlier name of `--underlay`
     add(
         "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
         help="setup file to source first: the submission's workspace, or with --all a workspace that all "
         "submissions are built on",
     )  # fmt: skip
+    # adds --jobs, which is 1 by default, and --cluster
     add_worker_options(parser, 1, "with --all, number of submissions that are graded at the same time")
     add(
         "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
@@ -114,20 +116,22 @@ def _make_parser() -> argparse.ArgumentParser:
 def _add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the number of runs, their time limit and their real-time factor, with each exercise's defaults."""
     add = parser.add_argument
+    # the help names the exercises with several runs, such as "3", and each exercise's defaults
     with_several_runs = " and ".join(str(number) for number, each in EXERCISES.items() if each.random_starts)
     runs = add(
         "--runs", dest="trials", type=between(int, 1, 1000), default=3, metavar="RUNS",
         help=f"number of runs in exercise {with_several_runs} (default: 3)",
     )  # fmt: skip
     add_old_name(parser, "--trials", runs)
-    seconds = between(float, 0.1, 3600.0)
+    positive_number = between(float, 0.1, 3600.0)
     deadlines = ", ".join(f"{each.deadline:g} in exercise {number}" for number, each in EXERCISES.items())
     add(
-        "--deadline", type=seconds, help=f"time limit of a run in simulated seconds (default: {deadlines})"
+        "--deadline", type=positive_number,
+        help=f"time limit of a run in simulated seconds (default: {deadlines})",
     )  # fmt: skip
     paces = ", ".join(f"{each.pace:g} in exercise {number}" for number, each in EXERCISES.items())
     pace = add(
-        "--real-time-factor", dest="pace", type=seconds, metavar="FACTOR",
+        "--real-time-factor", dest="pace", type=positive_number, metavar="FACTOR",
         help=f"maximum real-time factor (default: {paces})",
     )  # fmt: skip
     add_old_name(parser, "--pace", pace)
@@ -157,11 +161,14 @@ def grade(options: argparse.Namespace) -> int:
     )  # fmt: skip
     setups = (str(options.underlay.resolve()),) if options.underlay else ()
     if options.all:
-        batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
-        batch = replace(batch, time_limit=options.time_limit or 0.0)
+        batch = Batch(
+            options.all.resolve(), out, options.jobs, tuple(options.only), setups,
+            cluster=options.cluster, time_limit=options.time_limit or 0.0,
+        )  # fmt: skip
         results = mark_all(config, batch)
         # the exit code is 2 if a submission could not be graded, 0 if all have full marks, and otherwise 1
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
+    # otherwise the options have either `--launch PACKAGE FILE ...` or `--node PACKAGE TYPE ...`
     kind = "launch" if options.launch else "node"
     package, name, *arguments = getattr(options, kind)
     launchable = Launchable(kind, package, name, tuple(arguments))

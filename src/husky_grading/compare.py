@@ -52,13 +52,14 @@ class LaunchContestant:
         Raises:
             HuskyError: the launch file starts no node, or ROS fails.
         """
-        _check(self.name, self.launch)
+        _check_starts_a_node(self.name, self.launch)
         trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
         config = MarkingConfig(robot="husky", deadline=DRIVE_SECONDS, pace=PACE)
+        # the run happens in a ROS network of its own, and its recorder writes the file RECORDING
         with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
             drive_submission(Submission(self.launch), trial, RobotChoice(config), simulate, Path(folder))
             recording: Recording = load(Recording, Path(folder, RECORDING))
-        if not len(recording.times):
+        if not len(recording.times):  # without true poses, simulated time has never begun
             why = "; ".join(texts(recording.notes)) or "its node sent and received nothing"
             raise HuskyError(f"{self.name} did not drive in {scenario.name}: {why}")
         judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
@@ -66,8 +67,8 @@ class LaunchContestant:
 
 
 @lru_cache(maxsize=4)
-def _check(name: str, launch: Launchable) -> None:
-    """Raise a HuskyError for a launch file that starts no node."""
+def _check_starts_a_node(name: str, launch: Launchable) -> None:
+    """Raise a HuskyError for a launch file that starts no node; the cache checks each file only once."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         planned = plan(launch, Workspace(), Path(folder))
     if not planned.nodes:

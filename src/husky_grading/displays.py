@@ -86,17 +86,26 @@ STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_descriptio
 
 
 def read_rviz_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]] = ()) -> RvizConfig:
-    """Return the configuration in an .rviz file's content, with the topics of a node's remaps (old, new)."""
+    """Return the configuration in an .rviz file, with the topics that it shows after the node's remaps.
+
+    Args:
+        source: origin of the file in words for the student.
+        content: content of the file, as YAML gives it; it may be anything.
+        remaps: remaps of the rviz node, as pairs of old and new topic.
+    """
     manager = _mapping(content, "Visualization Manager")
     if not manager:
         return RvizConfig(source, problem="the file is not a configuration of RViz")
-    names = {_resolved(old): _resolved(new) for old, new in remaps}
-    displays: Dict[bool, List[RvizDisplay]] = {True: [], False: []}
-    for entry, is_on in _entries(manager.get("Displays")):
-        display = _display(entry)
-        displays[is_on].append(replace(display, source=names.get(display.source, display.source)))
-    frame = str(_mapping(manager, "Global Options").get("Fixed Frame", "map"))[:MAX_TEXT]
-    return RvizConfig(source, frame.lstrip("/"), tuple(displays[True]), tuple(displays[False]))
+    new_topics = {_full_name(old): _full_name(new) for old, new in remaps}
+    visible: List[RvizDisplay] = []
+    off: List[RvizDisplay] = []
+    for entry, is_visible in _display_entries(manager.get("Displays")):
+        display = _read_display(entry)
+        display = replace(display, source=new_topics.get(display.source, display.source))
+        (visible if is_visible else off).append(display)
+    # "map" is the default of RViz; TF names a frame without a slash in front
+    frame = str(_mapping(manager, "Global Options").get("Fixed Frame", "map"))[:MAX_TEXT].lstrip("/")
+    return RvizConfig(source, frame, tuple(visible), tuple(off))
 
 
 def _mapping(content: Any, key: str) -> Dict[str, Any]:
@@ -105,50 +114,59 @@ def _mapping(content: Any, key: str) -> Dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _entries(displays: Any) -> Iterator[Tuple[Dict[str, Any], bool]]:
-    """Yield displays, also of groups, each with a flag that it is switched on and visible."""
+def _display_entries(displays: Any) -> Iterator[Tuple[Dict[str, Any], bool]]:
+    """Yield the entries of displays in a list of an .rviz file, each with true if the display is visible.
+
+    The displays in groups are yielded, too; they are visible only if their group is switched on. At most
+    MAX_DISPLAYS displays and groups are read.
+    """
+    # entries that are not read yet, each with true if all groups around it are switched on
     waiting: List[Tuple[Any, bool]] = (
         [(each, True) for each in displays] if isinstance(displays, list) else []
     )
     for _ in range(MAX_DISPLAYS):
-        entry, is_on = waiting.pop(0) if waiting else (None, False)
+        if not waiting:
+            return
+        entry, is_on = waiting.pop(0)
         if isinstance(entry, dict):
             is_on = is_on and bool(entry.get("Enabled", True))
-            if isinstance(entry.get("Displays"), list):
+            if isinstance(entry.get("Displays"), list):  # the entry is a group of displays
                 waiting += [(each, is_on) for each in entry["Displays"]]
             else:
                 yield entry, is_on and _is_visible(entry)
 
 
-def _display(entry: Mapping[str, Any]) -> RvizDisplay:
+def _read_display(entry: Mapping[str, Any]) -> RvizDisplay:
+    """Return the display that an entry of an .rviz file describes; a missing value gets RViz's default."""
     kind = str(entry.get("Class"))[:MAX_TEXT]
+    # key of the display's topic, or of the parameter with the URDF
     key = {ROBOT: "Robot Description", **dict.fromkeys(MARKERS, "Marker Topic")}.get(kind, "Topic")
     default = "robot_description" if kind == ROBOT else ""
     namespaces = _mapping(entry, "Namespaces")
     hidden = tuple(str(name)[:MAX_TEXT] for name, is_on in namespaces.items() if is_on is False)
-    display = RvizDisplay(kind, _resolved(str(entry.get(key, default))), hidden)
-    if kind != CLOUD:
+    display = RvizDisplay(kind, _full_name(str(entry.get(key, default))), hidden)
+    if kind != CLOUD:  # colours and size are graded only for point clouds
         return display
     colouring = f"{entry.get('Color Transformer')} {entry.get('Axis')}"[:MAX_TEXT]
     return replace(display, colouring=colouring, size=_number(entry.get("Size (m)")))
 
 
 def _is_visible(entry: Mapping[str, Any]) -> bool:
-    """Return whether a display has a size and is not transparent."""
-    kind, numbers = entry.get("Class"), [_number(entry.get("Alpha", 1.0))]
-    if kind == TF:
-        numbers = [_number(entry.get("Marker Scale", 1.0))]
+    """Return whether a display has a size, is not transparent, and has parts that are switched on."""
+    kind, alpha = entry.get("Class"), _number(entry.get("Alpha", 1.0))
+    if kind == TF:  # frames have a size, but no transparency
+        scale = _number(entry.get("Marker Scale", 1.0))
         parts = [entry.get(f"Show {part}", True) for part in ("Axes", "Names", "Arrows")]
-        return numbers[0] > 0.0 and any(parts) and _any_part(_mapping(entry, "Frames"), "All Enabled")
+        return scale > 0.0 and any(parts) and _any_part(_mapping(entry, "Frames"), "All Enabled")
     if kind == ROBOT:
         if not (entry.get("Visual Enabled", True) or entry.get("Collision Enabled", False)):
             return False
-        return numbers[0] > 0.0 and _any_part(_mapping(entry, "Links"), "All Links Enabled")
+        return alpha > 0.0 and _any_part(_mapping(entry, "Links"), "All Links Enabled")
     if kind in (SCAN, CLOUD):
-        numbers.append(
-            _number(entry.get("Size (Pixels)" if entry.get("Style") == "Points" else "Size (m)", 1))
-        )
-    return min(numbers) > 0.0
+        # RViz reads the size of the points from another key if their style is "Points"
+        size = _number(entry.get("Size (Pixels)" if entry.get("Style") == "Points" else "Size (m)", 1))
+        return alpha > 0.0 and size > 0.0
+    return alpha > 0.0
 
 
 def _any_part(parts: Mapping[str, Any], key_of_all: str) -> bool:
@@ -162,44 +180,45 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, (int, float)) and isfinite(value) else 1.0
 
 
-def _resolved(topic: str) -> str:
-    """Return a topic's full name."""
+def _full_name(topic: str) -> str:
+    """Return a topic's full name, with a slash in front."""
     return "/" + topic[:MAX_TEXT].strip("/")
 
 
 def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
-    """Return the view of RViz with a configuration, in a run with the given frames and parameters.
+    """Return the view of RViz with a submission's configuration, in a run with these frames.
 
-    Args:
-        config: configuration of RViz, of the submission.
-        tree: frames of the run, and its robot descriptions.
+    The view shows nothing if there is no configuration, if it cannot be read, or if its fixed frame is not a
+    frame of the run.
     """
     view = RvizView(**vars(config))
-    if not config.source or config.problem:
+    if not config.source or config.problem:  # no configuration was handed in, or it cannot be read
         return view
     if not tree.connects(config.fixed_frame):
         frame = config.fixed_frame
         problem = f"no transform connects the fixed frame '{frame}' with {BASE}, so nothing is shown"
         return replace(view, problem=problem)
-    # visible displays of each of these three kinds
-    by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
+    frame_displays, models, scans = (
+        [display for display in config.displays if display.kind == kind] for kind in (TF, ROBOT, SCAN)
+    )
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
         # the SMB's launch file sets /smb_description, but our simulator does not; so a display of
         # /smb_description counts as a display of /robot_description
         descriptions.add("/smb_description")
-    topics = []  # topics of markers
+    marker_topics = []
     for each in markers:
-        topics.append(each.source)
+        marker_topics.append(each.source)
         # a Marker display with topic NAME also shows the MarkerArray messages on NAME_array
         if each.kind == "rviz/Marker":
-            topics.append(f"{each.source}_array")
+            marker_topics.append(f"{each.source}_array")
     return replace(
         view,
-        topics=tuple(dict.fromkeys([*(each.source for each in by_kind[SCAN]), *topics])),
+        topics=tuple(dict.fromkeys([*(each.source for each in scans), *marker_topics])),
         hidden=tuple((each.source, name) for each in markers for name in each.hidden),
-        tf=bool(by_kind[TF]),
-        robot=any(each.source in descriptions for each in by_kind[ROBOT]),
-        scan=bool(by_kind[SCAN]),
+        tf=bool(frame_displays),
+        # RViz shows a robot model only if the run has a robot description of this name
+        robot=any(each.source in descriptions for each in models),
+        scan=bool(scans),
     )

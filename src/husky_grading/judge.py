@@ -47,10 +47,12 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     Raises:
         PointsError: the points by hand do not fit the rubric.
     """
+    # all runs start the same nodes with the same robot, so the first run stands for all in frames and topics
     first, exercise = recordings[0], EXERCISES[job.config.exercise]
     # TF frames of the first run; if no frames were recorded, the frames of a robot that stands still
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
+    # if several items have the same hint, only the first of them shows it
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
     if submission.equals:  # several launch files fit the exercise equally well
         items = left_to_choice(items, submission.equals)
@@ -70,12 +72,14 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     result = MarkingResult(
         job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes))
     )
-    return with_override(_from_known_folders(result, job), job.override)
+    return with_override(_without_machine_paths(result, job), job.override)
 
 
 def unmarked(job: Job, problem: str) -> MarkingResult:
     """Return the result of a submission that could not be marked."""
-    result = _from_known_folders(MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job)
+    result = _without_machine_paths(
+        MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job
+    )
     # A path on this machine is shortened to its file name. A name such as /front/scan looks like a path, too.
     # It is not shortened, because this machine has no folder /front.
     shown = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
@@ -87,8 +91,9 @@ def failure_text(error: Exception) -> str:
     return f"the grader failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
 
 
-def _from_known_folders(result: MarkingResult, job: Job) -> MarkingResult:
+def _without_machine_paths(result: MarkingResult, job: Job) -> MarkingResult:
     """Return the result without paths of this machine, because a student only knows the delivered paths."""
+    # folders whose paths are cut off in front of the names that the student knows
     folders = [Path(folder) for folder in (job.out, job.hand_in, *job.hidden, *job.packages) if folder]
     items = [
         replace(item, evidence=hide_places(item.evidence, folders), hint=hide_places(item.hint, folders))

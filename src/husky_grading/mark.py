@@ -61,6 +61,7 @@ def mark(job: Job) -> MarkingResult:
         for name in (FINGERPRINT, RESULT, *PICTURES):
             remove_tree(out / name)
         submission = kept_submission(job) or prepare(job, exercise.facts)
+        # a robot in marking.yaml, for this student only, comes before the robot of the class
         config = replace(job.config, robot=job.override.robot or job.config.robot)
         trials = draw_trials(exercise.drives(config.trials), config.seed)
         observe(submission, trials, config, exercise.bring_up, out)
@@ -106,7 +107,10 @@ def _text_of(error: Exception) -> str:
 
 
 def kept_submission(job: Job) -> Optional[Submission]:
-    """Return the submission that an earlier marking prepared here from the same files, if any."""
+    """Return the submission that an earlier marking prepared here from the same files, or None.
+
+    It is also None if the submission must be prepared in another way now, for example in another sandbox.
+    """
     try:
         submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
@@ -129,14 +133,16 @@ def main(arguments: Optional[List[str]] = None) -> None:
     """Mark the job of the command line, in a network of its own, within limits of memory and descriptors."""
     private_network.enter_network()
     for limit, value in LIMITS.items():
+        # a limit that is already lower stays, because a program can only lower its hard limit
         _, hard = resource.getrlimit(limit)
         resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
     stop_on_signals()
     try:
         job = load(Job, Path((arguments or sys.argv[1:])[0]))
         try:
+            # the folder of results is also shown at a neutral path, so no path of this machine is seen
             job = replace(job, out=str(place.show_results_at(Path(job.out))))
-        except HuskyError as error:
+        except HuskyError as error:  # the path of the folder has characters that CMake does not accept
             write_result(unmarked(job, str(error)), Path(job.out))
         else:
             mark(job)

@@ -81,7 +81,7 @@ class OpenItem:
 
         Without a moment of its own, the item shows the middle of the run.
         """
-        with suppress(HuskyError):
+        with suppress(HuskyError):  # the run has no recording
             recording: Recording = load(Recording, self.out / f"drive_{self.item.drive}" / RECORDING)
             if len(recording.times):
                 return draw_moment(
@@ -95,6 +95,7 @@ class OpenItem:
 
         A replay begins at the item's moment.
         """
+        # folder of the student's result, relative to the page; time at which a replay begins [s]
         place, start = f"{HAND_INS}/{self.out.name}", moment_of(self.item)
         shown = [(f"replay of run {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)]
         if (self.out / PICTURES[0]).is_file():
@@ -103,7 +104,10 @@ class OpenItem:
 
     @property
     def code(self) -> Tuple[str, str]:
-        """Return place and lines of the code for the item; empty if no line fits."""
+        """Return place and lines of the code for the item, around the first line that fits its subject.
+
+        The place is such as "src/node.cpp:12". Both are empty if no line fits.
+        """
         pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
         with suppress(UnreadableFileError):  # this error means that the build has made too many files
@@ -136,13 +140,14 @@ class Review(NamedTuple):
 def _marked_submissions(out: Path) -> List[Marked]:
     """Return the submissions whose results are in a folder, without those that the teacher has removed."""
     marked: List[Marked] = []
+    # each submission has a folder of results, with its result and its job
     for path in sorted((out / HAND_INS).glob(f"*/{RESULT}")):
         try:
             result, job = load_result(path), load(Job, path.with_name(JOB))
         except ConfigError as error:
             print(f"a result is left out: {error}", file=sys.stderr)
             continue
-        if Path(job.hand_in).exists():
+        if Path(job.hand_in).exists():  # otherwise, the teacher has removed the submission from the class
             marked.append(Marked(result, job, path.parent))
     return marked
 
@@ -195,6 +200,7 @@ def write_review(out: Path) -> Path:
     # check marking.yaml first, so that no page is written if the file has a fault
     read_overrides(folder, students)
     path = folder / FILE
+    # settings that the file has already; the page keeps them and adds the points
     content = read_settings(path) if path.exists() else {}
     write_whole(out / PAGE, render("review.html", items=items, content=content, path=str(path), file=FILE))
     return out / PAGE

@@ -27,6 +27,8 @@ class _MarkingFile:
 def load_rules(path: Path, items: Sequence[str]) -> Rules:
     """Return the rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
 
+    `items` are the names of the exercise's items.
+
     Raises:
         ConfigError: the file cannot be read, or a key or value is not allowed.
     """
@@ -38,6 +40,8 @@ def load_rules(path: Path, items: Sequence[str]) -> Rules:
 
 def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]:
     """Return the overrides in a folder's marking.yaml, by student; none without the file.
+
+    `students` are the names that the file may use.
 
     Raises:
         ConfigError: the file cannot be read, names an unknown student or key, or a value is not allowed.
@@ -91,6 +95,7 @@ def with_override(result: MarkingResult, override: Override) -> MarkingResult:
         items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
     penalty = []  # one item if the submission came late, otherwise empty
     if override.late:
+        # the penalty is in percent of these points; an item that is still to be graded by hand counts as 0
         before = sum(item.points or 0.0 for item in items.values())
         evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
         # The points of this item are negative. `0.0 - x` is used because `-x` would be -0.0 for a penalty of

@@ -146,7 +146,9 @@ def starter(
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
+    # manifest and programs of this package; a node from there is left out, unless the list is empty
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
+    # what the program must know about this package, because it cannot import it
     ours = {
         "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places, **vars(parts)
     }  # fmt: skip
@@ -164,6 +166,7 @@ def read_events(path: Path) -> List[Event]:
         for line in read_text(path).splitlines():
             if len(events) == MAX_EVENTS:
                 return [*events[:-1], Event(TOO_MANY)]
+            # a submission can write any line into the file
             with contextlib.suppress(ValueError, RecursionError, ConfigError):
                 events.append(from_plain(Event, json.loads(line), ""))
     return events
@@ -189,13 +192,14 @@ def exceptions_in(output: str) -> List[Note]:
     # key: sentence on an exception; value: simulated times [s] of the exception, None if unknown
     moments: Dict[str, List[Optional[float]]] = {}
     for match in _CALLBACK.finditer(output):
+        # file name and line number of each call; the last call has raised the exception
         places = _LINE.findall(match["lines"])
         line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
         source = f"callback {match['name']}" if match["name"] else "a thread"
         text = f"{source} raises {match['error'][:200]}{line}"
         moments.setdefault(text, []).append(float(match["at"]) if match["at"] else None)
     notes = []
-    for text, (first, *later) in moments.items():
+    for text, (first, *later) in moments.items():  # each exception has one note, with its number
         moment = "" if first is None else f", first at {first:.2f} s"
         notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {1 + len(later)} times", first))
     return notes
@@ -207,7 +211,9 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
     Nodes of packages that are not in the submission's `own` get another kind, if `own` is known.
     """
     notes = [note for note in map(_note_on_loading, events) if note]
+    # the fault that the student should repair first is reported first
     notes.sort(key=lambda note: EVENTS.index(note.kind))
+    # the program that starts the nodes prints such a line if it cannot start one
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
         # if the packages of the student are unknown, each node counts as the student's

@@ -24,12 +24,11 @@ from husky_grading.rubrics.rviz_view import (
 )
 from husky_highlevel_controller.config import to_plain
 
-ITEMS = (
-    "prints the smallest range",
-    "style of the template",
-    "parameters: topic name and queue size",
-    "RViz shows the laser scan in odom",
-)
+PRINTS_RANGE = "prints the smallest range"
+FOLLOWS_TEMPLATE = "style of the template"
+HAS_PARAMETERS = "parameters: topic name and queue size"
+SHOWS_SCAN = "RViz shows the laser scan in odom"
+ITEMS = (PRINTS_RANGE, FOLLOWS_TEMPLATE, HAS_PARAMETERS, SHOWS_SCAN)
 # [m] tolerance when a printed number is compared with the smallest ranges that the lidar measured
 SAME = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
@@ -98,11 +97,12 @@ class StraightDrive(Watch):
 
 def judge_output(recording: Recording) -> Item:
     """Grade whether the smallest range is printed: 40 points, or 20 if it does not follow the run."""
-    item = Item(ITEMS[0], 0.0, 40.0, "")
+    item = Item(PRINTS_RANGE, 0.0, 40.0, "")
     # (N,) [m] smallest range of each scan; scans without a return are left out
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
-        return with_cause(item, "nothing to print", (causes(recording) or [NO_SCANS])[0])
+        reasons = causes(recording)  # findings that explain it, such as an exception
+        return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     low, high = float(truth.min()), float(truth.max())
     lines = [_PREFIX.sub("", line) for line in recording.output.splitlines()]
     # all numbers of each line; then only the numbers of each line that can be the smallest range of a scan
@@ -111,12 +111,14 @@ def judge_output(recording: Recording) -> Item:
     # [m] first number of each line that can be a smallest range
     printed = [line[0] for line in ranges if line]
     if len(printed) < LEAST_LINES:
+        # if it prints other numbers, it does not take the minimum of the valid ranges
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
         return replace(item, evidence=evidence, hint=MINIMUM if any(numbers) else PRINT)
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
     # the robot drives towards the pillar, so the smallest range decreases; the printed numbers must decrease,
     # too
+    # an item with all points loses its hint later, in `weighted`
     follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
     return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
 
@@ -127,12 +129,12 @@ def judge_parameters(recording: Recording) -> Item:
     points = (8.0 if read.topics else 0.0) + (7.0 if read.queues else 0.0)
     topic = ", ".join(read.topics) or "no parameter has the topic of the scans"
     queue = ", ".join(read.queues) or "no parameter with a whole number is called queue"
-    return Item(ITEMS[2], points, 15.0, f"{topic}; {queue}", hint=PARAMETERS)
+    return Item(HAS_PARAMETERS, points, 15.0, f"{topic}; {queue}", hint=PARAMETERS)
 
 
 def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """Grade whether RViz shows the scan (10 points) in odom (5 points)."""
-    item = Item(ITEMS[3], 0.0, 15.0, "", subject=Subject.DISPLAYS)
+    item = Item(SHOWS_SCAN, 0.0, 15.0, "", subject=Subject.DISPLAYS)
     if not view.source:
         return without_config(item, view, rules)
     if view.problem:
@@ -141,7 +143,8 @@ def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         evidence, hint = find_display_fault(view, SCAN, scan_topic)
         return replace(item, evidence=f"{view.source}: {evidence}", hint=f"{hint}, {SAVED}")
     evidence = f"{view.source}: laser scan visible, fixed frame '{view.fixed_frame}'"
-    points = 10.0 + 5.0 * (view.fixed_frame == "odom")
+    points = 15.0 if view.fixed_frame == "odom" else 10.0
+    # an item with all points loses its hint later, in `weighted`
     return replace(item, points=points, evidence=evidence, hint=f"set the fixed frame to odom, {SAVED}")
 
 
@@ -149,12 +152,14 @@ def judge_exercise_2(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Return the items of exercise 2: 40 points, 30 by hand, 15 and 15."""
+    recording = recordings[0]  # this exercise has a single run
     items = [
-        judge_output(recordings[0]),
-        Item(ITEMS[1], None, 30.0, by_hand("does the package follow the template")),
-        judge_parameters(recordings[0]),
+        judge_output(recording),
+        Item(FOLLOWS_TEMPLATE, None, 30.0, by_hand("does the package follow the template")),
+        judge_parameters(recording),
         judge_view(view, scan_topic, rules),
     ]
+    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

@@ -23,7 +23,7 @@ from husky_grading.rubrics.causes import (
     causes,
     first_cause,
     hint_on,
-    is_nothing,
+    moves_nothing,
     with_cause,
 )
 from husky_grading.rubrics.items import by_hand, forfeited, over_trials, weighted
@@ -63,13 +63,18 @@ SILENT = 2.0
 # [m] the robot has driven away if, at the end, it is farther from the pillar than at its nearest point by
 # more than this
 NEARLY = 0.1
-ITEMS = (
-    "drives towards the pillar",
-    "reaches the pillar",
-    "RViz shows TF, robot model, laser scan",
-    "marker at the pillar",
-    "marker in RViz",
-)
+# [m] a robot that covers almost nothing of the way drives away if, at the end, it is farther from the pillar
+# than at the start by more than this
+AWAY = 0.5
+# [s] the speed of a touch is the highest speed within this simulated time before the touch, because the touch
+# itself slows the robot down
+JUST_BEFORE = 0.2
+APPROACHES = "drives towards the pillar"
+ARRIVES = "reaches the pillar"
+SHOWS_DISPLAYS = "RViz shows TF, robot model, laser scan"
+PLACES_MARKER = "marker at the pillar"
+SHOWS_MARKER = "marker in RViz"
+ITEMS = (APPROACHES, ARRIVES, SHOWS_DISPLAYS, PLACES_MARKER, SHOWS_MARKER)
 NO_RUN = "there was no run"
 # hints
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
@@ -101,13 +106,15 @@ class PillarWatch(Watch):
 
     def look(self, state: DriveState) -> Optional[Note]:
         """Return why the run is over, or None if it goes on."""
-        deadline = super().look(state)
-        if deadline:
-            return deadline
+        out_of_time = super().look(state)
+        if out_of_time:
+            return out_of_time
         if state.listens and not state.advertises and state.now >= SILENT:
             return Note(Kind.NO_PUBLISHER, f"it had no publisher of velocity commands for {SILENT:g} s")
+        # no node runs any more, and none has ever sent a command, so the robot will never move
         if state.abandoned and not state.commands:
             return NO_COMMAND
+        # the reason by the robot's motion, such as an arrival at the pillar
         return self._end.reason(state.abandoned)
 
 
@@ -121,10 +128,10 @@ class Explanation(NamedTuple):
 def judge_approach(recording: Recording) -> Item:
     """Grade whether the robot drives towards the pillar: 20 points.
 
-    A robot that covers HALF_WAY of the way gets all points. It gets half of them if it covers FIRST_STEPS, or
-    if it drives past the pillar. The hint names the most probable mistake.
+    A robot that covers HALF_WAY of the way gets all points, or half of them if it drives past the pillar. A
+    robot that covers less gets half of the points at most. The hint names the most probable mistake.
     """
-    item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
+    item = Item(APPROACHES, 0.0, 20.0, "", subject=Subject.DRIVE)
     # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
@@ -142,7 +149,20 @@ def judge_approach(recording: Recording) -> Item:
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
         return replace(item, points=20.0, evidence=evidence, at=half_time)
-    # the robot has covered less than half of the way, and the evidence says what it did instead
+    return _judge_short_way(item, recording)
+
+
+def _judge_short_way(item: Item, recording: Recording) -> Item:
+    """Return the item of a robot that covers less than HALF_WAY of the way to the pillar.
+
+    It gets half of the points if it covers FIRST_STEPS, otherwise none. The evidence says what it does
+    instead. `item` has no evidence yet.
+    """
+    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
+    gaps, times = recording.hull_gaps, recording.times
+    # [m] length of the way to the pillar, never 0; index of the moment at which the robot is nearest to it
+    first_gap, nearest = max(gaps[0], 1e-6), int(np.argmin(gaps))
+    covered = first_gap - gaps[nearest]  # [m] part of the way that the robot has covered
     at, end, points = float(times[nearest]), float(times[-1]), 0.0
     yaws = np.unwrap(recording.poses[:, 2])
     full_turns = float(np.abs(np.diff(yaws)).sum()) / (2.0 * np.pi)
@@ -151,7 +171,7 @@ def judge_approach(recording: Recording) -> Item:
         evidence = (
             f"covers {covered:.2f} m of the {first_gap:.2f} m to the pillar, less than half, by {at:.2f} s"
         )
-    elif gaps[-1] > first_gap + 0.5:
+    elif gaps[-1] > first_gap + AWAY:
         evidence = f"drives away: {gaps[-1] - first_gap:.2f} m farther from the pillar after {end:.2f} s"
         at = end
     elif full_turns > 1.0:
@@ -174,13 +194,13 @@ def _explain_steering(recording: Recording) -> Explanation:
 
     The signs of the turns are compared with the side on which the pillar is.
     """
-    if is_nothing(recording.fastest):
+    if moves_nothing(recording.fastest):
         return Explanation("; linear.x is 0 in all commands", NO_SPEED)
     # speeds (M,) [m/s] and rates of turn (M,) [rad/s], positive to the left, while the robot moves
     speeds, turns = recording.speeds[recording.moving].T
     if float(np.median(speeds)) < -STANDS:
         return Explanation("; it drives backwards", BACKWARDS)
-    if is_nothing(recording.sharpest):
+    if moves_nothing(recording.sharpest):
         return Explanation("; it never turns: angular.z is 0 in all commands", NO_TURN)
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
     # (M,) [rad] direction of the pillar seen from the robot, positive to the left
@@ -188,7 +208,7 @@ def _explain_steering(recording: Recording) -> Explanation:
     is_aside = np.abs(np.sin(bearings)) > ASIDE
     turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
     # fraction of moments at which the robot turns towards the pillar, among moments with the pillar to the
-    # side
+    # side; 0 if there is no such moment
     right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
     if right_fraction > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
@@ -217,7 +237,7 @@ def judge_arrival(
         rules: rules of the rubric.
         approach: item of `judge_approach` for this run. If it lost points, its hint is used here, too.
     """
-    item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
+    item = Item(ARRIVES, 0.0, 30.0, "", subject=Subject.DRIVE)
     if not len(recording.times):  # a run that has not begun has no poses
         return with_cause(item, NO_RUN, first_cause(recording))
     if recording.hull_gaps.min() > rules.reached:
@@ -234,7 +254,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
 
     The arguments are those of `judge_arrival`, and its item without evidence.
     """
-    gaps = recording.hull_gaps
+    gaps = recording.hull_gaps  # (N,) [m] gap between the robot's footprint and the pillar
     nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     at = float(recording.times[nearest])
     if _runs_out_of_time(recording):
@@ -263,8 +283,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
 def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: float) -> Item:
     """Return the item of a robot that touches the pillar at a time [s]: all points, unless it rams it."""
     times = recording.times
-    # the speed just before the touch, because the touch itself slows the robot down
-    just_before = (times >= touch_time - 0.2) & (times <= touch_time)
+    just_before = (times >= touch_time - JUST_BEFORE) & (times <= touch_time)
     speed = float(np.abs(recording.speeds[just_before, 0]).max())
     if rules.rams(speed):
         evidence = f"rams the pillar at {speed:.2f} m/s; up to {rules.gentle:g} m/s costs no points"
@@ -275,6 +294,8 @@ def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: flo
 
 def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
     """Return the item of a robot that comes near enough without a touch: 30 points if it stays, or 20."""
+    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]; a gap up to
+    # `rules.reached` is near enough
     gaps, times = recording.hull_gaps, recording.times
     stood_since = _stands_since(recording)
     if stood_since is not None and gaps[-1] <= rules.reached:
@@ -286,13 +307,13 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
         evidence += f" at {float(times[nearest]):.2f} s, but does not stop there"
     else:
         evidence += f", but stands {gaps[-1]:.2f} m away in the end"
-    reached_at = float(times[np.argmax(gaps <= rules.reached)])
+    reached_at = float(times[np.argmax(gaps <= rules.reached)])  # [s] when it first comes near enough
     return replace(item, points=20.0, evidence=evidence, at=reached_at, hint=SLOWS)
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """Grade whether the marker is at the pillar: 20 points, by its distance and the fraction of the time."""
-    item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
+    item = Item(PLACES_MARKER, 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
         return with_cause(item, NO_RUN, first_cause(recording))
     # finding that explains why no marker came; None if unknown
@@ -325,14 +346,17 @@ def _runs_out_of_time(recording: Recording) -> bool:
     drives_away = gaps[-1] > gaps.min() + NEARLY
     if is_ended_early or drives_away:
         return False
-    before = int(np.searchsorted(times, times[-1] - LATELY))
+    before = int(np.searchsorted(times, times[-1] - LATELY))  # index of the pose LATELY before the end
     approach_speed = (gaps[before] - gaps[-1]) / (times[-1] - times[before])  # [m/s]
     return bool(approach_speed * recording.deadline > gaps[-1])
 
 
 def _stands_since(recording: Recording) -> Optional[float]:
-    """Return the time since which the robot stands until the end [s]; None if it does not."""
-    driving_rows = np.flatnonzero(recording.driving)
+    """Return the time since which the robot stands until the end [s].
+
+    It is None if the robot stands for less than STOPPED at the end.
+    """
+    driving_rows = np.flatnonzero(recording.driving)  # indices of the poses at which the robot drives
     times_at_rest = recording.times[driving_rows[-1] + 1 :] if len(driving_rows) else recording.times
     if not len(times_at_rest) or times_at_rest[-1] - times_at_rest[0] < STOPPED:
         return None
@@ -341,7 +365,7 @@ def _stands_since(recording: Recording) -> Optional[float]:
 
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """Grade whether RViz shows TF, robot model and laser scan: 6, 7 and 7 points."""
-    item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
+    item = Item(SHOWS_DISPLAYS, 0.0, 20.0, "", subject=Subject.DISPLAYS)
     if not view.source:
         return without_config(item, view, rules)
     if view.problem:  # RViz shows nothing, for example because the fixed frame does not exist
@@ -365,6 +389,7 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         item,
         points=sum(points for points, is_visible in parts.values() if is_visible),
         evidence=f"{view.source}: {'; '.join(findings)}",
+        # without faults, the item has all points, so `weighted` later removes this hint
         hint=f"{'; '.join(dict.fromkeys(hint for _, hint in faults))}, {SAVED}",
     )
 
@@ -372,26 +397,27 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
 def judge_shown(
     view: RvizView, recordings: Sequence[Recording], places: Sequence[Item], rules: Rules = DEFAULT_RULES
 ) -> Item:
-    """Grade whether RViz shows the marker: 10 points, if it is at the pillar at times.
+    """Grade whether RViz shows the marker: 10 points, if the marker has points for its place in a run.
 
     `places` are the items of judge_place, one for each run.
     """
-    item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
+    item = Item(SHOWS_MARKER, 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
     # a marker counts only in a run in which `judge_place` gave points for it
     good_runs = [recording for recording, place in zip(recordings, places) if place.points]
     markers = [marker for run in good_runs for marker in run.markers if not marker.problem]
     topics = {marker.topic for marker in markers}
     if not topics:
+        # first the marker must get to the pillar, so the hint is the hint on its place
         hint = places[0].hint if places else CHECK
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
-    # a topic is visible if at least one of its marker namespaces is switched on in RViz
-    visible_topics = {
+    # topics of which at least one marker namespace is switched on in RViz
+    switched_on_topics = {
         marker.topic for marker in markers if (marker.topic, marker.namespace) not in view.hidden
     }
-    subscribed_topics = topics & set(view.topics)
-    shown_topics = sorted(visible_topics & subscribed_topics)
+    subscribed_topics = topics & set(view.topics)  # topics that a display of RViz subscribes to
+    shown_topics = sorted(switched_on_topics & subscribed_topics)
     if shown_topics:
         return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
     if subscribed_topics:
@@ -405,6 +431,7 @@ def judge_shown(
 def _explain_no_display(view: RvizView, topics: Set[str]) -> Explanation:
     """Return why no display of RViz subscribes to one of the markers' topics, as a sentence, and the hint."""
     ending = f"RViz does not subscribe to {', '.join(sorted(topics))}"
+    # topics that only a display subscribes to which is switched off or invisible
     switched_off = topics & {display.source for display in view.off if display.kind in MARKERS}
     if view.problem:
         ending += f": {view.problem}"
@@ -422,7 +449,10 @@ def _explain_no_display(view: RvizView, topics: Set[str]) -> Explanation:
 def judge_exercise_3(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """Return the items of exercise 3: 20, 30 and 20 points, and 20 and 10 for the marker."""
+    """Return the items of exercise 3: 20, 30 and 20 points, and 20 and 10 for the marker.
+
+    Approach, arrival and place of the marker are judged in each run; `over_trials` makes one item of them.
+    """
     approaches = [judge_approach(recording) for recording in recordings]
     arrivals = [judge_arrival(each, rules, approach) for each, approach in zip(recordings, approaches)]
     places = [judge_place(recording, rules) for recording in recordings]
@@ -433,6 +463,7 @@ def judge_exercise_3(
         over_trials(places, rules.other_worlds),
         judge_shown(view, recordings, places, rules),
     ]
+    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

@@ -163,6 +163,7 @@ def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: st
         MarkingError: the player does not start.
     """
     set_robot_parameters(network, config)
+    # the arguments are the robot, the random seed, the real-time factor and the length of the bag [s]
     command = [BAG_PLAYER, config.robot_name, *map(str, (trial.seed, config.pace, config.deadline))]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
     # the bag player advertises /clock after all other topics, so it is ready when /clock is there
@@ -202,12 +203,13 @@ class FilterWatch(Watch):
 
     def look(self, state: DriveState) -> Optional[Note]:
         """Keep the position of the top view, and return why the run is over, or None if it goes on."""
-        place = self._ros.place(TOP_VIEW_FRAME)
+        place = self._ros.place(TOP_VIEW_FRAME)  # position in base_link [m]; None if there is no such frame
         latest = self._top_view[-1][0] if self._top_view else 0.0
         if place is not None and state.now > latest:
             self._top_view.append((state.now, *place))
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
+        # [s] simulated time at which the bag counts as played, because the bag is played up to the deadline
         end = self._initial.deadline - BAG_MARGIN
         if state.now < end or not self._is_complete(end):
             return None
@@ -242,7 +244,8 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
     # a curve shows the path if it draws y of a topic's position over x of the same topic's position
     matches = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
     topics = [match["topic"] for match in matches if match]
-    evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in playback.curves[:3])
+    shown_curves = playback.curves[:3]  # more curves would make the sentence too long
+    evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in shown_curves)
     if FILTERED in topics:
         return Verdict(1.0, evidence, PLOT)
     return Verdict(0.5 if topics else 0.0, evidence, PLOT)
@@ -259,6 +262,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
+        # if no node subscribes to the bag's odometry, the inputs of the filter are wrong
         return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS)
     stamps, end = path[:, 0], float(recording.times[-1])
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
@@ -307,6 +311,8 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
     """Grade whether the top view is 2 m above base_link at three moments of the run."""
     rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of smb_top_view in base_link
     if len(rows) < 3:
+        # without the frame, `places` has the positions of all other frames; one of them may be the right one
+        # under a wrong name
         frames_above = [frame for frame, place in sorted(playback.places.items()) if _is_above(place)]
         evidence = "no transform from base_link to smb_top_view"
         if frames_above:
@@ -363,10 +369,10 @@ def judge_exercise_4(
     recordings: Sequence[Recording], view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Return the items of the exercise sheet of the robot whose bag was played."""
-    recording, items = recordings[0], []
+    recording, items = recordings[0], []  # this exercise has a single run
     playback = recording.watched_as(Playback)
     for name, (husky_points, smb_points, subject, judge) in SHEETS.items():
-        max_points = smb_points if recording.robot == "smb" else husky_points
+        max_points = smb_points if recording.robot == SMB else husky_points
         item = Item(name, 0.0, max_points, "", subject=subject)
         if subject is Subject.DISPLAYS and not view.source:
             items.append(without_config(item, view, rules))
@@ -374,7 +380,10 @@ def judge_exercise_4(
             share, evidence, hint = judge(recording, playback, view)
             points = None if share is None else share * item.max_points
             items.append(replace(item, points=points, evidence=evidence, hint=hint))
-    return weighted(forfeited([item for item in items if item.max_points], recordings), rules)
+    # items that this robot's exercise sheet does not have are left out
+    items = [item for item in items if item.max_points]
+    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
+    return weighted(forfeited(items, recordings), rules)
 
 
 EXERCISE = Exercise(

@@ -24,12 +24,10 @@ from husky_grading.rubrics.causes import (
 from husky_grading.rubrics.items import by_hand, forfeited, weighted
 from husky_highlevel_controller.config import to_plain
 
-ITEMS = (
-    "service stops the robot",
-    "service starts it again",
-    "bonus: stops before a crash",
-    "bonus: stops after a crash",
-)
+STOPS_ROBOT = "service stops the robot"
+STARTS_ROBOT = "service starts it again"
+BONUSES = ("bonus: stops before a crash", "bonus: stops after a crash")
+ITEMS = (STOPS_ROBOT, STARTS_ROBOT, *BONUSES)
 BEFORE = 0.5  # [s] the speed before a call is the highest speed within this simulated time before the call
 # [s] the speed after a call is the highest speed between these two simulated times after the answer
 SETTLED, CALM = 1.5, 4.0
@@ -98,7 +96,8 @@ class CallPlan:
         """Return the value of the call that is due now [s], or None; `speed` in m/s."""
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
-        begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)
+        begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
+        # while an answer is awaited, `answered_at` is inf, so no call is due
         if self.made >= len(CALLS) or now < max(begin, self.answered_at + CALM):
             return None
         value = CALLS[self.made]
@@ -133,7 +132,7 @@ class ServiceWatch(Watch):
         return self._follow_plan(state) or super().look(state)
 
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
-        """Take the answer of the last call, or make the next one; return why the plan is done, if it is."""
+        """Take the answer of the last call, or make the next one; return why the run is over, if it is."""
         # the type of a new service may be unknown at first, so the types are asked for each time
         self._types.update(self._ros.service_types(state.services))
         if self._waiting_call:
@@ -195,20 +194,22 @@ def judge_calls(recording: Recording) -> List[Item]:
     An item gets half of its points if only some calls work. The submission chooses which value of the request
     stops, so the grader finds it by the effects. A person grades an item if no call could show the effect.
     """
-    stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
-    start = replace(stop, name=ITEMS[1], hint=START)
+    stop = Item(STOPS_ROBOT, 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
+    start = replace(stop, name=STARTS_ROBOT, hint=START)
     # services of the submission, and the calls that `grade` made
-    offered = recording.watched_as(ServiceCalls)
-    if not offered.calls:
-        return _judge_no_calls([stop, start], recording, offered)
-    service = offered.services[0] if offered.services else "its service"  # name of the service in the report
-    effects = _effects(recording, offered.calls)  # speeds before and after each call
+    observed = recording.watched_as(ServiceCalls)
+    if not observed.calls:
+        return _judge_no_calls([stop, start], recording, observed)
+    service = (
+        observed.services[0] if observed.services else "its service"
+    )  # name of the service in the report
+    effects = _effects(recording, observed.calls)  # speeds before and after each call
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
-        return _judge_no_stop(stop, start, service, calls_while_driving, offered.callers)
+        return _judge_no_stop(stop, start, service, calls_while_driving, observed.callers)
     stop_value = _stopping_value(effects)  # value of the request that stops the robot
     stop = _judge_stops(stop, service, [effect for effect in effects if effect.call.data is stop_value])
     if not calls_while_driving:
@@ -222,13 +223,17 @@ def judge_calls(recording: Recording) -> List[Item]:
     return [stop, _judge_starts(start, service, starts)]
 
 
-def _judge_no_calls(items: Sequence[Item], recording: Recording, offered: ServiceCalls) -> List[Item]:
-    """Return the items of a submission whose service was never called, most often because it has none."""
+def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: ServiceCalls) -> List[Item]:
+    """Return the items of a submission whose service was never called, most often because it has none.
+
+    `items` are the items on stops and starts, without evidence. They get no points, or are graded by hand if
+    the submission has services of other types.
+    """
     evidence = "no std_srvs/SetBool service"
-    if offered.services:
-        evidence = f"{offered.services[0]} was not called"
-    elif offered.other_services:
-        evidence = by_hand(f"{evidence}, but {', '.join(offered.other_services)}")
+    if observed.services:  # the run ended before the first call
+        evidence = f"{observed.services[0]} was not called"
+    elif observed.other_services:
+        evidence = by_hand(f"{evidence}, but {', '.join(observed.other_services)}")
         return [replace(item, points=None, evidence=evidence) for item in items]
     hint, reasons = SERVICE, causes(recording)
     if reasons:
@@ -248,6 +253,7 @@ def _judge_no_stop(
         effects: effects of the calls to a driving robot, at least one.
         callers: lookups of the service by each node; a node with MANY of them also calls the service.
     """
+    # two calls are enough for the sentence, because they most often have both values
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
     evidence, hint = f"{service}: neither value stops it: {', '.join(speeds)}", NEITHER
     first_call = effects[0].call
@@ -361,29 +367,29 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
         evidence += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
         if call.answer and not call.success:
             evidence += f" ({call.answer})"
-    points = item.max_points / 2.0 if successes else 0.0
-    if not failures:
-        points = item.max_points
-    return replace(item, points=points, evidence=evidence, at=at)
+    share = 1.0 if not failures else 0.5 if successes else 0.0
+    return replace(item, points=share * item.max_points, evidence=evidence, at=at)
 
 
 def judge_exercise_5(
     recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Return the items of exercise 5: 50 and 50 points, and two bonuses by hand."""
-    items, offered = judge_calls(recordings[0]), recordings[0].watched_as(ServiceCalls)
+    recording = recordings[0]  # this exercise has a single run
+    items, observed = judge_calls(recording), recording.watched_as(ServiceCalls)
     # a robot that stands all the time cannot show that the service stops it, so it gets no points
-    drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
+    drives = (np.abs(recording.speeds[:, 0]) > FAST).any()
     # the teacher grades a submission by hand if its services have other types than std_srvs/SetBool
-    has_only_other_types = bool(offered.other_services) and not offered.services
+    has_only_other_types = bool(observed.other_services) and not observed.services
     if not drives and not has_only_other_types:
         stop, start = (replace(item, points=0.0) for item in items)
-        stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recordings[0]))
+        stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recording))
         items = [stop, replace(start, hint=stop.hint)]
     items += [
         Item(name, None, 25.0, by_hand("it is done by a node of its own"), subject=Subject.SERVICE)
-        for name in ITEMS[2:]
+        for name in BONUSES
     ]
+    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

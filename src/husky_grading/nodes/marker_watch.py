@@ -51,19 +51,20 @@ class MarkerWatch:
     """Records markers by callbacks; `samples` places them in the end, when all transforms are known."""
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
-        self._now = now
+        self._now = now  # returns the simulated time [s]
         # folders of the submission's packages, where the mesh files of markers are searched
         self._packages = packages
         # recorded markers, as sample and message; their positions in the world are computed after the run
         self._samples: List[Tuple[MarkerSample, Marker]] = []
-        self._points_left = MAX_ALL_POINTS
-        self._closed = False
+        self._points_left = MAX_ALL_POINTS  # number of points that may still be kept in this run
+        self._closed = False  # true if no further markers are kept
         # time [s] of the last recorded moment, and number of markers at this moment; keys are (topic,
         # namespace)
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
-        self._topics: Dict[str, rospy.Subscriber] = {}
+        self._topics: Dict[str, rospy.Subscriber] = {}  # subscribers by topic
         # number of messages on each topic that cannot be read, because they are not of the topic's type
         self._unreadable: Dict[str, int] = {}
+        # keeps all transforms of the run, because markers are placed only after it
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
         self._listener = tf2_ros.TransformListener(self._buffer)
 
@@ -176,8 +177,8 @@ class MarkerWatch:
         """
         if self._closed or len(self._samples) >= MAX_SAMPLES:
             return False
-        at, count = self._moments.get(key, (-inf, 0))
-        if now > at:
+        at, count = self._moments.get(key, (-inf, 0))  # last moment that was kept, and its number of markers
+        if now > at:  # this marker would begin a new moment
             if now - at < PERIOD * max(1.0, count / CROWD):
                 return False
             at, count = now, 0
@@ -207,7 +208,9 @@ class MarkerWatch:
 
         `pillar` is the position of its axis in the world, x and y [m].
         """
+        # without poses of the robot, no marker can be placed
         samples = list(self._samples) if len(times) else []
+        # a deletion, or a marker that RViz does not draw, has no place
         return tuple(
             sample if sample.problem or sample.action != ADD
             else self._placed(sample, marker, times, poses, pillar)
@@ -236,6 +239,7 @@ class MarkerWatch:
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:
             # TF raises a ValueError if the name of the frame contains a NUL character
+            # the first sentence of the error is the reason; the other sentences are of no use to a student
             return replace(sample, problem=str(error).split(". ")[0].strip())
         # row of the first true pose that is not earlier than `moment`; 1e-6 is a tolerance for rounding
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
@@ -245,6 +249,7 @@ class MarkerWatch:
         scale = (marker.scale.x, marker.scale.y, marker.scale.z)
         points = [(point.x, point.y, point.z) for point in marker.points]
         shape = draw(marker.type, pose, scale, points, pillar)
+        # the fields of `shape` have the same names in a sample: position, reach, low and high
         return replace(sample, **shape._asdict())
 
     def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
@@ -270,6 +275,7 @@ class MarkerWatch:
                 return moment, self._lookup(sample.frame, moment)
             except tf2_ros.TransformException as error:
                 first_error = first_error or error
+        # [s] latest time for which TF knows the frame
         latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
         # no transform came after the marker, because the run ended or the submission stopped sending
         # transforms
@@ -322,7 +328,8 @@ def _invisible(marker: Marker) -> str:
         return "its alpha is 0"
     if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
         return f"its type {marker.type} is not a type of visualization_msgs/Marker"
-    if marker.type in LISTS and len(marker.points) < (2 if marker.type in LINES else 1):
+    least_points = 2 if marker.type in LINES else 1
+    if marker.type in LISTS and len(marker.points) < least_points:
         return "it has no points"
     if marker.type == Marker.TEXT_VIEW_FACING and not marker.text.strip():
         return "its text is empty"

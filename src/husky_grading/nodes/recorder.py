@@ -80,8 +80,8 @@ class DriveRecorder:
         self._channel, self._channel_lock = channel, threading.Lock()  # several threads send
         self._task: Assignment = channel.recv()
         self._initial = self._task.recording  # recording with the facts that are known before the run
-        self._lock = threading.Lock()
-        self._truth: List[TrueState] = []
+        self._lock = threading.Lock()  # guards `_truth` and `_handed_over`, which several threads change
+        self._truth: List[TrueState] = []  # true states of the robot so far
         self._commands: List[float] = []  # [s] simulated times at which commands came, each time once
         self._command_count = self._zero_count = 0  # number of all commands, and of commands that are zero
         self._fastest = self._sharpest = 0.0  # largest commanded speed [m/s] and yaw rate [rad/s]
@@ -109,6 +109,7 @@ class DriveRecorder:
         self._unanswered = ""
         # set when a message GoOn or Abandoned has come from the program that runs the submission
         self._go_on, self._abandoned = threading.Event(), threading.Event()
+        # after a shutdown from outside, the part of the run so far is sent, as a run that was cut off
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
         # names of nodes that do not belong to the submission
@@ -121,6 +122,7 @@ class DriveRecorder:
         # only by `_access`.
         self._access = DriveAccess(self._our_nodes, self._markers)
         self._watch = EXERCISES[self._task.exercise].watch(self._initial, self._access)
+        # receives the true states and events of the simulator, beside ROS, so a submission cannot forge them
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         threading.Thread(target=self._listen, daemon=True).start()
         self._send(Ready())
@@ -170,10 +172,12 @@ class DriveRecorder:
 
     @property
     def _now(self) -> float:
+        """Return the simulated time of the latest true state [s]."""
         return self._truth[-1].stamp if self._truth else 0.0
 
     @property
     def _state(self) -> DriveState:
+        """Return the present state of the run for the exercise's watch."""
         return DriveState(
             self._now,
             self._truth[-1].speed if self._truth else 0.0,
@@ -220,10 +224,10 @@ class DriveRecorder:
             return
         self._command_count += 1
         self._zero_count += is_zero(msg._buff)
-        ahead, turn = ahead_and_turn(msg._buff)
+        ahead, turn = ahead_and_turn(msg._buff)  # sizes of linear.x [m/s] and angular.z [rad/s]
         self._fastest, self._sharpest = max(self._fastest, ahead), max(self._sharpest, turn)
         now = self._now
-        if not self._commands or self._commands[-1] < now:
+        if not self._commands or self._commands[-1] < now:  # several commands of one moment are kept once
             self._commands.append(now)
 
     def _on_scan(self, msg: LaserScan) -> None:
@@ -244,9 +248,8 @@ class DriveRecorder:
         """Ask the master for the ROS graph, and keep the parts that the rubric needs.
 
         New topics of the submission are subscribed to, if they have markers or types that the exercise
-        follows. Forged topics and readers of true poses become violations. In the end the recorder joins if
-        the submission is ready. Without an answer of the master nothing changes, because the next look comes
-        soon.
+        follows. In the end the recorder joins if the submission is ready. Without an answer of the master
+        nothing changes, because the next look comes soon.
         """
         try:
             published, subscribed, services = self._master.getSystemState()
@@ -259,29 +262,38 @@ class DriveRecorder:
             return
         self._publishers = publishers
         for topic, nodes in publishers.items():
-            if set(nodes) - self._our_nodes:
+            if set(nodes) - self._our_nodes:  # a node of the submission publishes on the topic
                 self._markers.follow(topic, self._types.get(topic, ""))
                 self._follow(topic, self._types.get(topic, ""))
-        # topic to which the submission must subscribe; in most exercises, this is the topic of the scans
-        input_topic = self._watch.input_topic
-        listeners: Set[str] = set(subscribers.get(input_topic, ()))
+        # nodes that subscribe to the topic that the exercise needs; in most exercises, this is the topic of
+        # the scans
+        listeners: Set[str] = set(subscribers.get(self._watch.input_topic, ()))
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
-        # only the simulator may publish on these topics, because a submission could forge poses, time or
-        # scans on them
-        simulator_topics = (TRUTH, "/clock", input_topic)
-        for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
-            self._violate(f"node {node} publishes on {topic}, on which only the simulator may publish")
-        for topic, node in topics_of_truth(subscribers, self._our_nodes):
-            self._violate(f"node {node} subscribes to {topic}, which has the true poses of the simulator")
+        self._check_for_violations(publishers, subscribers)
         self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
         velocity_topics = map(rospy.resolve_name, VELOCITY_TOPICS)
         velocity_nodes = {node for topic in velocity_topics for node in publishers.get(topic, ())}
         self._advertises = self._advertises or bool(velocity_nodes - self._our_nodes)
         self._join()
+
+    def _check_for_violations(
+        self, publishers: Dict[str, List[str]], subscribers: Dict[str, List[str]]
+    ) -> None:
+        """Keep a violation for each topic of the simulator that the submission forges or must not read.
+
+        `publishers` and `subscribers` are the names of the nodes by topic.
+        """
+        # only the simulator may publish on these topics, because a submission could forge poses, time or
+        # scans on them
+        simulator_topics = (TRUTH, "/clock", self._watch.input_topic)
+        for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
+            self._violate(f"node {node} publishes on {topic}, on which only the simulator may publish")
+        for topic, node in topics_of_truth(subscribers, self._our_nodes):
+            self._violate(f"node {node} subscribes to {topic}, which has the true poses of the simulator")
 
     def _follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic if the exercise's watch follows its type."""
@@ -295,7 +307,13 @@ class DriveRecorder:
             )
 
     def _join(self) -> None:
-        """Take part as soon as the submission does, or in its place, because lockstep waits for commands."""
+        """Take part in the run as soon as the submission is ready, or in its place after the message GoOn.
+
+        In lockstep, simulated time begins only when a node subscribes to the scans and a node sends commands.
+        So the recorder subscribes to the scans only now, because otherwise time could begin too early. If the
+        submission is not ready, the recorder sends commands in its place, because otherwise time would never
+        begin.
+        """
         is_ready = self._watch.takes_part(self._state)
         has_joined = self._joined_at < inf
         if has_joined or not (is_ready or self._go_on.is_set()):
@@ -349,6 +367,7 @@ class DriveRecorder:
         states = list(self._truth)  # a copy, because another thread may append states during the loop
         rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
         table = np.array(rows).reshape(-1, 6)  # `reshape` gives the table six columns even if it has no rows
+        # columns: stamp [s]; x, y [m] and yaw [rad]; speed [m/s] and yaw rate [rad/s]
         times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
         frames, notes = self._markers.frames, [*self._markers.notes]
         # unanswered scans are reported only if the submission has sent commands at all

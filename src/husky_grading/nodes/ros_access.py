@@ -64,7 +64,7 @@ class DriveAccess:
     def service_types(self, names: Collection[str]) -> Dict[str, str]:
         """Return the types of services as far as they are known; threads ask for the types of new names."""
         for name in names:
-            if name.endswith(EVERY_NODES_SERVICES):
+            if name.endswith(EVERY_NODES_SERVICES):  # services of ROS itself
                 continue
             if name not in self._asked and len(self._asked) < MAX_SERVICES:
                 self._asked.add(name)
@@ -84,6 +84,7 @@ class DriveAccess:
 
     def call(self, name: str, value: bool) -> None:
         """Call a service of type std_srvs/SetBool."""
+        # each call has a list of its own, so a late answer to an earlier call is not taken for its answer
         self._answers = answers = []
         self._give_up_at = time.monotonic() + ANSWER_DEADLINE
 
@@ -131,7 +132,7 @@ class DriveAccess:
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
         """Return the parameters with the URDF of a robot that has one of these frames as a link."""
         names = []
-        with suppress(*UNANSWERED):
+        with suppress(*UNANSWERED):  # if the master does not answer, the parameters so far count
             for name in rospy.get_param_names():
                 if name.endswith("_description"):
                     text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]

@@ -109,7 +109,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self.pillar = self.pillar or bool(PILLAR.search(str(value)))
         return value
 
-    def _try(self, tag_name: str, *arguments: Any, **options: Any) -> Any:
+    def _load_as_roslaunch(self, tag_name: str, *arguments: Any, **options: Any) -> Any:
         """Load a tag as roslaunch would, and return None if it needs a package that does not exist."""
         try:
             return getattr(super(), f"_{tag_name}_tag")(*arguments, **options)
@@ -153,8 +153,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         # name of the file for the student, without folders of this machine
         shown = f"{package}/{place}" if package else os.path.basename(place)
         try:
-            return self._try("include", tag, context, *arguments)
-        except TimeoutError:
+            return self._load_as_roslaunch("include", tag, context, *arguments)
+        except TimeoutError:  # the time is up for all files together, so loading ends
             raise
         except Exception as error:
             # a fault in a launch file of the simulator does no harm, because `grade` starts the simulator
@@ -173,17 +173,17 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         return False
 
     def _rosparam_tag(self, *arguments: Any, **options: Any) -> Any:
-        return self._try("rosparam", *arguments, **options)
+        return self._load_as_roslaunch("rosparam", *arguments, **options)
 
     def _node_tag(self, *arguments: Any, **options: Any) -> Any:
-        return self._try("node", *arguments, **options)
+        return self._load_as_roslaunch("node", *arguments, **options)
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
             # These parameters are left out, because `grade` sets them itself. A launch file may set them by a
             # command that this machine does not have.
             return None
-        return self._try("param", tag, *arguments, **options)
+        return self._load_as_roslaunch("param", tag, *arguments, **options)
 
     def _arg_tag(self, tag: Any, context: Any, *arguments: Any, **options: Any) -> Any:
         try:
@@ -208,6 +208,7 @@ def refuse_aliases() -> None:
     """Let YAML reject aliases in parameter files, because a few aliases can expand to billions of values."""
     compose_node = yaml.SafeLoader.compose_node
 
+    # takes the place of the method `compose_node`, with which YAML reads each value
     def compose_plain(loader: Any, parent: Any, index: Any) -> Any:
         if loader.check_event(yaml.AliasEvent):
             problem = "YAML aliases are not allowed; write the value out"
@@ -295,7 +296,9 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     Nodes to start write to the terminal, and a terminal or debugger in front of them is dropped. For `ours`,
     see `load_launchable`.
     """
-    leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
+    # packages of the simulator or the robot, whose nodes are not started. In some exercises, the submission
+    # starts nodes of such a package, or `grade` starts nodes of one more package.
+    leave_out = (SIMULATION - set(ours["by_submission"])) | set(ours["by_marking"])
     # true if the submission starts an RViz that does not come from our launch files
     has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
     result = SortedNodes([], [], [], [])
@@ -314,11 +317,12 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
         ):
             result.left_out.append(f"{node.package}/{node.type}")
             result.left_out_arguments.append([f"{node.package}/{node.type}", node.args or ""])
+        # a node of the grading package itself, which is not part of any submission
         elif is_own(node, ours["places"]):
             result.left_out.append(f"{node.package}/{node.type}")
             reporter.write("own", node=f"{node.package}/{node.type}")
         else:
-            node.output = "screen"
+            node.output = "screen"  # otherwise roslaunch would write the output into a log file of its own
             drop_prefix(node, reporter)
             result.to_start.append(node)
     return result
@@ -347,13 +351,14 @@ def is_own(node: Any, places: List[str]) -> bool:
             return True
     # if the submission's package does not have this program, roslaunch takes the program from another package
     # of the same name, which may be ours
-    found_programs = roslib.packages.find_node(node.package, node.type)
+    found_programs = roslib.packages.find_node(node.package, node.type)  # roslaunch starts the first
     return any(os.path.dirname(os.path.realpath(path)) in folders for path in found_programs[:1])
 
 
 def drop_prefix(node: Any, reporter: Reporter) -> None:
     """Drop a terminal or debugger in front of a node, because with it roslaunch would start nothing."""
     try:
+        # the first word of the launch-prefix is the program; empty if the node has no prefix
         program, *_ = shlex.split(node.launch_prefix or "") or [""]
     except ValueError:  # a quote in the launch-prefix is not closed
         program = node.launch_prefix
@@ -367,7 +372,7 @@ def run_in_valgrind(nodes: List[Any], folder: str) -> None:
     for node in nodes:
         paths = roslib.packages.find_node(node.package, node.type)
         with open(paths[0] if paths else os.devnull, "rb") as file:
-            if file.read(4) == b"\x7fELF":
+            if file.read(4) == b"\x7fELF":  # compiled programs begin with these bytes, but scripts do not
                 log = os.path.join(folder, "memcheck.%p")
                 node.launch_prefix = (
                     f"valgrind --track-origins=yes --num-callers=20 --log-file={shlex.quote(log)}"
@@ -381,13 +386,11 @@ def tolerate_failed_nodes() -> None:
     def tolerant(runner: Any, node: Any, core: bool = False) -> Any:
         try:
             return launch_node(runner, node, core)
-        except (
-            roslaunch.pmon.FatalProcessLaunch,
-            ValueError,
-        ) as error:
-            # a ValueError means that a quote in `args` is not closed
+        except (roslaunch.pmon.FatalProcessLaunch, ValueError) as error:
+            # A ValueError means that a quote in `args` is not closed. `grade` finds this line in the output
+            # and reports the node.
             print(f"ERROR: cannot launch node of type [{node.package}/{node.type}]: {error}", flush=True)
-            return None, False
+            return None, False  # no process, and not successful
 
     roslaunch.launch.ROSLaunchRunner.launch_node = tolerant
 
@@ -411,7 +414,7 @@ def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str
     reporter.write("launchable")
     # rospkg reads each package.xml by this function, so a broken package.xml does not hide other packages
     rospack.ElementTree = tolerant_manifest
-    signal.alarm(LOAD_DEADLINE)
+    signal.alarm(LOAD_DEADLINE)  # after this time, `_out_of_time` raises a TimeoutError
     try:
         return load_launchable(launchable, reporter, ours)
     except MissingIncludeError as error:
@@ -454,7 +457,8 @@ def main(arguments: List[str]) -> int:
         config = describe(json.loads(launchable), reporter, json.loads(ours))
     # without a launchable (launch file or node), the call only checks that this program can start
     if action == "describe" or config is None:
-        return int(bool(launchables) and config is None)
+        has_failed = bool(launchables) and config is None  # the last launchable cannot be loaded
+        return int(has_failed)
     if action == "memcheck":
         run_in_valgrind(config.nodes, os.path.dirname(events))
     # the original function may print control characters for the title of the terminal into the output

@@ -34,6 +34,7 @@ def write_exports(result: MarkingResult, out: Path) -> None:
 
     Classroom 50 needs a score, so it gets no file for a submission that could not be marked.
     """
+    # time of this result in UTC, such as 2026-06-01T14:32:01Z
     moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     classroom50 = to_classroom50(result, os.environ, moment)
     for path, text in (
@@ -44,7 +45,7 @@ def write_exports(result: MarkingResult, out: Path) -> None:
         path.parent.mkdir(exist_ok=True)
         if text:
             write_whole(path, text)
-        else:
+        else:  # a file of an earlier result must not stay
             path.unlink(missing_ok=True)
 
 

@@ -62,13 +62,15 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     """
     write_whole(out / "table.txt", f"{to_result(result)}\n")
     write_whole(out / "junit.xml", to_junit([result]))
+    # HTML of each run's replay, by the number of the run
     pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
-    feedback = out / "feedback.html"
+    feedback = out / "feedback.html"  # page for the student
     if result.held:  # the teacher holds the feedback back
         feedback.unlink(missing_ok=True)
     else:
         write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out, packages)))
     write_exports(result, out)
+    # other programs find the sums of points in result.json, too
     sums = {name: getattr(result, name) for name in SUMS}
     write_whole(out / RESULT, to_json(result, **sums))
 
@@ -109,7 +111,8 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
 def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause: Optional[Item]) -> None:
     """Write the pictures of a student's runs, and a replay of each; nothing if there was no run.
 
-    One picture shows the moment of `cause`, the first item that lost points, otherwise the middle of a run.
+    The second picture shows the moment of `cause`, the first item that lost points, otherwise the middle of a
+    run. In exercise 4 there is only one picture, of the estimated path.
     """
     first, estimate = recordings[0], recordings[0].estimate
     if estimate is None and not len(first.times):
@@ -181,7 +184,7 @@ def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
     logs = {"Output of the build": out / "build.log"}
     for number, folder in drive_folders(out).items():
         logs[f"Output of your nodes in run {number}"] = folder / "submission.log"
-    texts, folders = {}, [out, *map(Path, packages)]
+    texts, folders = {}, [out, *map(Path, packages)]  # texts do not show the paths of these folders
     for title, path in logs.items():
         with suppress(UnreadableFileError):
             text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
@@ -192,6 +195,7 @@ def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
 
 def _files(place: Path, out: Path) -> List[Tuple[str, str]]:
     """Return titles and addresses, relative to the class's page, of the files in a student's folder."""
+    # title and path in the student's folder of each file that may exist
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for number, folder in drive_folders(out / place).items():
         logs.append((replay_title(number), f"{folder.name}/{REPLAY}"))

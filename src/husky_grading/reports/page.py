@@ -77,8 +77,9 @@ def class_page(
         "class.html",
         rows=rows,
         columns=columns,
+        # all submissions of a class are marked with the same settings, so those of the first one are shown
         settings=ordered[0].settings if ordered else {},
-        counts=[(state, count) for state, count in counts if count],
+        counts=[(state, count) for state, count in counts if count],  # states without students are left out
         # largest sum of points that the class can have: `decided` leaves out items that are graded by hand,
         # `possible` has all items
         decided=sum(result.max_points for result in ordered),
@@ -103,12 +104,14 @@ def feedback_page(
 
     Pictures are PNGs, replays are HTML by the number of the run, and logs are texts by title.
     """
-    cause = result.cause
+    cause = result.cause  # first item that lost points; None if no item did
+    # number of each run, its replay, and the time at which the replay begins [s]. In the run with the first
+    # fault, the replay begins shortly before the fault; otherwise, it begins at the start.
     shown = tuple(
         (number, replay, moment_of(cause) if cause and cause.drive == number else 0.0)
         for number, replay in (replays or {}).items()
     )
-    row = Row(result, (), tuple(pictures), replays=shown)
+    row = Row(result, (), tuple(pictures), replays=shown)  # only the page of a class has cells
     return render("feedback.html", row=row, logs=logs or {}, grade=_grade, moment_of=moment_of)
 
 

@@ -31,17 +31,20 @@ SCAN = "#c2185b"
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     """Return a picture of all runs, side by side."""
+    # [inches] size of the figure; the numbers below leave room for the labels and the colour bar
     width, height = 5.2 * len(recordings) + 1.0, 5.0
     figure = new_figure(width, height, layout=None)
     edges = {"left": 0.85 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
     axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.24})[0]
+    # [s] end of the longest run; all plots have the same colours for the same times
     end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
-        dots = _draw(recording, axis, end)
+        dots = _draw_run(recording, axis, end)
         axis.set_title(
             plain(f"run {number}: {recording.ended.text if recording.ended else 'no run'}"), fontsize=10
         )
     bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
+    # the dots of any run fit, because all runs have the same colours
     figure.colorbar(dots, cax=bar, label="simulated time [s]")
     figure.suptitle(plain(title), fontsize=11)
     return png(figure)
@@ -53,8 +56,8 @@ def draw_estimate(recording: Recording, estimate: EstimatedPath, title: str) -> 
     return draw_paths({name: path for name, path in paths.items() if len(path)}, title)
 
 
-def _draw(recording: Recording, axis: Any, end: float) -> Any:
-    """Draw a run, and return the dots, whose colour is the time up to an end [s]."""
+def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
+    """Draw a run, and return the dots of its path; their colours show times from 0 to `end` [s]."""
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     x, y, _ = recording.poses.T
     colors: Any = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
@@ -62,11 +65,11 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     if len(recording.poses):
         for row in (0, -1):  # the robot at the start and at the end
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
-        _label(axis, "start", (x[0], y[0]), recording.pillar, 18)
+        _label(axis, "start", (x[0], y[0]), recording.pillar, gap=18)
     start = recording.start.x, recording.start.y
     _name_pillar(axis, recording, start)
     # about MAX_MARKERS markers, evenly distributed
-    markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
+    markers = _near_start(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
         times = [marker.at for marker in markers]
@@ -75,18 +78,20 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
         )
         name = "marker" if len(markers) == 1 else "markers"
         arrow = {"arrowstyle": "-", "color": MARKER}
-        _label(axis, name, places[len(places) // 2], start, 30, color=MARKER, arrowprops=arrow)
+        # a thin line leads from the text to one of the markers
+        _label(axis, name, places[len(places) // 2], start, gap=30, color=MARKER, arrowprops=arrow)
     return dots
 
 
 def _label(
-    axis: Any, text: str, at: Sequence[float], robot: Sequence[float], gap: float, **more: Any
+    axis: Any, text: str, at: Sequence[float], seen_from: Sequence[float], gap: float, **more: Any
 ) -> None:
-    """Write a text next to the line from the robot to a position [m].
+    """Write a text beside a position [m], next to the line on which it is seen from another position [m].
 
-    `gap` is the distance from the line in points, to the right if it is negative.
+    `gap` is the distance from the line in points: to the left if it is positive, to the right if negative.
     """
-    angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
+    # [rad] direction to the left of the line
+    angle = atan2(at[1] - seen_from[1], at[0] - seen_from[0]) + pi / 2.0
     offset = gap * cos(angle), gap * sin(angle)
     alignment = "center"
     if abs(offset[0]) > 5.0:  # the whole text is on one side, so that it does not cover the position
@@ -99,12 +104,13 @@ def _label(
 def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) -> None:
     """Write the pillar's name on its right edge, seen from a position [m], because markers have the left."""
     (x, y), radius = recording.pillar, recording.pillar_size.radius
+    # [rad] direction from the pillar's centre to its right edge
     angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
-    _label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, -10)
+    _label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, gap=-10)
 
 
-def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
-    """Return the markers that were drawn near the start."""
+def _near_start(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
+    """Return the markers with a known position near the robot's start, so without deletions."""
     start = recording.start
     return [
         marker
@@ -120,6 +126,7 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     figure = new_figure(8.0, 6.0)
     axis = figure.subplots()
     from_above(axis, recording.pillar, recording.pillar_size.radius)
+    # index and values of the true pose at the moment
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
     # (M, 3) [s, m, m] time, x and y of the points that the lidar measured up to this moment
@@ -129,18 +136,20 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     points = hits_before[hits_before[:, 0] == latest][:, 1:]
     robot = load_robot(recording.robot)
     axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
+    # position of the lidar [m], which is mounted ahead of base_link
     laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
     # about MAX_RAYS lines from the lidar to the points
     rays = [(laser, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
     axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
     axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")
     draw_robot(axis, (x, y, yaw), robot.footprint)
-    markers = _near(recording, [marker for marker in recording.markers if marker.at <= at])[-1:]
-    for marker in markers:
+    # only the last marker before the moment; empty if none has come yet
+    latest_marker = _near_start(recording, [each for each in recording.markers if each.at <= at])[-1:]
+    for marker in latest_marker:
         axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
                   label=f"marker on {plain(marker.topic)}")  # fmt: skip
     _name_pillar(axis, recording, (x, y))
     axis.legend(fontsize=9)
-    absent = "" if markers else "; no marker so far"
+    absent = "" if latest_marker else "; no marker so far"
     axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
     return png(figure)

@@ -25,6 +25,7 @@ def to_result(marking: MarkingResult) -> Result:
         if item.hint:
             evidence += f"\nhint: {item.hint}"
         rows.append((item.name, points(item), evidence))
+    # points that a person may still give
     by_hand = sum(item.max_points for item in marking.items if item.points is None)
     left = f"and up to {by_hand:g} by hand" if by_hand else ""
     total = ("total", f"{marking.points:g}/{marking.max_points:g}", left)
@@ -33,7 +34,7 @@ def to_result(marking: MarkingResult) -> Result:
     verdict = f"could not be marked: {marking.problem}" if marking.problem else ""
     # the graded launch file or node is named above the table, unless the title already names it
     lead = marking.what if marking.what != marking.name else ""
-    return Result(marking.name, lead, tables, verdict, not marking.full)
+    return Result(marking.name, lead, tables, verdict, failed=not marking.full)
 
 
 def to_markdown(results: Sequence[MarkingResult]) -> str:
@@ -75,9 +76,11 @@ def to_junit(results: Sequence[MarkingResult]) -> str:
 
 def to_csv(results: Sequence[MarkingResult]) -> str:
     """Return CSV with a line for each submission and a column for each item."""
+    # names of all items, each once; these are the columns
     names = list(dict.fromkeys(item.name for result in results for item in result.items))
     rows = []
     for result in results:
+        # an item without points, or which the student does not have, gets an empty cell
         points_by_name = {item.name: item.points for item in result.items}
         marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
         total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]

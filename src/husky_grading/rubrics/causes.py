@@ -78,7 +78,7 @@ def causes(recording: Recording) -> List[Note]:
     return [note for note in recording.notes if note.kind not in harmless]
 
 
-def is_nothing(largest: Optional[float]) -> bool:
+def moves_nothing(largest: Optional[float]) -> bool:
     """Return whether the largest of all commands [m/s, rad/s] moves nothing; False if it is unknown."""
     return largest is not None and largest <= MOVES_NOTHING
 
@@ -105,19 +105,20 @@ def silent_text(topics: str) -> str:
 def first_cause(recording: Recording) -> Note:
     """Return why the robot stands: the first broken link of the chain node, scan, command."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
-    reasons = causes(recording)
-    # The tests go step by step from the scans to the motion of the robot. The first step that fails is the
-    # cause.
-    if not recording.subscribed and silent and not reasons:
-        return Note(Kind.SILENT_TOPIC, silent_text(silent))
+    reasons = causes(recording)  # notes that can be the cause, such as an exception, the first one first
     if reasons:
         return reasons[0]
+    # The tests go step by step from the scans to the motion of the robot. The first step that fails is the
+    # cause.
+    if not recording.subscribed and silent:
+        return Note(Kind.SILENT_TOPIC, silent_text(silent))
     # a missing package or a failed node of another package matters only if no node of the student runs
     notes_on_others = [note for note in recording.notes if note.kind in OF_OTHERS]
     if notes_on_others and not is_up(recording):
         return notes_on_others[0]
     if not recording.subscribed:
         return NO_SCANS
+    # the submission gets the scans, but no command of it comes to the robot
     if not recording.command_count and unread:
         return Note(Kind.UNREAD_COMMANDS, f"it sends its commands to {unread}, which has no subscriber")
     if not recording.command_count and recording.advertised:
@@ -127,7 +128,7 @@ def first_cause(recording: Recording) -> Note:
     # commands came, so the cause must be in their values
     if recording.zero_count == recording.command_count:
         return Note(Kind.ZERO_COMMANDS, f"all {recording.command_count} commands were zero")
-    if is_nothing(recording.fastest) and is_nothing(recording.sharpest):
+    if moves_nothing(recording.fastest) and moves_nothing(recording.sharpest):
         most = f"{recording.fastest:.1g} m/s and {recording.sharpest:.1g} rad/s"
         text = f"all {recording.command_count} commands are nearly zero, at most {most}"
         return Note(Kind.ZERO_COMMANDS, text)
@@ -139,6 +140,7 @@ def cause_of_stop(recording: Recording) -> Optional[Note]:
     reasons = causes(recording)
     if reasons:
         return reasons[0]
+    # the cause is known only if commands came, but stopped long before the end of the run
     if not len(recording.commands) or recording.times[-1] - recording.commands[-1] < SILENT:
         return None
     last = float(recording.commands[-1])

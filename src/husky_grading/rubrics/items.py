@@ -29,12 +29,13 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     """
     # an item that is graded by hand has no points yet, so it counts as the worst item
     scores = [-1.0 if item.points is None else item.points for item in items]
-    number = scores.index(min(scores))
+    number = scores.index(min(scores))  # index of the worst run
     worst = items[number]
     if len(items) == 1 or worst.points is None:
         return worst
     first, *further = scores  # points of the run in the course's world, and of the runs in other worlds
     mean = float(np.mean(further))
+    # weighted mean of the course's world and all other worlds together
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
     worlds = "another world" if len(further) == 1 else f"{len(further)} other worlds"
     evidence = f"{worst.evidence}; the same points in {worlds}"
@@ -48,11 +49,13 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
 
 def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[Item]:
     """Return items without points if a submission interfered with the simulator or the recording."""
+    # sentences on the interferences, each once
     violations = list(dict.fromkeys(each for recording in recordings for each in recording.violations))
     if not violations:
         return list(items)
     evidence = f"no points: {'; '.join(violations)}"
     hint = "a controller may read scans and TF, and send commands, markers and services, and nothing else"
+    # an item that is graded by hand is left to the teacher
     return [
         item if item.points is None else replace(item, points=0.0, evidence=evidence, hint=hint)
         for item in items
@@ -60,12 +63,20 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
 
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
-    """Return the items of a submission that behaves by chance; all except RViz are graded by hand."""
+    """Return the items of a submission that behaves by chance; they are graded by hand.
+
+    Items on the displays of RViz stay as they are, because they do not depend on a run.
+
+    Args:
+        items: items by the run that was made.
+        cause: sentence on the variable that the submission reads before it writes it.
+    """
     judged: List[Item] = []
     reason, first_hint = f"{cause}, so it drives by chance", INITIALISE
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
             evidence = by_hand(f"{reason}; in our run: {item.evidence} ({item.points:g} points)")
+            # the hint on the variable comes first, but only in the first of these items
             hint = "; then ".join(filter(None, [first_hint, item.hint]))
             item = replace(item, points=None, evidence=evidence, hint=hint)
             reason, first_hint = "by chance, as above", ""  # the next items only refer to this item
@@ -84,6 +95,7 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
     for item in items:
         if item.points is not None and not item.full:
             evidence = by_hand(f"{reason}: {item.evidence} ({item.points:g} points)")
+            # the next items only refer to this item's reason
             item, reason = replace(item, points=None, evidence=evidence), "the same choice of launch file"
         judged.append(item)
     return judged
@@ -104,7 +116,7 @@ def told_once(items: Sequence[Item]) -> List[Item]:
 def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
     """Return items with the teacher's weights, without points for items that the teacher grades.
 
-    An item with all points needs no hint.
+    A weight is the number of points that an item has at most. An item with all points needs no hint.
     """
     judged = []
     for item in items:

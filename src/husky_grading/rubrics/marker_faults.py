@@ -91,28 +91,30 @@ def find_fault(
         share: fraction of all markers that are wrong, 0 to 1.
         rules: rules of the rubric.
     """
-    if _mostly([not marker.finite for marker in wrong]):
+    if _are_mostly_true([not marker.finite for marker in wrong]):
         return Kind.NOT_A_NUMBER
     drawn = [marker for marker in wrong if not marker.problem]
     if not drawn:
         return Kind.INVISIBLE
     mount = load_robot(recording.robot).lidar_mount  # mount.x is the lidar's distance ahead of base_link [m]
-    if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
+    if _are_mostly_true([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
         # true if most of these markers came after a scan in which no beam measured a range
-        is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
+        is_blind = _are_mostly_true([_smallest_range(recording, marker) == np.inf for marker in drawn])
+        # without this fault, the markers after all other scans would be right, so some markers must be right
         return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, share, rules)
     if fault:
         return fault
-    if _mostly([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
+    if _are_mostly_true([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
-    # a marker that is at the pillar, seen from above, can only be wrong because of its height
+    # a marker that is at the pillar, seen from above, can only be wrong because of its height; it is at the
+    # pillar up to `tolerance` [m] from the pillar's axis
     height, tolerance = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
     has_wrong_height = [
         distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
         for each in drawn
     ]
-    return Kind.WRONG_HEIGHT if _mostly(has_wrong_height) else None
+    return Kind.WRONG_HEIGHT if _are_mostly_true(has_wrong_height) else None
 
 
 def _find_direction_fault(
@@ -125,12 +127,12 @@ def _find_direction_fault(
     seen_markers = off_axis(recording, wrong, rules)
     if not seen_markers:
         return None
-    frame = wrong[0].frame
+    frame = wrong[0].frame  # the first marker stands for all, because few submissions use several frames
     # Each frame except odom is taken as a frame that turns with the robot. In such a frame, the x and y of
     # the student are coordinates as seen from the robot.
     turns_with_robot = frame != "odom"
-    # x of the origin of the marker's frame in base_link. It is subtracted, because the student has computed
-    # whole metres in the marker's frame.
+    # x of the origin of the marker's frame in base_link; any other frame is taken as the lidar's. It is
+    # subtracted, because the student has computed whole metres in the marker's frame.
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: turns_with_robot and abs(seen.y) <= EXACT and seen.x > 0.0,
@@ -148,7 +150,10 @@ def _find_direction_fault(
             share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
         ),
     }
-    return next((kind for kind, test in tests.items() if _mostly(list(map(test, seen_markers)))), None)
+    for kind, test in tests.items():
+        if _are_mostly_true([test(seen) for seen in seen_markers]):
+            return kind
+    return None
 
 
 def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> List[Seen]:
@@ -158,8 +163,9 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
     """
     seen_markers = []
     for marker in wrong:
+        # a marker with a `problem` is not drawn, so it has no position
         if not marker.problem and is_off_axis(recording, marker.at, rules):
-            at = marker.stamp or marker.at
+            at = marker.stamp or marker.at  # [s] a stamp of 0 means the time at which the marker came
             distance, bearing = pillar_from_robot(recording, at)
             # [m] tolerance for a mirrored or swapped position; it grows with the distance of the pillar
             slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
@@ -177,7 +183,7 @@ def _is_on_another_beam(seen: Seen, radius: float) -> bool:
     return distance_error <= THERE and across > 2.0 * distance_error
 
 
-def _mostly(tests: Sequence[bool]) -> bool:
+def _are_mostly_true(tests: Sequence[bool]) -> bool:
     """Return whether at least the fraction MOSTLY of some tests is true."""
     return float(np.mean(tests)) >= MOSTLY
 
@@ -208,6 +214,7 @@ def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: fl
     at = marker.stamp or marker.at
     distance, bearing = pillar_from_robot(recording, at)
     x, y = _from_robot(recording, marker.position, at)
+    # [m] distance from the pillar's axis to the marker, if it is moved ahead by the lidar's position
     error = hypot(x + mount - distance * cos(bearing), y - distance * sin(bearing))
     return error <= rules.marker_full + slack_of(recording, distance, rules)
 
@@ -265,7 +272,7 @@ def pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
 
 def fault_text(recording: Recording, marker: MarkerSample) -> str:
     """Return the error of a marker in a sentence, with its direction seen from the robot."""
-    if marker.problem:
+    if marker.problem:  # reason why RViz does not draw it
         return f"not visible: {marker.problem}"
     x, y = recording.pillar
     marker_x, marker_y, marker_z = marker.position

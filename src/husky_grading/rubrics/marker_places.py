@@ -76,16 +76,16 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
         (marker.topic, marker.namespace): [] for marker in markers if marker.action == ADD
     }
     if len(series) > MAX_SERIES:
-        return [_judge(recording, markers, rules)]
+        return [_judge_together(recording, markers, rules)]
     for marker in markers:
         for (topic, namespace), members in series.items():
             # `delete all` deletes the markers of all namespaces of a topic, so it is added to each namespace
             if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
                 members.append(marker)
-    return [_judge(recording, members, rules) for members in series.values()]
+    return [_judge_together(recording, members, rules) for members in series.values()]
 
 
-def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
+def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
     """Return the score of markers that are judged together, with a sentence for the student.
 
     The sentence says how long the markers were right and how far they were from the pillar. If some were
@@ -98,6 +98,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     """
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
+    # the sentence begins with topic and frame of the first marker; most submissions use only one of each
     title = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     # RViz does not draw a marker that has a `problem`
     invisible = [marker for marker in added if marker.problem]
@@ -105,13 +106,14 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         evidence = f"{title}: not visible: {invisible[0].problem}"
         kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
         return Placement(0.0, evidence, invisible[0].at, kind)
+    # score of each marker; the key is `id()`, because several markers may be equal
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
-    if not moments:
+    if not moments:  # RViz draws no marker at any moment
         return Placement(0.0, f"{title}: deleted as soon as it has come", first.at, Kind.DELETED)
     # moments with the pillar to the side of the robot, and moments with the pillar ahead
     groups = _by_direction(recording, moments, rules)
-    score = _score(groups)
+    score = _score_over_time(groups)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
     # the sentence calls a marker right if its score is 1, and near enough for points if its score is above 0
     evidence = f"{title}: right {100.0 * _time_fraction(moments, at_least=1.0):.0f} % of the time"
@@ -152,13 +154,14 @@ def _with_fault(
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
         why = ", because this lidar is mounted upside down" if upside_down else ""
         evidence = f"mirrored: y has the wrong sign{why}; {evidence}"
-    elif fault in FAULTS:
+    elif fault in FAULTS:  # other faults have no sentence of their own
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
     # a marker replaces an older marker only if topic, namespace and id are the same; otherwise RViz draws
     # both
     identities = {(marker.topic, marker.namespace, marker.id) for marker in added}
     if len(identities) > 1:
+        # if most of the markers that came are right, points are lost only because RViz still draws older ones
         are_most_right = len(wrong) <= (1.0 - MOST) * len(added)
         if fault is None and are_most_right:
             fault = Kind.OLD_ONES
@@ -179,6 +182,7 @@ def _moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> Li
         markers: additions and deletions in the order of time.
         scores: score of each added marker, by its `id()`.
     """
+    # begin [s], end [s] and score of each marker that RViz draws, (N,) each, the lowest score first
     begins, ends, sorted_scores = _drawing_times(markers, scores)
     times, moment_scores = [], []
     for at in np.unique(begins):
@@ -248,7 +252,7 @@ def _seconds(moments: Sequence[Moment]) -> float:
     return sum(each.seconds for each in moments)
 
 
-def _score(groups: Mapping[str, Sequence[Moment]]) -> float:
+def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
     """Return the mean score of the right moments, times a factor for the time in which markers are right.
 
     The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. The time with the pillar ahead
@@ -278,13 +282,16 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     if marker.problem:
         return 0.0
     size = recording.pillar_size
-    slack = slack_of(recording, pillar_from_robot(recording, marker.at)[0], rules)
+    robot_distance, _ = pillar_from_robot(recording, marker.at)
+    # [m] tolerance that grows with the distance between robot and pillar, and with the pillar's radius
+    slack = slack_of(recording, robot_distance, rules)
     distance = distance_to_pillar(recording, marker)
     # [m] a marker that is this much farther away than `marker_full` loses half of the score
     half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
-    touches = marker.reach <= size.radius
-    # a huge marker touches the pillar from anywhere, so its position must also be near the pillar
+    touches = marker.reach <= size.radius  # a part of the marker's shape is inside the pillar
+    # a huge marker touches the pillar from anywhere, so its position must also be near the pillar; for a
+    # thicker pillar than the course's, the limit is larger
     if touches and distance <= LARGEST + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
     return min(max(score, 0.0), 1.0) * height_score(marker, size.height)

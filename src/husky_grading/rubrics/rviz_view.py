@@ -30,8 +30,9 @@ def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
         return replace(item, points=None, evidence=by_hand(seen), reason=Kind.NO_RVIZ_FILE)
+    # by the rule "node", it gets all points if its launch file starts RViz, otherwise none
     evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
-    return replace(item, points=item.max_points * view.started, evidence=evidence)
+    return replace(item, points=item.max_points if view.started else 0.0, evidence=evidence)
 
 
 def hint_on_view(view: RvizView) -> str:
@@ -40,9 +41,18 @@ def hint_on_view(view: RvizView) -> str:
 
 
 def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str, str]:
-    """Return the reason for which a display is not visible, and the hint."""
+    """Return the reason for which a display is not visible, and the hint.
+
+    Args:
+        view: view of RViz, without a problem.
+        kind: class of the display in RViz: TF, ROBOT or SCAN.
+        scan_topic: topic of the scans that the display of scans must show.
+    """
+    # "rviz/LaserScan" is "LaserScan" for RViz's users, and "laser scan" in a sentence
     name, what = kind.partition("/")[2], NAMES[kind]
+    # topics, or names of parameters, that the visible displays of this kind show
     sources = [display.source for display in view.displays if display.kind == kind]
+    # right settings of the displays that may show something wrong; a display of frames has no such setting
     wanted = {SCAN: f"the topic of the display {name} to {scan_topic}"}
     wanted[ROBOT] = f"the Robot Description of the display {name} to robot_description"
     if (sources or (kind == SCAN and view.scan)) and kind in wanted:
