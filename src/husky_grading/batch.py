@@ -357,7 +357,7 @@ def _mark_jobs(jobs: Sequence[Job], workers: Workers, elsewhere: bool) -> Iterat
     ):
         try:
             yield write_outputs(files, jobs[number])
-        except Exception as error:  # for example, this machine's disk is full
+        except Exception as error:  # an error such as a full disk of this machine
             yield _failed(jobs[number], error)
 
 

@@ -59,7 +59,7 @@ class LaunchContestant:
         with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
             drive_submission(Submission(self.launch), trial, RobotChoice(config), simulate, Path(folder))
             recording: Recording = load(Recording, Path(folder, RECORDING))
-        if not len(recording.times):  # without true poses, simulated time has never begun
+        if not len(recording.times):  # simulated time has never begun
             why = "; ".join(texts(recording.notes)) or "its node sent and received nothing"
             raise HuskyError(f"{self.name} did not drive in {scenario.name}: {why}")
         judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())

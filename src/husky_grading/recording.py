@@ -205,7 +205,7 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
     """
     # `hits` begins with an empty table, so that the result has three columns even if there is no scan
     mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
-    for scan in scans if len(times) else ():  # without poses, no point is known
+    for scan in scans if len(times) else ():  # no point is known without poses
         # index of the true pose at the time of the scan
         row = min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)
         x, y, yaw = poses[row]

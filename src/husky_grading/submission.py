@@ -148,7 +148,7 @@ def starter(
     manifest = (share_folder() / "package.xml").resolve()
     # manifest and programs of this package; a node from there is left out, unless the list is empty
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
-    # what the program must know about this package, because it cannot import it
+    # facts about this package for the program, which cannot import it
     ours = {
         "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places, **vars(parts)
     }  # fmt: skip

@@ -307,7 +307,7 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
         evidence += f" at {float(times[nearest]):.2f} s, but does not stop there"
     else:
         evidence += f", but stands {gaps[-1]:.2f} m away in the end"
-    reached_at = float(times[np.argmax(gaps <= rules.reached)])  # [s] when it first comes near enough
+    reached_at = float(times[np.argmax(gaps <= rules.reached)])  # [s] time of its arrival
     return replace(item, points=20.0, evidence=evidence, at=reached_at, hint=SLOWS)
 
 

@@ -132,7 +132,7 @@ class DriveAccess:
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
         """Return the parameters with the URDF of a robot that has one of these frames as a link."""
         names = []
-        with suppress(*UNANSWERED):  # if the master does not answer, the parameters so far count
+        with suppress(*UNANSWERED):  # the parameters so far count if the master does not answer
             for name in rospy.get_param_names():
                 if name.endswith("_description"):
                     text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]

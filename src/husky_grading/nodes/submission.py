@@ -414,7 +414,7 @@ def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str
     reporter.write("launchable")
     # rospkg reads each package.xml by this function, so a broken package.xml does not hide other packages
     rospack.ElementTree = tolerant_manifest
-    signal.alarm(LOAD_DEADLINE)  # after this time, `_out_of_time` raises a TimeoutError
+    signal.alarm(LOAD_DEADLINE)  # `_out_of_time` raises a TimeoutError after this time
     try:
         return load_launchable(launchable, reporter, ours)
     except MissingIncludeError as error:

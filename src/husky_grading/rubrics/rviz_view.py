@@ -30,7 +30,7 @@ def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
         return replace(item, points=None, evidence=by_hand(seen), reason=Kind.NO_RVIZ_FILE)
-    # by the rule "node", it gets all points if its launch file starts RViz, otherwise none
+    # the rule is "node", so it gets all points if its launch file starts RViz, otherwise none
     evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
     return replace(item, points=item.max_points if view.started else 0.0, evidence=evidence)
 
