@@ -29,6 +29,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     )  # fmt: skip
     parser.add_argument("command", choices=COMMANDS, help=f"see also '{ONE_COMMAND} COMMAND --help'")
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # this parser gets only the name of the command, because each command has its own parser for its arguments
     command = parser.parse_args(given[:1]).command
     # only the module of the chosen command is imported, because each of them loads large libraries
     import_module(f"husky_evaluation.{command}").main(given[1:])

@@ -58,12 +58,13 @@ class Comparison:
 
     def worse(self, margin: float) -> str:
         """Return why B is worse than A by more than a fraction of A's time, or an empty text if it is not."""
+        # letter of the failing side, for each start at which only one side fails
         letters = [letter for letter, _, _ in self.failures]
+        only_b_fails, only_a_fails = letters.count("B"), letters.count("A")
         # B is worse if it fails at more starts than A; then the times are not compared
-        lost, won = letters.count("B"), letters.count("A")
-        if lost > won:
-            return f"starts at which only B fails: {lost}, only A: {won}"
-        if not self.pairs:
+        if only_b_fails > only_a_fails:
+            return f"starts at which only B fails: {only_b_fails}, only A: {only_a_fails}"
+        if not self.pairs:  # there is no start at which both succeed, so there are no times to compare
             return ""
         times_of_a, times_of_b = self.values("arrived_at")
         allowed = margin * float(np.mean(times_of_a))
@@ -85,12 +86,12 @@ class Comparison:
         return Table("Every start", header, rows, folded=True)
 
     def figures(self) -> Table:
-        """Return a table of the means over starts at which both succeed, and the differences."""
-        shares = [100.0 * sum(outcome.success for outcome in side) / len(self.a) for side in (self.a, self.b)]
+        """Return a table of A, B and B - A: the successes, and means over starts at which both succeed."""
+        shares = [100.0 * sum(outcome.success for outcome in side) / len(side) for side in (self.a, self.b)]
         rows = [
             ("stands at the pillar, no touch [%]", *shares, ""),
             paired_row("time to arrival [s]", self.values("arrived_at"), "s"),
-            paired_row("nearest approach [cm]", self.values("nearest"), "cm", 100.0),
+            paired_row("nearest approach [cm]", self.values("nearest"), "cm", factor=100.0),
         ]
         title = f"Times and distances from the {len(self.pairs)} starts at which both succeed"
         return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
@@ -124,13 +125,15 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
 def write_comparison(comparison: Comparison, result: Result, out: Path) -> Path:
     """Write table, page, and a picture of each start at which only one fails; return the path of the page."""
     comparison.every_scene.write(out / "compare")
+    # an earlier comparison may have left pictures of other starts in this folder
     for old in out.glob("only_*_fails_*.png"):
         old.unlink()
-    pictures = {}
+    pictures = {}  # PNG of each picture in the page; the key is its title
     if comparison.pairs:
         times = [(a.arrived_at, b.arrived_at) for a, b in comparison.pairs]
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each start")
     for letter, a, b in comparison.failures:
+        # both paths (N, 2) [m]; the key is the text of the path in the picture's legend
         paths = {f"{side}: {each.summary}": each.poses[:, :2] for side, each in (("A", a), ("B", b))}
         name = f"only {letter.lower()} fails {a.scene}"
         pictures[name] = draw_paths(paths, f"{a.scene}: only {letter} fails", a.pillar)

@@ -82,9 +82,10 @@ class FunctionContestant:
         Raises:
             HuskyError: the file cannot be run, or has no such function.
         """
-        if not self.function:
+        if not self.function:  # the contestant is a file of parameters for this project's controller
             return decide
         try:
+            # a module of this project is imported; the user's file came as a text, which is executed
             module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
             controller: Controller = getattr(module, self.function)
         except Exception as error:  # the code in the user's file may raise any error
@@ -102,12 +103,12 @@ class FunctionContestant:
         setup = self.setup
         try:
             trace = metrics.drive_scenario(setup, scenario, self.controller)
-        except HuskyError:
+        except HuskyError:  # an error of the simulation or of `controller`, which already has a clear text
             raise
-        except Exception as error:
+        except Exception as error:  # the user's function may raise any error
             failure = f"{type(error).__name__}: {error}"
             raise HuskyError(f"{self.name} fails in {scenario.name}: {failure}") from error
-        x, y = trace.pillars[0]
+        x, y = trace.pillars[0]  # position at the start, because the robot may push the pillar later
         return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)), setup.simulator.robot)
 
 
@@ -187,6 +188,7 @@ def _source(place: str) -> str:
         path = Path(place)
         if path.suffix != ".py":
             spec = importlib.util.find_spec(place)
+            # a module that is not found, or that has no file, gets a path at which `read_text` fails
             path = Path(spec.origin or "") if spec else path
         return path.read_text()
     except (OSError, ValueError, ImportError) as error:
@@ -224,10 +226,11 @@ def outcome(
     # the first pose), and speed [m/s]
     gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
+    # the first step is 0, so the first pose has the speed 0 with any time before it, such as 1 s
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
     # the robot arrives directly after the last pose at which it still moves or is too far from the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))
     arrival_row = int(rows_not_there[-1]) + 1 if len(rows_not_there) else 0
     arrived_at = float(times[arrival_row]) if arrival_row < len(times) else inf
-    thinned = poses[:: len(poses) // DRAWN_POSES + 1]
+    thinned = poses[:: len(poses) // DRAWN_POSES + 1]  # at most DRAWN_POSES of the poses
     return Outcome(scene, arrived_at, float(gaps.min()), thinned, pillar)

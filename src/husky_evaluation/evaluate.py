@@ -89,11 +89,14 @@ def extraction_figures(title: str, errors: Sequence[float], minimum: float, maxi
 
 
 def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
-    """Return the figures of the runs from random starts."""
+    """Return the figures of the runs from random starts.
+
+    The bound of a run is the shortest time to arrival that the robot's speed and acceleration allow.
+    """
     bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
-    # `ratios` and `delays` have a value for each run; the table shows the largest ratio and the largest
-    # delay, with links to the replays of their runs
+    # `ratios` (time to arrival divided by the bound) and `delays` (time to arrival minus the bound [s]) have
+    # a value for each run; the table shows the largest of each, with links to the replays of their runs
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
     worst_ratio, worst_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
@@ -122,13 +125,13 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
 def course_figures(run: DriveResult, max_ratio: float = inf) -> List[Row]:
     """Return the figures of the run from the course's start.
 
-    `max_ratio` is the wanted limit of the time to arrival divided by its bound.
+    `max_ratio` is the wanted limit of the time to arrival divided by its bound, the shortest possible time.
     """
     return [
-        figure(GOOD, 100.0 * run.good, "%", 100.0, replay=run.replay),
+        figure(GOOD, 100.0 * run.good, "%", minimum=100.0, replay=run.replay),
         figure("time to arrival", run.arrived_at, "s"),
         figure("time to arrival divided by its bound", run.ratio, maximum=max_ratio),
-        figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
+        figure("final distance error", 100.0 * run.final_error, "cm", minimum=-2.0, maximum=2.0),
         figure("zero crossings of the bearing", run.crossings, maximum=2.0),
     ]
 
@@ -169,6 +172,7 @@ def evaluate_robot(
     default_run, robot_gains_run = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     return {
+        # `late_figures` accepts any final distance, because with the default gains the robot stops too late
         f"Profile robot, {ground} ground: course start, default gains": late_figures(default_run),
         "Course start, gains of robot.launch": course_figures(robot_gains_run),
         f"{starts} random starts, 2-25 m away, gains of robot.launch": start_figures(runs),
@@ -189,7 +193,7 @@ def evaluate(
     runs go into `replays`.
     """
     setup = setup_of(robot=robot)
-    control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
+    control, lidar, robot_data = setup.control, setup.simulator.lidar, setup.simulator.robot
     # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
     # groups are smaller, so that several processes get work
     numbers, chunk = range(scans), min(50, scans // 4 + 1)
@@ -201,6 +205,7 @@ def evaluate(
     false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
     # control with the gains of the course, but with the speed limits of this robot
     course_control = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
+    # with TOUCHING, the robot drives on until it touches the pillar
     setups = [replace(setup, control=each) for each in (control, course_control, TOUCHING)]
     default_run, course_gains_run, touching_run = drives(
         setups, [course_scenario(seed)], workers, "course runs", replays
@@ -219,7 +224,9 @@ def evaluate(
         "Course start, stop_distance 0": touch_figures(touching_run),
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
-    if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
+    # [m] distance from the lidar to a pillar that touches the front of the robot
+    range_at_touch = robot_data.footprint.hull[0] - robot_data.lidar_mount.x
+    if range_at_touch <= lidar.range_min:
         # this run is not reported, because this robot's lidar cannot see a pillar that touches the robot
         del figures["Course start, stop_distance 0"]
     return figures

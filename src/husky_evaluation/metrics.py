@@ -180,7 +180,7 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
 
 
 def crossings(trace: Trace) -> int:
-    """Return how often the true bearing changes its sign after the first alignment, up to the arrival.
+    """Return how often the robot swings past the pillar's direction between the first alignment and arrival.
 
     Only times with a target count, because a robot that searches turns past a pillar that it does not see.
     """
@@ -188,11 +188,13 @@ def crossings(trace: Trace) -> int:
     dx, dy = (trace.pillars - trace.poses[:, :2]).T
     # (N,) [rad] true bearing of the pillar from the robot, -pi to pi, positive to the left
     bearings = (np.arctan2(dy, dx) - trace.poses[:, 2] + pi) % (2.0 * pi) - pi
-    bearings = bearings[(trace.times <= until) & np.isfinite(trace.bearing_errors)]
+    has_target = np.isfinite(trace.bearing_errors)  # the controller's own bearing is nan without a target
+    bearings = bearings[(trace.times <= until) & has_target]
     aligned = np.flatnonzero(np.abs(bearings) < ALIGNED)
     if not len(aligned):
         return 0
     after = bearings[aligned[0] :]
     large = after[np.abs(after) >= ALIGNED]  # smaller bearings count as straight ahead, on neither side
+    # the first bearing is small, but its sign shows the side from which the robot has turned to the pillar
     sides = np.sign(np.append(after[0], large))
     return int((np.diff(sides) != 0.0).sum())

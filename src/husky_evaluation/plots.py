@@ -21,6 +21,7 @@ MAX_LABELLED = 15  # cells are labelled only if each axis has at most this numbe
 SYMBOLS = "*os^"
 GOOD_COLOR = "#fee838"  # colour of the best values: the bright end of the colour map cividis
 HATCH = "////"
+EMPTY_GREY = 0.85  # red, green and blue of a cell without a value
 
 
 class Panel(NamedTuple):
@@ -85,6 +86,7 @@ def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
     figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
     a, b = np.array(pairs).reshape(-1, 2).T
+    # `axline` needs a point of the line B = A; this point is among the dots, so it does not widen the axes
     plot.axline((float(a.mean()), float(a.mean())), slope=1.0, color="0.5", linewidth=1.0)
     plot.plot(a, b, "o", color=DRIVEN, alpha=0.6, markersize=5)
     plot.set_aspect("equal", adjustable="datalim")
@@ -110,9 +112,11 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
     plot.plot(axis.values, panel.values, marker="o", markersize=4, color=DRIVEN)
     low, high = _limits(panel)
     plot.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+    # a mark has one value for each axis, and this grid has only one axis
     for line_style, (name, (value,)) in zip(("-", "--", ":"), marks.items()):
         plot.axvline(value, color=MARKER, linestyle=line_style, label=name)
     if axis.is_geometric:
+        # matplotlib labels a logarithmic axis only at powers of ten, so up to 8 of the values get labels
         plot.set_xscale("log")
         plot.xaxis.set_minor_locator(NullLocator())
         ticks = axis.values[:: len(axis.values) // 8 + 1]
@@ -128,7 +132,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
-    plot.set_facecolor("0.85")  # colour of cells without a value
+    plot.set_facecolor(str(EMPTY_GREY))  # masked cells are transparent, so they show this colour
     if panel.hatched is not None:
         # the cell (column, row) is a square of size 1, and its centre has the coordinates (column, row)
         for column, row in np.argwhere(panel.hatched & np.isfinite(panel.values)):
@@ -169,7 +173,7 @@ def _label_cells(
     font_size = 9 if max(values.shape) <= 8 else 7
     for (row, column), value in np.ndenumerate(values):
         has_value = np.isfinite(value)
-        color = color_of(value) if has_value else (0.85, 0.85, 0.85)
+        color = color_of(value) if has_value else 3 * (EMPTY_GREY,)
         # red, green and blue are 0 to 1, so their sum is 3 for white and 0 for black
         is_dark = sum(color[:3]) < 1.5
         plot.text(
@@ -187,10 +191,12 @@ def _mark_points(plot: Any, axes: Sequence[Axis], marks: Marks) -> None:
     In the middle of a cell a mark would hide the number of the cell.
     """
     for symbol, (name, values) in zip(SYMBOLS, marks.items()):
+        # position of the mark in cells; cell i has its centre at i, and its borders at i - 0.5 and i + 0.5
         x, y = (
             float(np.interp(value, axis.values, range(len(axis.values)))) for value, axis in zip(values, axes)
         )
         border = np.floor(y) + 0.5
+        # a star looks smaller than another symbol of the same size
         plot.plot(
             x, border, symbol, markersize=12 if symbol == "*" else 8, label=name, color=MARKER,
             markeredgecolor="w", markeredgewidth=1.0, linestyle="none", clip_on=False, zorder=6,

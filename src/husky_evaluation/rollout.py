@@ -156,11 +156,12 @@ def rollout(
 def _row(
     snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, ...]
 ) -> Tuple[Any, ...]:
-    """Return the values of COLUMNS, the state, and the state with its reason."""
+    """Return a row of the trace: the values of COLUMNS, the state, and the state with its reason."""
     estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
     errors = (output.distance_error, output.bearing_error)
     nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
     pose = pose_to_2d(snapshot.robot.pose_in_world)
+    # the values have the order of COLUMNS, because `_trace` gives them these names
     numbers = (snapshot.stamp, pose, output.twist, estimate, pillar_in_world, *errors, nearest)
     return (*numbers, output.state, f"{output.state.value}: {output.reason}")
 
@@ -169,20 +170,22 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
     """Return the trace of a run.
 
     Args:
-        rows: results of `_row`.
+        rows: results of `_row`, one for each scan.
         touches: time of the first touch [s] by body.
     """
     # if the run had no scan, there are no rows, and all columns are empty; the last two columns have the
     # states and the sentences
     no_columns: List[Tuple[Any, ...]] = [()] * (len(COLUMNS) + 2)
     *columns, states, sentences = list(zip(*rows)) or no_columns
+    # a column whose rows are lists of `width` values becomes (N, width); a column of numbers has the width 0
+    # and becomes (N,)
     arrays = {
         name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
         for (name, width), column in zip(COLUMNS.items(), columns)
     }
     for array in arrays.values():
         array.setflags(write=False)
-    times = columns[0]
+    times = columns[0]  # "times" is the first of COLUMNS
     # a sentence is an event only if it differs from the sentence of the scan before
     events = tuple(next(group) for _, group in groupby(zip(times, sentences), itemgetter(1)))
     first_touches = tuple((stamp, name) for name, stamp in touches.items())

@@ -72,6 +72,7 @@ def random_starts(count: int, seed: int) -> List[Scenario]:
     x, y, _ = pillar.pose_in_world.position
     scenarios = []
     for number in range(count):
+        # each start has its own generator, so that it does not depend on `count`
         rng = np.random.default_rng([seed, number])
         distance, bearing = rng.uniform(_NEAREST_START, _FARTHEST_START), rng.uniform(-pi, pi)
         start = Pose2D(x + distance * cos(bearing), y + distance * sin(bearing), rng.uniform(-pi, pi))
@@ -95,14 +96,15 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
     With `clutter` there are other objects, some in front of the pillar, none nearer to it than 0.3 m.
     """
     # the 1 gives this function other random numbers than `bare_scene`, which has a 2 here
-    rng, side = np.random.default_rng([seed, 1, number]), min(_SIDE, lidar.angle_max - _EDGE)
-    while True:
+    rng = np.random.default_rng([seed, 1, number])
+    side = min(_SIDE, lidar.angle_max - _EDGE)  # [rad] largest bearing at which the pillar is in view
+    while True:  # until a random scene has the wanted properties
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         x, y = distance * cos(bearing), distance * sin(bearing)
         pillar, others = _post(x, y, PILLAR_RADIUS), _clutter(rng) if clutter else []
         # (N,) [m] ranges of the beams if all objects are there, and if only the pillar is there
         ranges, alone = _cast([pillar, *others], lidar), _cast([pillar], lidar)
-        # (N,) true for the beams that hit the pillar and no nearer object
+        # (N,) true for the beams that hit the pillar and no nearer object; 1e-9 allows for rounding
         is_seen = np.isfinite(alone) & (ranges > alone - 1e-9)
         if is_seen.sum() >= 3 and all(_gap((x, y), other) >= PILLAR_RADIUS + _FREE for other in others):
             noisy = ranges + rng.normal(0.0, lidar.noise, lidar.beams)

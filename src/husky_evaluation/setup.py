@@ -54,8 +54,9 @@ class Setup:
             if name not in current:
                 raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(current))}")
         changed = {}
-        for item in fields(self):
+        for item in fields(self):  # control, detector, simulator
             record = getattr(self, item.name)
+            # the changes that belong to this record
             changes = {name: values[name] for name, _, _ in _parameters(record) if name in values}
             changed[item.name] = replace_parameters(record, changes, source)
         return Setup(**changed)
@@ -205,13 +206,14 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
         ValueError: the text has another form, or the numbers do not fit it.
     """
     has_count = ":" in grid  # FIRST:LAST:COUNT
+    # texts of the numbers; the last part of FIRST:LAST:COUNT is the count, and VALUE,VALUE has no count
     *texts, count = grid.split(":") if has_count else (*grid.split(","), "")
     numbers = [float(text) for text in texts]
     if not all(map(math.isfinite, numbers)):
         raise ValueError("every value must be a finite number")
     if not has_count:
         return sorted(numbers)
-    first, last = numbers
+    first, last = numbers  # Python raises a ValueError if there are fewer or more than two
     if not 1 <= int(count) <= MAX_VALUES:
         raise ValueError(f"COUNT = {count} is not in 1..{MAX_VALUES}")
     if is_geometric and not (first > 0.0 and last > 0.0):
@@ -233,6 +235,7 @@ def load_setup(path: Path, base: Setup) -> Setup:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from None
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: it has no parameters; write lines such as 'p_gain_vel: 0.5'")
+    # the file may also have parameters of the ROS node, such as topic names, which have no effect here
     driving = {str(name): value for name, value in values.items() if name not in NODE_ONLY}
     return base.with_values(driving, f"{path}: ")
 

@@ -59,16 +59,16 @@ class Sweep:
         rows = [{**dict(zip(names, point)), **row(drive)} for point, drive in zip(at, self.drives)]
         return every_row("Every run", rows)
 
-    def grid(self, quantity: str, share: Any) -> np.ndarray:
-        """Return a metric, combined over the scenarios by `share`, with a dimension for each axis.
+    def grid(self, quantity: str, combine: Any) -> np.ndarray:
+        """Return a metric at each point of the grid, as an array with a dimension for each axis.
 
-        `share` is a function of numpy that reduces one axis of an array, such as np.mean.
+        `combine` makes one value of the values of all scenarios at a point, such as np.mean.
         """
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
         # `drives` has the runs of all scenarios at the first point, then those at the next point; from point
         # to point, the last axis changes fastest
         shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
-        return np.asarray(share(values.reshape(shape), axis=-1))
+        return np.asarray(combine(values.reshape(shape), axis=-1))
 
     @property
     def success(self) -> np.ndarray:
@@ -82,15 +82,18 @@ class Sweep:
         return np.where(times < inf, times, np.nan)
 
     def panels(self) -> List[Panel]:
-        """Return the panels of the picture."""
+        """Return the panels of the picture; each shows one quantity at all points of the grid.
+
+        `span` is the smallest range of a colour scale, so that small differences also look small.
+        """
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
-        hatched = self.success < 100.0
+        hatched = self.success < 100.0  # hatching marks the points at which not every run succeeds
         return [
-            Panel("time to arrival, median [s]", self.times, 2.0, is_logarithmic=True, hatched=hatched),
-            Panel(f"success: {GOOD} [%]", self.success, 100.0, 0, is_good_high=True),
-            Panel("overshoot of the stop distance, mean [cm]", overshoot, 5.0),
-            Panel("smallest gap between hull and pillar [cm]", nearest, 5.0, is_good_high=True),
+            Panel("time to arrival, median [s]", self.times, span=2.0, is_logarithmic=True, hatched=hatched),
+            Panel(f"success: {GOOD} [%]", self.success, span=100.0, digits=0, is_good_high=True),
+            Panel("overshoot of the stop distance, mean [cm]", overshoot, span=5.0),
+            Panel("smallest gap between hull and pillar [cm]", nearest, span=5.0, is_good_high=True),
         ]
 
     def best_points(self, count: int = 3) -> Table:
@@ -137,7 +140,10 @@ def sweep(
 
 
 def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
-    """Return the marks of a picture of these axes: the defaults, and the course's gains if they are on it."""
+    """Return points to mark in a picture of these axes: known setups that are within the picture.
+
+    The key is the text in the legend, and the list has the value of the setup on each axis.
+    """
     setups = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
         setups["robot.launch's gains"] = Setup(ROBOT_GAINS)

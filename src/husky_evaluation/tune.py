@@ -197,6 +197,7 @@ def _propose(trial: Any, ranges: Sequence[Range], defaults: Mapping[str, Any]) -
             values[name] = trial.suggest_int(name, int(low), int(high))
         else:
             proposed = trial.suggest_float(name, low, high, log=low > 0.0)
+            # rounding may leave the range, so the rounded value is limited to the range
             values[name] = min(max(float(f"{proposed:.{DIGITS}g}"), low), high)
     return values
 
@@ -214,7 +215,7 @@ def _require_optuna() -> Any:
             f"tune needs Optuna ({error}). Run pip install -r requirements/cluster.txt; see "
             "docs/evaluation.md"
         ) from None
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    optuna.logging.set_verbosity(optuna.logging.WARNING)  # otherwise Optuna prints a line for each trial
     return optuna
 
 

@@ -98,6 +98,7 @@ def call(service: str, kind: Any, *args: Any, timeout: Optional[float] = None) -
         HuskyError: the service does not exist, fails, or does not answer in time.
     """
     answer = answer_of(service, kind, *args, timeout=timeout)
+    # the sentence is in `status_message` in this project's services, and in `message` in std_srvs
     sentence = getattr(answer, "status_message", getattr(answer, "message", ""))
     if not getattr(answer, "success", True):
         raise HuskyError(str(sentence) or f"{service} failed without a reason")

@@ -18,6 +18,7 @@ from husky_web.viser_private import place, show_in_page
 
 SIDES = 48  # number of straight sides with which the round rim of the ground and the sky's dome are drawn
 RADIUS = 400.0  # [m] distance from the robot to the horizon
+HAZE_BEGINS = 120.0  # [m] distance from the robot at which the ground already has most of the haze's colour
 # [m] up to CHECKER from the robot, the ground has a checker pattern; it has a line every SECTION, and LINE is
 # half the width of a line
 CHECKER, SECTION, LINE = 25, 5, 0.03
@@ -62,6 +63,7 @@ class Backdrop:
     """Ground, sky and lights of all pages; each page shows either the day or the night."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
+        # viser's own lights are switched off, because day and night have lights of their own
         scene.configure_default_lights(False)
         scene.configure_environment_map(None)
         for name, look in LOOKS.items():
@@ -118,6 +120,7 @@ def scenery(look: Look) -> bytes:
     mesh = trimesh.Trimesh(quads.reshape(-1, 3), faces.reshape(-1, 3), vertex_colors=rgb, process=False)
 
     def make_unlit(tree: Dict[str, Any]) -> None:
+        """Change the parts of the glTF file, so that the browser draws the colours as if without lights."""
         tree["extensionsUsed"] = [UNLIT]
         factor = {"baseColorFactor": [brightness, brightness, brightness, 1.0]}
         tree["materials"] = [{"pbrMetallicRoughness": factor, "doubleSided": True, "extensions": {UNLIT: {}}}]
@@ -132,8 +135,8 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
     Farther away a checker would flicker.
     """
-    # [m] positions of the quads' sides along x, and also along y; a line on the ground is a row of narrow
-    # quads
+    # [m] positions of the quads' sides along x, and also along y; a quad is 1 m wide, except that a line on
+    # the ground is a row of quads with the width 2 * LINE
     edges: List[float] = []
     for metre in range(-CHECKER, CHECKER + 1):
         edges += [metre] if metre % SECTION else [metre - LINE, metre + LINE]
@@ -142,9 +145,10 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     # (x0, y0) is the corner of each quad with the smallest x and y, and (x1, y1) is the opposite corner
     x0, y0 = np.reshape(np.meshgrid(low, low), (2, -1))
     x1, y1 = np.reshape(np.meshgrid(high, high), (2, -1))
-    x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
+    x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0  # centre of each quad
     is_odd = (np.floor(x) + np.floor(y)) % 2.0
     is_line = np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE
+    # fraction by which each quad is brighter than the ground: CONTRAST and -CONTRAST by turns
     shade = np.where(is_line, look.line, CONTRAST * (1.0 - 2.0 * is_odd))
     # strength of the pattern at each quad: 1 at the robot, 0 at the end of the pattern and beyond
     fade = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
@@ -166,9 +170,10 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     # visible
     square = circle / np.abs(circle).max(axis=1, keepdims=True)
     rings = [((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground)]
-    rings.append((120.0 * circle, _mix(look.ground, look.haze, 0.75)))
+    rings.append((HAZE_BEGINS * circle, _mix(look.ground, look.haze, 0.75)))
     rings.append((RADIUS * circle, look.haze))
-    # elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring
+    # elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring;
+    # the numbers are chosen by eye
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
         ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))

@@ -65,7 +65,7 @@ class Camera:
         target = (subject[0], subject[1], subject[2] + AIM)
         # only the camera FOLLOW turns with the robot
         yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
-        if self._is_placed and dist(target, self._target) < JUMP:
+        if self._is_placed and dist(target, self._target) < JUMP:  # the camera follows smoothly
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
             if dist(target, self._target) < STILL and abs(turn) < STILL_ANGLE:
                 return
@@ -86,19 +86,22 @@ class Camera:
         self._is_placed, self._target = True, target
 
     def _take_over(self, camera: Any) -> None:
-        """Keep the offset that the page's mouse has given the camera.
+        """Keep the offset from the target that the page's mouse has given the camera.
 
-        The page's reports come late, so a position that was sent to it is not the mouse's. Position and
-        rotation of a report belong together, but its target may be newer.
+        The page reports the position of its camera late. A reported position that was sent to the page
+        before does not come from the mouse. Position and rotation of a report belong together, but its target
+        may be newer.
         """
         position = camera.position.tolist()
         is_sent = any(dist(position, sent) < SAME for sent in self._sent)
         if is_sent or not self._is_settled:
+            # `_sent` is emptied at a jump, so a position in it shows that the report is younger than the jump
             self._is_settled |= is_sent
             return
         w, x, y, z = camera.wxyz.tolist()
         # direction from the target to the camera, because a camera looks along its own z axis
         from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))
         distance = dist(position, camera.look_at.tolist())
+        # the same direction in the frame that turns with the robot
         x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), from_target)
         self._offset = (distance * x, distance * y, distance * z)

@@ -50,6 +50,7 @@ def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose
     for piece in pieces:
         name = f"{parent}/{len(nodes)}"
         if isinstance(piece, MeshFile):
+            # a mesh file becomes several nodes, below a name that no other piece gets, because of its "m"
             nodes += add_pieces(scene, f"{name}m", solids_of(piece), pose)
         elif _is_visible(piece):
             add, _ = _KINDS[type(piece)]
@@ -83,7 +84,8 @@ _KINDS: Any = {
 def _properties(piece: Any) -> Dict[str, Any]:
     """Return the properties of the viser node of a piece, by name."""
     if isinstance(piece, Solid):
-        (vertices, faces), opacity = piece.mesh, None if piece.rgba[3] >= 1.0 else piece.rgba[3]
+        (vertices, faces), alpha = piece.mesh, piece.rgba[3]
+        opacity = None if alpha >= 1.0 else alpha  # viser draws a solid as opaque if this is None
         looks: Any = {"color": rgb(piece.rgba), "opacity": opacity, "scale": piece.scale, "side": "double"}
         return {"vertices": vertices, "faces": faces, **looks}
     if isinstance(piece, Lines):
@@ -91,6 +93,7 @@ def _properties(piece: Any) -> Dict[str, Any]:
     if isinstance(piece, Points):
         looks = {"point_size": piece.size, "precision": "float32"}
         return {"points": piece.points, "colors": piece.colors, **looks}
+    # the piece is a Label
     looks = {"font_size_mode": "screen", "font_screen_scale": LETTER_SCALE, "anchor": "bottom-center"}
     return {"text": piece.text, **looks}
 

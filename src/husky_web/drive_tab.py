@@ -7,7 +7,7 @@ from functools import partial
 from html import escape
 from math import inf
 from time import monotonic
-from typing import Any, Callable, ContextManager, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, ContextManager, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import rospy
 import viser
@@ -39,13 +39,23 @@ READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
 BACK = "Back to the start"
-# service of the simulator for each button: name, deadline [s], type, and arguments of the request; STEP
-# requests 20 physics steps of 5 ms
-SERVICES: Dict[str, Any] = {
-    PAUSE: ("pause", CALL_TIMEOUT, Trigger),
-    STEP: ("step", LONG_TIMEOUT, StepWorld, 20),
-    RESUME: ("resume", CALL_TIMEOUT, Trigger),
-    BACK: ("reset", CALL_TIMEOUT, Trigger),
+
+
+class Service(NamedTuple):
+    """Service of the simulator."""
+
+    name: str
+    kind: Any  # type of the service
+    timeout: float = CALL_TIMEOUT  # [s] longest wall time of a call
+    arguments: Tuple[Any, ...] = ()  # arguments of the request
+
+
+# service for each button; STEP requests 20 physics steps of 5 ms
+SERVICES = {
+    PAUSE: Service("pause", Trigger),
+    STEP: Service("step", StepWorld, LONG_TIMEOUT, (20,)),
+    RESUME: Service("resume", Trigger),
+    BACK: Service("reset", Trigger),
 }
 # [s] for this wall time after a request to start or stop the controller, a status that contradicts the
 # request is ignored, because the status is older than the request
@@ -93,6 +103,7 @@ class DriveTab:
         self._start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
             gui.add_html(PAD)
+            # a slider sets the attribute `limit` of `teleop`, for example max_linear
             for label, limit, high in SPEEDS:
                 slider = gui.add_slider(
                     label, min=SLOWEST, max=high, step=0.05, initial_value=getattr(teleop, limit)
@@ -111,14 +122,16 @@ class DriveTab:
         for array in diagnostics:
             for item in array.status:
                 name = item.name[:MAX_LETTERS]
+                # other diagnostics are not shown if there are MAX_LIGHTS already
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
                     self._lights[name] = (item.level, item.message[:MAX_LETTERS])
                 if name.startswith(self._controller.strip("/")):
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
+                    is_started = self._state != STOPPED
                     # the request is forgotten as soon as the state agrees with it; a state that contradicts
                     # the request may come from a message that was sent before the service answered
-                    if (self._state != STOPPED) is self._request or now - self._requested_at > STALE_STATUS:
+                    if is_started is self._request or now - self._requested_at > STALE_STATUS:
                         self._request = None
 
     def update(self, readings: Readings, is_paused: Optional[bool]) -> None:
@@ -194,14 +207,14 @@ class DriveTab:
 
     def _on_simulation(self, event: Any) -> None:
         """Call the simulator's service of the pressed button."""
-        name, timeout, *request = SERVICES[event.target.value]
-        service = f"{self._simulator}/{name}"
+        service = SERVICES[event.target.value]
+        full_name = f"{self._simulator}/{service.name}"
 
         def work() -> str:
             # the reset is the only service here that moves the robot and objects, so only the reset is shown
             # as a motion in the state bar
-            with self._moves("robot and world") if name.startswith("reset") else nullcontext():
-                return call(service, *request, timeout=timeout)
+            with self._moves("robot and world") if service.name == "reset" else nullcontext():
+                return call(full_name, service.kind, *service.arguments, timeout=service.timeout)
 
         self._actions.do(work, event.client, "Simulation")
 
@@ -212,6 +225,7 @@ def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str
         f"<dt>{name}</dt><dd>{fixed(reading, digits)} {unit}</dd>"
         for (name, unit, digits), reading in zip(READINGS, readings)
     )
+    # a node may send a level outside of 0 to 3, so the level is limited to the indices of LEVELS
     lamps = "".join(
         f'<div><span class="husky-light {LEVELS[min(max(level, 0), 3)]}"></span>'
         f"{escape(name)}: {escape(text)}</div>"

@@ -48,19 +48,20 @@ class Frames:
         """
         if child == root:
             return IDENTITY
-        top_of_child, child_in_top = self._in_top(child, root, stamp)
+        # the frame in which the way up the tree has ended, and the pose of `child` in this frame
+        top_of_child, child_in_top = self._climb(child, stamp, stop_at=root)
         if top_of_child == root:
             return child_in_top
         # `root` is not above `child` in the tree, so the poses of both are compared in the frame at the top
         # of the tree
-        top_of_root, root_in_top = self._in_top(root, top_of_child, stamp)
+        top_of_root, root_in_top = self._climb(root, stamp, stop_at=top_of_child)
         return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 
-    def _in_top(self, frame: str, stop: str, stamp: Optional[float]) -> Tuple[str, Pose]:
-        """Return `stop` if it is above a frame, otherwise the tree's root, and the frame's pose in it."""
+    def _climb(self, frame: str, stamp: Optional[float], stop_at: str) -> Tuple[str, Pose]:
+        """Return `stop_at` if it is above a frame, otherwise the tree's root, and the frame's pose in it."""
         pose = IDENTITY
         for _ in range(MAX_DEPTH):
-            if frame == stop or frame not in self._parents:
+            if frame == stop_at or frame not in self._parents:
                 break
             pose = compose(_nearest(self._poses[frame], stamp), pose)
             frame = self._parents[frame]

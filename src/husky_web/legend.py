@@ -47,13 +47,18 @@ def add_layers(gui: viser.GuiApi, on_change: Callable[[str, bool], None]) -> vis
             gui.add_html(_dot_of_next(layer.name, layer.color))
         box = gui.add_checkbox(layer.title, layer.is_shown, hint="for every page")
         box.on_update(partial(_pass_on, on_change, layer.name))
-        if layer.name == "markers":
-            rows = []
-            for namespace, title in MARKERS.items():
-                color = tuple(round(255.0 * getattr(COLORS[namespace], part)) for part in "rgb")
-                rows.append(f'<div><i class="husky-dot" style="background: rgb{color}"></i>{title}</div>')
-            gui.add_html(f'<div class="husky-block husky-legend">{"".join(rows)}</div>')
+        if layer.name == "markers":  # this layer has several colours, so each kind of marker gets a row
+            gui.add_html(_rows_of_markers())
     return box  # box of the last layer, the depth points
+
+
+def _rows_of_markers() -> str:
+    """Return HTML with a row for each kind of marker of the controller: a dot in its colour, its title."""
+    rows = []
+    for namespace, title in MARKERS.items():
+        color = tuple(round(255.0 * getattr(COLORS[namespace], part)) for part in "rgb")
+        rows.append(f'<div><i class="husky-dot" style="background: rgb{color}"></i>{title}</div>')
+    return f'<div class="husky-block husky-legend">{"".join(rows)}</div>'
 
 
 def _pass_on(on_change: Callable[[str, bool], None], name: str, event: Any) -> None:

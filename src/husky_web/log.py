@@ -93,11 +93,14 @@ class LogBuffer:
         Lines of a node that differ only in their numbers are one row with the newest line, unless a text is
         searched.
         """
+        # number of lines, and newest line, of each row of the shown log; a dictionary keeps the order in
+        # which the rows were added, so the row with the newest line comes first
         counts: Counter[Any] = Counter()
-        newest_lines: Dict[Any, Line] = {}  # newest line for each row of the shown log
+        newest_lines: Dict[Any, Line] = {}
         for number, line in enumerate(reversed(list(self._lines))):
             if condition.passes(line):
                 without_numbers = (line.level, line.node, _NUMBER.sub("#", line.text))
+                # key of the line's row; if a text is searched, each line has a row of its own
                 row = number if condition.text else without_numbers
                 newest_lines.setdefault(row, line)
                 counts[row] += 1

@@ -124,7 +124,7 @@ def pose_of(marker: Marker) -> Optional[Pose]:
         return None
     if length < 1e-6:
         return Pose(position)
-    x, y, z, w = (value / length for value in quat)
+    x, y, z, w = (value / length for value in quat)  # a sender's quaternion may have another length than 1
     return Pose(position, (x, y, z, w))
 
 
@@ -153,6 +153,7 @@ class Markers:
             # the new marker replaces the old one with the same key, so the cost of the old one no longer
             # counts
             self._remove(key)
+            # a marker that is too long for the browser is shown without its end
             del marker.points[MAX_POINTS:], marker.colors[MAX_POINTS:]
             marker.text = marker.text[:MAX_LETTERS]
             if self._cost + cost(marker) > MAX_COST:
@@ -192,16 +193,26 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
         length, thick = size[0], max(size[1], size[2])
         # the arrow lies along x from the origin; the head is ARROW_HEAD of the length and twice as thick as
         # the shaft
-        mesh = shapes.arrow((1.0 - ARROW_HEAD) * length, 0.5 * thick, ARROW_HEAD * length, thick)
+        head_length = ARROW_HEAD * length
+        mesh = shapes.arrow(
+            shaft_length=length - head_length,
+            shaft_diameter=0.5 * thick,
+            head_length=head_length,
+            head_diameter=thick,
+        )
         return [Solid(mesh, _rgba(marker.color))]
     start, end = (np.array([p.x, p.y, p.z]) for p in marker.points[:2])
     length = float(np.linalg.norm(end - start))
-    if not 0.0 < length < np.inf:
+    if not 0.0 < length < np.inf:  # both points are equal, or a coordinate is infinite or NaN
         return []
     # if the marker has two points, its scale is (diameter of the shaft, diameter of the head, length of the
     # head)
-    head = size[2] if size[2] > 0.0 else ARROW_HEAD * length
-    mesh = shapes.arrow(max(length - head, 0.0), size[0], min(head, length), size[1])
+    shaft_diameter, head_diameter, given_length = size
+    head_length = given_length if given_length > 0.0 else ARROW_HEAD * length
+    mesh = shapes.arrow(
+        max(length - head_length, 0.0), shaft_diameter, min(head_length, length), head_diameter
+    )
+    # the arrow lies along x from the origin, so it is turned into its direction and moved to its start
     turned = mesh.vertices @ matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length)).T + start
     return [Solid(Mesh(turned.astype(np.float32), mesh.faces), _rgba(marker.color))]
 

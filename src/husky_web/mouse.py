@@ -91,15 +91,19 @@ class Mouse:
 
     # async, because viser calls async callbacks in the order of the mouse's events
     async def _on_drag_object(self, key: Key, event: Any) -> None:
+        """Begin, continue or end the drag of an object, if the mouse of the page moves objects."""
         shown = self._objects.shown.get(key)
         if shown is None or self._tool(event) != MOVE:
             return
         if event.phase == "start":
             w, x, y, z = shown.node.wxyz
             pose = Pose(tuple(shown.node.position), (x, y, z, w))
+            # `show` lets the page draw the object at the pose of the mouse, and `drop` sends the last pose to
+            # the server of the object
             show = partial(self._objects.dragged.__setitem__, key)
             drop = partial(self._objects.drop, key)
-            self._begin(key, key[1], Drag(event.client.client_id, pose, show, drop))
+            _, name = key
+            self._begin(key, name, Drag(event.client.client_id, pose, show, drop))
         self._pass_on(key, event)
 
     async def _on_drag_robot(self, event: Any) -> None:
@@ -143,11 +147,12 @@ class Drag:
         """
         # [m] position of the camera, at which the mouse's ray begins
         eye = [float(value) for value in event.client.camera.position]
-        if event.phase == "start" or self._grasp is None:
+        if event.phase == "start" or self._grasp is None:  # None if the first event is not a start
             self._grasp = tuple(float(value) for value in event.start_position)
             # the slope of the ray at the start decides on the plane, which stays the same until the end of
             # the drag
             self._is_level = eye[2] - self._grasp[2] > STEEP * dist(eye[:2], self._grasp[:2])
+        # direction from the camera to the point at which the mouse is now
         ray = [float(a) - b for a, b in zip(event.end_position, eye)]
         if self._is_level:
             point = point_on_level(eye, ray, self._grasp[2])
@@ -190,7 +195,8 @@ def _intersection(
     if abs(direction_along_normal) < 1e-9:  # the ray is parallel to the plane
         return None
     distance_along_normal = sum((p - o) * n for p, o, n in zip(point, origin, normal))
-    # distance from the origin of the ray to the plane, as a multiple of `direction`
+    # distance from the origin of the ray to the plane, as a multiple of `direction`; the length of the normal
+    # is a factor of both values, so it has no effect
     lengths = distance_along_normal / direction_along_normal
     if not 0.0 < lengths * hypot(*direction) < FARTHEST:
         return None

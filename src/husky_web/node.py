@@ -208,7 +208,7 @@ class WebNode:
 
     def _forget(self) -> None:
         """Drop everything that was kept for pages; called again and again while no page is open."""
-        if self._topics.is_open:
+        if self._topics.is_open:  # true only in the first call after the last page has gone
             self._topics.close()
             self._tuning.follow([])
             self._recorder.stop()
@@ -216,6 +216,7 @@ class WebNode:
             self._scene.forget()
             self._drive.forget()
             self._drivers.forget()
+        # the last connection may end later than the last page, and only then is its memory free
         if self._server.gate.last_has_gone():
             give_memory_back()
 
@@ -230,12 +231,12 @@ class WebNode:
         offered = dict(published)  # message type of each published topic
         # if a simulator publishes true poses, they are shown instead of the odometry
         has_truth = self._topics.names["truth"] in offered
-        self._topics.listen("truth", Odometry, has_truth)
-        self._topics.listen("odometry", Odometry, not has_truth)
+        self._topics.listen("truth", Odometry, is_wanted=has_truth)
+        self._topics.listen("odometry", Odometry, is_wanted=not has_truth)
         for use, kind in (("command", TwistStamped), ("error", Vector3Stamped), ("pillar", PointStamped)):
-            self._topics.listen(use, kind, self._topics.names[use] in offered)
+            self._topics.listen(use, kind, is_wanted=self._topics.names[use] in offered)
         # a cloud is large, so it is only subscribed to while its layer is shown
-        self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
+        self._topics.listen("cloud", PointCloud2, is_wanted=self._scene.layers["depth"])
         self._depth_box.visible = self._topics.names["cloud"] in offered
         self._tuning.follow(published)
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
@@ -261,6 +262,7 @@ class WebNode:
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return None
         is_lost = self._registration.is_lost
+        # a master that answers after a silence may be a new one, and a master that has lost this node is one
         if self._was_master_silent or (is_lost and not was_lost):
             self._topics.close()
         self._is_master_gone, self._was_master_silent = is_lost, False

@@ -67,7 +67,7 @@ class Numbers:
         # the rate of `clock` is the real-time factor; the rate of `scans` is the number of scans per second
         if self.time is not None:
             self.clock.add(now, self.time)
-        if topics.scan_count:
+        if topics.scan_count:  # otherwise no scan has come yet, so there is no stamp of a scan
             self.scans.add(scene.scan_stamp, topics.scan_count)
 
     def expect_silence(self, now: float) -> None:

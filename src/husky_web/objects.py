@@ -69,18 +69,19 @@ class Objects:
                 self._take(topic, msg)
         for key, shown in self.shown.items():
             with on_error_log_and_skip(f"'{key[1]}' of {key[0]}"):
-                frame = self._frames.pose(shown.frame, self._fixed_frame)
-                if key in self.dragged:
+                frame_in_fixed = self._frames.pose(shown.frame, self._fixed_frame)
+                if key in self.dragged:  # the object follows the mouse, and not the poses of its server
                     place(shown.node, self.dragged[key])
-                elif frame is not None:
-                    place(shown.node, compose(frame, shown.pose_in_frame))
+                elif frame_in_fixed is not None:
+                    place(shown.node, compose(frame_in_fixed, shown.pose_in_frame))
 
     def _take(self, topic: str, msg: Any) -> None:
-        """Take in a change, or all markers of a server, which come on a topic of their own at the start."""
+        """Take in a change, or a message with all markers of a server, which it sends at the start."""
         if isinstance(msg, InteractiveMarkerInit):
             # this message has come on SERVER/update_full, but the keys of `shown` have the topic
             # SERVER/update, so the ending is removed
             server, names = topic[: -len("_full")], {marker.name for marker in msg.markers}
+            # objects that the server no longer has are removed
             for key in [key for key in self.shown if key[0] == server and key[1] not in names]:
                 self._erase(key)
             for marker in msg.markers:
@@ -164,6 +165,7 @@ class Objects:
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
         nodes: List[Any] = []
+        # a Marker for each part of the object's shape
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
             pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
@@ -175,12 +177,12 @@ class Objects:
             center = (x, y, low[2] + SHADOW_HEIGHT)
             contact_shadow(self._scene, f"{path}/shadow", high - low, center)
         self.shown[key] = Object(
-            node,
-            frame_of_message(marker),
-            conversions.pose_from_msg(marker.pose),
-            nodes,
-            tuple((entry.id, entry.title) for entry in marker.menu_entries),
-            any(control.interaction_mode in MOVABLE for control in marker.controls),
+            node=node,
+            frame=frame_of_message(marker),
+            pose_in_frame=conversions.pose_from_msg(marker.pose),
+            shapes=nodes,
+            menu=tuple((entry.id, entry.title) for entry in marker.menu_entries),
+            is_movable=any(control.interaction_mode in MOVABLE for control in marker.controls),
         )
         self.on_new(key, self.shown[key])
 

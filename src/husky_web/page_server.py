@@ -39,6 +39,8 @@ COOKIE = "husky_token"
 MAX_MESSAGE = 1000
 # largest number of pages that are open at the same time; each page takes up to 1.6 MB in this process
 MAX_PAGES = 20
+# kinds of connections: an open page has one for its view, which viser handles, and one for the drive channel
+VIEW, DRIVE = "view", "drive"
 TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 # header Content-Security-Policy of the page: the page may send requests only to its own host; inline scripts
@@ -135,12 +137,12 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
     origin = headers.get("Origin")
     if origin is not None and urlsplit(origin).netloc != host:
         return f"the page of another site ('{origin}') may not act on the robot"
-    if token is not None and not _shows(token, headers, path):
+    if token is not None and not _has_token(token, headers, path):
         return "the address needs its token; use the address that the node has printed"
     return None
 
 
-def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
+def _has_token(token: str, headers: Mapping[str, str], path: str) -> bool:
     """Return whether a request has the token, in the query of its path or as a cookie."""
     tokens = [*parse_qs(urlsplit(path).query).get("token", [])]
     try:
@@ -149,6 +151,7 @@ def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
         cookie = None
     if cookie is not None:
         tokens.append(cookie.value)
+    # `compare_digest` takes equally long for every wrong token, so its time does not help to guess the token
     return any(hmac.compare_digest(item.encode(), token.encode()) for item in tokens)
 
 
@@ -171,8 +174,7 @@ class Gate:
         """See `refusal` and `serve` for the arguments."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
-        # number of open connections of the drive channel (True), and of viser (False)
-        self._connections = {True: 0, False: 0}
+        self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind
         self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:
@@ -184,8 +186,8 @@ class Gate:
             # the answer None opens the WebSocket; `handle` limits the number of connections, because two
             # requests may come at the same time
             return None
-        # each open page has one connection of viser, so this is the number of open pages
-        if self._connections[False] >= MAX_PAGES:
+        # each open page has one connection for its view, so this is the number of open pages
+        if self._connections[VIEW] >= MAX_PAGES:
             return _response(
                 http.HTTPStatus.SERVICE_UNAVAILABLE, TOO_MANY.encode(), "text/plain; charset=utf-8"
             )
@@ -197,18 +199,19 @@ class Gate:
         return response
 
     def with_drive_channel(self, handler: Any) -> Any:
-        """Return the handler of viser's connections, and of the drive channel."""
+        """Return a handler of all connections; `handler` of viser gets those that are not drive channels."""
 
         async def handle(connection: Any) -> None:
-            is_drive = urlsplit(connection.request.path).path == DRIVE_PATH
-            if self._connections[is_drive] >= MAX_PAGES:
+            kind = DRIVE if urlsplit(connection.request.path).path == DRIVE_PATH else VIEW
+            if self._connections[kind] >= MAX_PAGES:
                 await connection.close(CloseCode.TRY_AGAIN_LATER, TOO_MANY)
                 return
-            self._connections[is_drive] += 1
+            self._connections[kind] += 1
             try:
-                await (self._read_drive_channel if is_drive else handler)(connection)
+                # each of the two runs until the page disconnects
+                await (self._read_drive_channel if kind == DRIVE else handler)(connection)
             finally:
-                self._connections[is_drive] -= 1
+                self._connections[kind] -= 1
                 if not any(self._connections.values()):
                     self._is_empty_again.set()
 
@@ -222,16 +225,17 @@ class Gate:
 
     async def _read_drive_channel(self, connection: Any) -> None:
         """Pass the messages of a page on until it disconnects."""
+        page_number = id(connection)  # distinguishes the pages that are open at the same time
         try:
             async for text in connection:
                 message = _parse(text)
-                if message is not None:
-                    with contained("a message of the page"):
-                        self._on_message(id(connection), message)
+                if message is not None:  # other messages are ignored
+                    with contained("a message of the page"):  # an error is logged, and the loop continues
+                        self._on_message(page_number, message)
         except ConnectionClosed:
             pass
         finally:
-            self._on_leave(id(connection))
+            self._on_leave(page_number)
 
 
 def _parse(text: Any) -> Optional[Message]:
@@ -246,6 +250,10 @@ def _parse(text: Any) -> Optional[Message]:
 
 
 def _response(status: http.HTTPStatus, body: bytes, kind: str) -> Response:
+    """Return a response with a body of a content type `kind`, and with headers that protect the page.
+
+    The browser must not keep the response, guess its type, or tell its address to other sites.
+    """
     headers = Headers(
         {
             "Content-Type": kind,

@@ -59,11 +59,12 @@ class Page:
             self._lines.content = log_to_html(self._log.select(self._filter))
 
     def _make_view(self, tab: Any, is_dark: bool) -> None:
+        """Add the choice of the camera and of dark colours at the top of a tab."""
         with tab:
             gui = self.client.gui
             # viser sorts the fields by `order`: this page's own fields come first, because their order is
             # negative, and then the fields that all pages share
-            self._chosen_camera = gui.add_html(choice_html(0), order=-2.5)
+            self._chosen_camera = gui.add_html(choice_html(0), order=-2.5)  # marks the first button as chosen
             camera = gui.add_button_group("Camera", CAMERAS, order=-2)
             camera.on_click(self._on_camera)
             dark = gui.add_checkbox("Dark", is_dark, hint="for this browser only", order=-1)
@@ -81,6 +82,8 @@ class Page:
     def _make_tools(self, tab: Any) -> None:
         """Add the fields of the mouse's tools at the top of a tab."""
         with tab:
+            # this element marks the first button of the next field, LOOK, as chosen; viser sorts the fields by
+            # `order`, and negative orders come before the fields that all pages share
             self._chosen_tool = self.client.gui.add_html(choice_html(0), order=-1.5)
             tool = self.client.gui.add_button_group(
                 "Mouse",
@@ -92,6 +95,7 @@ class Page:
         tool.on_click(self._on_tool_click)
 
     def _make_log(self, tab: Any) -> None:
+        """Add the fields of the filter, and the lines that pass it, to a tab."""
         with tab:
             gui = self.client.gui
             level = gui.add_dropdown("Level", tuple(LEVELS), initial_value="info")
@@ -130,10 +134,11 @@ class Pages:
     """Open pages; they arrive in threads of viser, and the thread that draws admits them."""
 
     def __init__(self, server: viser.ViserServer, tabs: Mapping[str, Any], log: LogBuffer) -> None:
-        self.open: Dict[int, Page] = {}
+        self.open: Dict[int, Page] = {}  # open pages; the key is the number of viser's client
         self.page_came = threading.Event()  # set when a browser connects; `admit` then adds its page
         # function that is called when the mouse of a page gets another tool
         self.on_tool: Callable[[], None] = lambda: None
+        # function that is called with the number of a page that was closed
         self.on_leave: Callable[[int], None] = lambda page: None
         self._server, self._tabs, self._log = server, tabs, log
         # browsers that are connected but have no page yet, each with true if it prefers dark colours
@@ -154,7 +159,7 @@ class Pages:
             self.open.pop(number)
             with on_error_log_and_skip("a page that goes"):
                 self.on_leave(number)
-                self.on_tool()
+                self.on_tool()  # the tool of this page no longer counts
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         self._arrivals.append((client, wants_dark(client)))

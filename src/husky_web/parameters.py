@@ -89,13 +89,18 @@ class Parameter(NamedTuple):
 
 
 def parameters(description: Mapping[str, Any], server_group: str = "") -> List[Parameter]:
-    """Return the parameters of all groups of a description."""
+    """Return the parameters of a description and of the groups in it; each name only once.
+
+    Args:
+        description: decoded description of a server, or of one of its groups.
+        server_group: name of this group; empty for the whole description.
+    """
     result = []
     for entry in description.get("parameters", ()):
         name, kind, default, low, high = (entry[key] for key in ("name", "type", "default", "min", "max"))
         text, choices = str(entry.get("description", "")), _choices(entry.get("edit_method"))
         result.append(Parameter(name, kind, default, low, high, text, choices, server_group))
-    groups = description.get("groups", {})
+    groups = description.get("groups", {})  # groups by name, or a list of groups
     for group in groups.values() if isinstance(groups, Mapping) else groups:
         names = {parameter.name for parameter in result}
         of_group = parameters(group, str(group.get("name", "")))
@@ -135,6 +140,7 @@ def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Di
 
 
 def _checked(node: str, values: Dict[str, Any], servers: Mapping[str, List[Parameter]]) -> Dict[str, Any]:
+    """Return the values of a node in the types of its parameters; for the errors see `from_yaml`."""
     if node not in servers:
         raise HuskyError(
             f"node '{node}' has no parameters to tune; there are: {', '.join(servers) or 'none'}"

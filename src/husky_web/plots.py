@@ -153,12 +153,13 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
 
 def _grid(chart: Chart, axes: _Axes, ticks: Sequence[float]) -> List[str]:
     """Return SVG of the horizontal lines at some values, the vertical lines at some times, and the labels."""
+    # a line with its number at the left, for each tick; the line of the value 0 has its own style in page.css
     parts = [
         f'<path class="{"grid" if tick else "zero"}" d="M{LEFT:.0f},{axes.y(tick):.1f}H{PLOT_RIGHT:.0f}"/>'
         f'<text x="{LEFT - 4.0:.0f}" y="{axes.y(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
         for tick in ticks
     ]
-    if chart.zero:
+    if chart.zero:  # text above the line of the value 0
         parts.append(
             f'<text class="stop" x="{PLOT_RIGHT - 3.0:.0f}" y="{axes.y(0.0) - 3.0:.1f}" text-anchor="end">'
             f"{chart.zero}</text>"
@@ -207,7 +208,7 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
         values: values (N,); NaN is a gap in the curve.
         axes: axes of the chart.
     """
-    if len(times) < 3:
+    if len(times) < 3:  # one or two samples do not make a visible curve
         return ""
     # time is divided into intervals of RESOLUTION; number of the interval of each sample
     bins = np.floor(times / RESOLUTION)

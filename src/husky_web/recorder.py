@@ -28,7 +28,7 @@ class Recorder:
         # `_actions` does the work of the buttons; `_is_on` is true while a run is recorded; `robot_name` is
         # the name in the URDF, which the node sets later
         self._actions, self._is_on, self.robot_name = actions, False, ""
-        self._rows: List[Row] = []
+        self._rows: List[Row] = []  # the recording, with a row for each time
         gui = server.gui
         with gui.add_folder("Recording"):
             self._state = gui.add_html("")
@@ -54,6 +54,8 @@ class Recorder:
         self._show()
 
     def _on_click(self, event: Any) -> None:
+        """Begin, end or save a recording, as the pressed button says."""
+
         def save() -> None:
             page = recording_page(list(self._rows), self.robot_name).encode()
             event.client.send_file_download("drive.html", page, save_immediately=True)
@@ -86,7 +88,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     if not rows:
         raise HuskyError(f"nothing is recorded yet; press {RECORD}, then {END}")
     table = np.array(rows)
-    times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]
+    times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]  # the columns of `Row`
     is_known = np.isfinite(pillars).all(axis=1)
     if is_known.any():
         # until the controller has found the pillar, the replay shows the pillar at the first position that

@@ -41,7 +41,10 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
     robot, links, joints = read_urdf(description)
     colors = {item.get("name", ""): _rgba(item) for item in robot.findall("material")}
     # joint between a link and its parent link; the key is the name of the link
-    joint_above = {ends_of(joint, links)[1]: joint for joint in joints.values()}
+    joint_above: Dict[str, Element] = {}
+    for joint in joints.values():
+        _, child = ends_of(joint, links)
+        joint_above[child] = joint
     groups: Dict[str, List[Visual]] = {}
     for name, link in links.items():
         frame, pose = _fixed_to(name, links, joint_above)

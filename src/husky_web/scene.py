@@ -13,7 +13,7 @@ import rospy
 import viser
 from visualization_msgs.msg import Marker
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import compose, transform_points
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import MAX_POINTS, points_from_msg, points_from_scan
@@ -293,17 +293,22 @@ class Scene:
 
     def _update_plan(self) -> None:
         """Draw dashes from the controller's stop point to the robot."""
-        base, stop_point = self.base, None
-        for (topic, namespace, _), marker in self.markers.shown.items():
-            if namespace == TARGET and topic.startswith(self._controller):
-                frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
-                stop_point = None if frame is None else compose(frame, pose_of(marker) or Pose()).position
+        base, stop_point = self.base, self._stop_point()
         if not self.layers["plan"] or base is None or stop_point is None:
             self._plan_line.points = np.zeros((0, 2, 3), np.float32)
             return
         height = self.ground + LINE_HEIGHT
         start, end = ((x, y, height) for x, y, _ in (stop_point, base.position))
         self._plan_line.points = dashes(start, end)
+
+    def _stop_point(self) -> Optional[Vector3]:
+        """Return the controller's stop point in the fixed frame [m], from its marker TARGET, or None."""
+        stop_point = None
+        for (topic, namespace, _), marker in self.markers.shown.items():
+            if namespace == TARGET and topic.startswith(self._controller):
+                frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
+                stop_point = None if frame is None else compose(frame, pose_of(marker) or Pose()).position
+        return stop_point
 
     def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
         """Take in new markers, move the shown ones, and change their looks if these are due.

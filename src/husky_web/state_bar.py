@@ -104,11 +104,12 @@ class Moving:
             time: simulated time [s]; None if it is unknown.
             now: wall time [s].
         """
-        if self._ended_at is None:
+        if self._ended_at is None:  # the page still moves the object, or has not moved one yet
             return self._text
         simulated_seconds = 0.0  # [s] simulated time since the end of the motion
         if time is not None:
-            # simulated time becomes smaller if the simulator restarts
+            # the first call after the end of the motion sets `_seen_from`; it is set again if the simulator
+            # restarts, because simulated time is smaller then
             if self._seen_from is None or time < self._seen_from:
                 self._seen_from = time
             simulated_seconds = time - self._seen_from
@@ -144,7 +145,8 @@ class StateBar:
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._state = gui.add_html(state_html(RobotStatus(), Figures()))
         self._e_stop = gui.add_html(e_stop_html(False))
-        self._figures, self._figures_due = Figures(), 0.0  # [s]
+        # numbers that are shown, and wall time [s] of their next change
+        self._figures, self._figures_due = Figures(), 0.0
         self._next = gui.add_button_group(
             "What next?",
             (AGAIN, ELSEWHERE),
@@ -181,6 +183,8 @@ def _summary(status: RobotStatus) -> Tuple[str, str]:
     If several facts hold, a reason that keeps the robot from driving comes first.
     """
     doing = PHRASES.get(status.activity, status.activity)  # empty if the controller's state is unknown
+    # a node may send a level outside of 0 to 3
+    fault_light = LEVELS[min(max(status.level, 0), 3)]
     # rows with a fact (true if it holds), the colour of the light, and the sentence; the first row with a
     # true fact is shown
     facts = (
@@ -193,7 +197,7 @@ def _summary(status: RobotStatus) -> Tuple[str, str]:
         (bool(status.moving), "busy", f"{MOVING}: {status.moving}"),
         (status.is_by_hand, "busy", BY_HAND),
         (bool(status.driver), "ok", f"{status.driver} drives the robot"),
-        (bool(status.fault), LEVELS[min(max(status.level, 0), 3)], status.fault),
+        (bool(status.fault), fault_light, status.fault),
         (bool(doing), "" if status.activity == STOPPED else "ok", doing),
     )
     for holds, light, sentence in facts:

@@ -86,9 +86,10 @@ class Teleop:
         self.on_lock: Callable[[], None] = lambda: None
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] largest speeds of driving by hand
         self.is_locked = False  # true if any node has switched the emergency stop on
-        self._hold = HoldToDrive()
+        self._hold = HoldToDrive()  # decides which page drives
+        # lock of `_hold`, because messages of the pages come in another thread than the one that publishes
         self._turn = threading.Lock()
-        self._wake = threading.Event()
+        self._wake = threading.Event()  # set if there may be a command, so that the thread wakes up at once
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
         # a simulator keeps its last message on `locked` for pages that start later; a twist_mux has no topic
@@ -141,6 +142,7 @@ class Teleop:
                 twist = self._hold.command(time.monotonic())
                 is_active = self._hold.is_active
                 if not is_active:
+                    # cleared while the lock is held, so that no new command can come in between unnoticed
                     self._wake.clear()
             if twist is not None:
                 with contained("driving by hand"):
@@ -148,4 +150,4 @@ class Teleop:
             if is_active:
                 time.sleep(PERIOD)
             else:
-                self._wake.wait(1.0)
+                self._wake.wait(1.0)  # [s] not for ever, so that the end of the node is noticed

@@ -46,6 +46,8 @@ class Topics:
         self.scan_count = 0  # number of scans that have come so far
         # [s] end of the last pause of each thread; rospy has a thread for each publisher
         self._pause_ended = threading.local()
+        # messages that wait for the thread that draws: the newest one of each topic in `names`, because an
+        # older one is of no use, and all messages of these other uses
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
@@ -69,23 +71,26 @@ class Topics:
             self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
-        """Subscribe to every topic of markers, paths and objects that can be dragged."""
+        """Subscribe to every topic of markers, paths and objects that can be dragged.
+
+        `published` has the name and the message type of each topic that the ROS master knows.
+        """
         for topic, kind in published:
             if topic in self._subscribers:
                 continue
             if kind in DRAWN:
                 self._subscribers[topic] = self._subscriber(topic, DRAWN[kind], "markers")
             elif kind == INTERACTIVE:
-                full = f"{topic}_full"
+                full = f"{topic}_full"  # topic on which a server sends all its objects at the start
                 self._subscribers[topic] = self._subscriber(topic, InteractiveMarkerUpdate, "objects")
                 self._subscribers[full] = self._subscriber(full, InteractiveMarkerInit, "objects")
 
-    def listen(self, use: str, kind: Any, is_open: bool) -> None:
+    def listen(self, use: str, kind: Any, is_wanted: bool) -> None:
         """Subscribe to a topic that is shown on demand, or unsubscribe."""
-        if is_open and use not in self._subscribers:
+        if is_wanted and use not in self._subscribers:
             pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
             self._subscribers[use] = self._subscriber(self.names[use], kind, use, pause)
-        elif not is_open and use in self._subscribers:
+        elif not is_wanted and use in self._subscribers:
             self._subscribers.pop(use).unregister()
 
     def take(self, use: str) -> Optional[Any]:

@@ -99,11 +99,11 @@ class _Server:
         self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
         self.parameters: List[Parameter] = []  # empty until the server has sent its description
         self.values: Dict[str, Any] = {}  # last value of each parameter that the server has sent
-        self._description: Dict[str, Any] = {}
+        self._description: Dict[str, Any] = {}  # the server's description, decoded
         self._fields: Dict[str, Any] = {}  # field of each parameter in the page
         # requested value of each parameter; removed as soon as the value is sent
         self._waiting: Dict[str, Any] = {}
-        self._is_closed = False
+        self._is_closed = False  # true as soon as the fields are removed, because the server has gone
         # lock of the values and fields, because callbacks of ROS and of viser come in several threads
         self._turn = threading.RLock()
         self._folder = gui.add_folder(name.strip("/"))
@@ -136,12 +136,12 @@ class _Server:
             HuskyError: the server does not answer.
         """
         with self._turn:
-            request, self._waiting = self._waiting, {}
+            request, self._waiting = self._waiting, {}  # values that are sent now, by name
         # the call is made without the lock, so that updates of the server can be shown meanwhile
         try:
             answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(request))
         except HuskyError:
-            self._show(self.values)
+            self._show(self.values)  # the fields show the server's values again, and not the requested ones
             raise
         values = decode_config(answer.config, self._description)  # values that the server has now
         self._show(values)
@@ -172,7 +172,7 @@ class _Server:
         """Keep new values of the server and show them, except in fields that wait for their request."""
         with self._turn:
             for name, value in values.items():
-                if self.values.get(name, value) != value:
+                if self.values.get(name, value) != value:  # a first value is not a change
                     self._on_change(change_text(name, self.values[name], value))
             self.values = {**self.values, **values}
             for parameter in self.parameters:

@@ -126,7 +126,7 @@ class WorldTab:
             f"{self._simulator}/spawn",
             SpawnObject,
             name,
-            "",
+            "",  # no model file, because shape, size and mass describe the object
             shape,
             Vector3Msg(*size),
             mass,

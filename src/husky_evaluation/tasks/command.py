@@ -38,6 +38,7 @@ def add_old_name(parser: argparse.ArgumentParser, old: str, option: argparse.Act
             print(f"{parser.prog}: {old} is now called {new}; the old name still works", file=sys.stderr)
             setattr(namespace, self.dest, values)
 
+    # the old name sets the value of the new name; it is not in the help, and it has no default of its own
     parser.add_argument(
         old, dest=option.dest, type=option.type or str, action=OldName, help=argparse.SUPPRESS,
         default=argparse.SUPPRESS,

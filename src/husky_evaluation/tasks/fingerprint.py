@@ -86,16 +86,21 @@ def _pieces(value: Any) -> Iterator[bytes]:
 @lru_cache(maxsize=1)
 def code_version() -> str:
     """Return the version of the package, and a hash of the sources of OURS, parameters, worlds and robots."""
-    digest, sources, share = hashlib.sha256(), Path(__file__).resolve().parents[2], share_folder()
+    digest, share = hashlib.sha256(), share_folder()
+    sources = Path(__file__).resolve().parents[2]  # folder that contains the packages
     modules = [path for package in OURS for path in (sources / package).rglob("*.py")]
+    # path of each file; the key is a name that does not depend on the place of the installation
     files = {f"src/{path.relative_to(sources).as_posix()}": path for path in modules}
     for folder in ("config", "urdf", "worlds"):
         data = [path for path in (share / folder).rglob("*") if path.is_file()]
         files.update({path.relative_to(share).as_posix(): path for path in data})
     for name in sorted(files):
-        is_generated = any(name.split("/")[2:3] == [folder] for folder in GENERATED)  # src/PACKAGE/FOLDER
+        # catkin adds generated code as src/PACKAGE/FOLDER/..., but only to an installed package
+        _, _, *below_package = name.split("/")
+        is_generated = bool(below_package) and below_package[0] in GENERATED
         if not is_generated:
             digest.update(f"{name} {hashlib.sha256(files[name].read_bytes()).hexdigest()}\n".encode())
+    # the version, and 12 digits of the hash, which are enough to distinguish versions
     manifest = (share / "package.xml").read_text()
     number = manifest.split("<version>", 1)[1].split("<", 1)[0]
     return f"{number}+{digest.hexdigest()[:12]}"

@@ -31,6 +31,7 @@ class Store:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = sqlite3.connect(str(path))
             try:
+                # `connect` does not read the file, so an existing file of another kind causes an error here
                 self._file.execute("CREATE TABLE IF NOT EXISTS results (key TEXT PRIMARY KEY, result BLOB)")
             except sqlite3.Error:
                 self._file.close()
@@ -51,7 +52,7 @@ class Store:
         """
         rows = [(key, pickle.dumps(result)) for key, result in results.items()]
         try:
-            with self._file:
+            with self._file:  # one transaction, so that either all results are kept or none
                 self._file.executemany("INSERT OR REPLACE INTO results VALUES (?, ?)", rows)
         except sqlite3.Error as error:
             raise HuskyError(f"{self._path} cannot keep results: {error}") from error

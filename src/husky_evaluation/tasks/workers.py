@@ -100,6 +100,7 @@ class Workers:
         waiting: List[int] = []  # indices in `items` of the items without a kept result
         with Progress(len(items), title) as progress:
             for number in range(len(items)):
+                # machine and result of an earlier run; None if there is no such result
                 kept = self._store.load(keys[number]) if self._store else None
                 if kept:
                     computer, result = kept  # `computer` describes the machine that has computed the result
