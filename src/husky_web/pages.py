@@ -82,8 +82,8 @@ class Page:
     def _make_tools(self, tab: Any) -> None:
         """Add the fields of the mouse's tools at the top of a tab."""
         with tab:
-            # this element marks the first button of the next field, LOOK, as chosen; viser sorts the fields by
-            # `order`, and negative orders come before the fields that all pages share
+            # this element marks the first button of the next field, LOOK, as chosen; fields with a negative
+            # `order` come before the fields that all pages share
             self._chosen_tool = self.client.gui.add_html(choice_html(0), order=-1.5)
             tool = self.client.gui.add_button_group(
                 "Mouse",
