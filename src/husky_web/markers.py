@@ -193,11 +193,10 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
         length, thick = size[0], max(size[1], size[2])
         # the arrow lies along x from the origin; the head is ARROW_HEAD of the length and twice as thick as
         # the shaft
-        head_length = ARROW_HEAD * length
         mesh = shapes.arrow(
-            shaft_length=length - head_length,
+            shaft_length=(1.0 - ARROW_HEAD) * length,
             shaft_diameter=0.5 * thick,
-            head_length=head_length,
+            head_length=ARROW_HEAD * length,
             head_diameter=thick,
         )
         return [Solid(mesh, _rgba(marker.color))]
