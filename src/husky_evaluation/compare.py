@@ -176,6 +176,7 @@ def main(
         a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
         has_launch_file = a.starts_programs or b.starts_programs
         if has_launch_file:
+            # the grader drives launch files only with the Husky, and only in Gazebo's profile
             if options.profile != "gazebo":
                 raise HuskyError(
                     f"--profile {options.profile} does not work with a launch file; use --profile gazebo"

@@ -181,7 +181,7 @@ class Scene:
         """
         for _, transforms in topics.take_all("tf"):
             for msg in transforms.transforms:
-                if not is_pose(msg.transform):
+                if not is_pose(msg.transform):  # a number is not finite, or too large
                     continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
                 self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
@@ -194,6 +194,7 @@ class Scene:
         # if there is no recent scan, for example because the lidar is off, the newest poses are drawn
         self.moment = self.scan_stamp if is_scan_recent else None
         for frame, node in self._robot.items():
+            # the nodes of other frames are children of the base's node, see `draw_robot`
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
             self._show(node, self.frames.pose(frame, parent, self.moment))
         with on_error_log_and_skip(topics.names["cloud"]):
@@ -207,7 +208,10 @@ class Scene:
             self._looks_due = now + LOOKS_PERIOD
             self._update_plan()
         self._backdrop.update(self.ground, None if self.base is None else self.base.position)
-        # the shadow is a child of the base, so its height is given in the frame of the base
+        self._update_shadow()
+
+    def _update_shadow(self) -> None:
+        """Put the shadow on the ground below the robot; it is a child of the base, so it moves with it."""
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()

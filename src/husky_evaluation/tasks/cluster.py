@@ -89,6 +89,7 @@ class Cluster:
             while waiting or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
+                    # the groups of lost workers are sent again, to other workers
                     waiting.extendleft(_take_back(running, workers))
                 # each worker gets two groups, so that it can begin the second group as soon as it has ended
                 # the first one

@@ -67,8 +67,8 @@ def run_here(
         try:
             while waiting or running:
                 # each process gets two groups, so that it can begin the second group as soon as it has ended
-                # the first one; a group during which a process has ended runs alone, to show whether this
-                # group is the cause
+                # the first one; a group during which a process has ended waits until no other group is
+                # running, to show whether this group is the cause
                 while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
                     number = waiting[0]
                     running[executor.submit(perform, task, groups[number])] = number
