@@ -64,7 +64,7 @@ class Comparison:
         # B is worse if it fails at more starts than A; then the times are not compared
         if only_b_fails > only_a_fails:
             return f"starts at which only B fails: {only_b_fails}, only A: {only_a_fails}"
-        if not self.pairs:  # there is no start at which both succeed, so there are no times to compare
+        if not self.pairs:  # no start at which both succeed, so no times to compare
             return ""
         times_of_a, times_of_b = self.values("arrived_at")
         allowed = margin * float(np.mean(times_of_a))

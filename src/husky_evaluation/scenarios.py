@@ -98,7 +98,7 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
     # the 1 gives this function other random numbers than `bare_scene`, which has a 2 here
     rng = np.random.default_rng([seed, 1, number])
     side = min(_SIDE, lidar.angle_max - _EDGE)  # [rad] largest bearing at which the pillar is in view
-    while True:  # until a random scene has the wanted properties
+    while True:  # the loop ends as soon as a random scene has the wanted properties
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         x, y = distance * cos(bearing), distance * sin(bearing)
         pillar, others = _post(x, y, PILLAR_RADIUS), _clutter(rng) if clutter else []

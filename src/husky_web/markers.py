@@ -202,7 +202,7 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
         return [Solid(mesh, _rgba(marker.color))]
     start, end = (np.array([p.x, p.y, p.z]) for p in marker.points[:2])
     length = float(np.linalg.norm(end - start))
-    if not 0.0 < length < np.inf:  # both points are equal, or a coordinate is infinite or NaN
+    if not 0.0 < length < np.inf:  # the points are equal, or a coordinate is infinite or NaN
         return []
     # if the marker has two points, its scale is (diameter of the shaft, diameter of the head, length of the
     # head)

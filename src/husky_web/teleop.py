@@ -150,4 +150,4 @@ class Teleop:
             if is_active:
                 time.sleep(PERIOD)
             else:
-                self._wake.wait(1.0)  # [s] not for ever, so that the end of the node is noticed
+                self._wake.wait(1.0)  # [s] longest wait, so that this thread notices the end of the node
