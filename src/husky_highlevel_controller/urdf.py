@@ -116,10 +116,10 @@ def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tupl
     shape = element.find("geometry/*")
     if shape is None or shape.tag not in SIZES:
         return None
-    names, count = SIZES[shape.tag]
+    names, count = SIZES[shape.tag]  # names of the attributes, and how many numbers each of them has
     default = (1.0, 1.0, 1.0) if shape.tag == "mesh" else None
     sizes = [numbers_of(shape, name, where, count, default) for name in names.split()]
-    return shape, sum(sizes, ())
+    return shape, sum(sizes, ())  # the tuples of all attributes become one
 
 
 def origin_of(element: ET.Element, where: str) -> Pose:

@@ -190,7 +190,8 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
         radius: expected radius [m].
     """
     x, y, r = circle
-    # solve the normal equations of `fit_circle`; the weights are those of its prior
+    # the beams' normal equations are [[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]] step = (xe, ye, re); the three
+    # expectations, x = 0, y = 0 and r = radius, are added to them, each with its weight
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
         _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
@@ -207,14 +208,15 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
         noise: differences in range not worth explaining [m].
     """
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
-    # the step of `fit_step` without its expectations; the small weights only keep the equations solvable
+    # covariance of x, y and r if each beam's error had the variance 1; the small weights do not express an
+    # expectation, and only keep the matrix invertible
     covariance = _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
-    dx, dy, dr = _apply(covariance, (xe, ye, re))
+    dx, dy, dr = _apply(covariance, (xe, ye, re))  # step of Gauss-Newton by the beams alone
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
     # variance of a beam's error: the squared errors that are left after the step, for each degree of freedom
     variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / degrees_of_freedom
     standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
-    # this factor is large for few beams, as in Student's t distribution
+    # a step is subtracted; the factor is large for few beams, as in Student's t distribution
     return -dr, (2.0 + 4.0 / degrees_of_freedom) * standard_error
 
 

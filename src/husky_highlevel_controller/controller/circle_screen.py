@@ -80,15 +80,17 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     """
     fits = _geometric_fits(segments, config.pillar_radius, config.range_noise)
     candidates = (
+        # a centre in front of the nearest beam means a round niche in a wall
         (fits.x > fits.near - _MARGIN)
         & (fits.residual <= config.max_residual + _MARGIN)
         & (np.abs(fits.radius - config.pillar_radius) <= config.radius_tolerance + _MARGIN)
-        & (fits.line_lead < LINE_ODDS + _ODDS_MARGIN)
+        & (fits.line_lead < LINE_ODDS + _ODDS_MARGIN)  # a line is not clearly better than the circle
     )
     # only segments that pass the tests above are tested for hidden beams and for beams that pass through the
     # circle
     fits = _Fits(*(column[candidates] for column in fits))
-    missing, hidden = _silhouettes(scan, fits, 4.0 * config.max_residual)
+    missing, hidden = _silhouettes(scan, fits, slack=4.0 * config.max_residual)
+    # the circle leads by HIDDEN_ODDS, which is a negative lead of the line
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
     # the results belong to the segments that are still candidates. Few beams may pass through the circle,
     # compared with those that lie on it. If another object hides a part of it, it must clearly beat a line.

@@ -77,7 +77,7 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
     """Return the segments worth an exact fit, at most the nearest `MAX_FITS`."""
     segments = cluster(scan, config)
     segments = segments.select(_plausible(segments, config))
-    # a few segments are fitted sooner than screened
+    # the screen would take longer than the exact fits of a few segments
     if len(segments.counts) > _UNSCREENED:
         segments = may_be_pillars(scan, segments, config)
     if len(segments.counts) > MAX_FITS:
@@ -177,6 +177,7 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
         circle.x > segment.near
         and circle.residual <= config.max_residual
         and abs(circle.radius - radius) <= tolerance
+        # the radius from the beams alone may be wrong by `free_slack`
         and abs(circle.free_radius - radius) <= tolerance + circle.free_slack
         and _explains_best(scan, config, segment, circle)
     ):

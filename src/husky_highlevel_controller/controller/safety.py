@@ -145,8 +145,9 @@ class Latch:
 def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tuple[Latch, bool]:
     """Return the latch at a time [s], and whether to stop now; begin with Latch().
 
-    A tripped latch is on guard again when the robot was started: when it moves after it stood, or
-    still moves when it should have stood for long. A time before the stop means a new run.
+    A danger trips the latch, and only then the robot is stopped. The latch is ready again when the robot was
+    started: when it moves after it stood, or still moves when it should have stood for long. A time before
+    the stop means a new run.
     """
     if latch.tripped_at is not None:
         elapsed = stamp - latch.tripped_at

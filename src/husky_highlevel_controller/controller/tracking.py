@@ -266,6 +266,7 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
     nearest, smallest_error = None, 1.0
     for sighting in sightings:
         pillar, (x, y, _) = sighting
+        # [m] largest distance of a match, with three standard deviations of the remembered position
         gate = _GATE + _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
         error = hypot(x - estimate.x, y - estimate.y) / gate
         if error < smallest_error:

@@ -96,6 +96,7 @@ def transition(state: np.ndarray, step: float) -> np.ndarray:
     """The state `step` s later, (8,)."""
     moved = state.copy()
     c, s = cos(state[YAW]), sin(state[YAW])
+    # distances that the robot moves along its axes [m]; its heading is taken as constant during the step
     ahead, left = state[[VX, VY]] * step + state[[AX, AY]] * (0.5 * step * step)
     moved[X] += c * ahead - s * left
     moved[Y] += s * ahead + c * left

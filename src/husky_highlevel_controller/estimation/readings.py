@@ -150,10 +150,13 @@ class MotionSensor:
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """Velocity without the part that turning adds at the sensor's position."""
+        """Velocity of base_link: the sensor's, without the part that `yaw_rate` adds at its position [rad/s].
+
+        None if the velocity is not measured or not used.
+        """
         if reading.velocity is None or not self._velocity_used.any():
             return None
-        axes = matrix_from_quat(sensor_in_base.quat_xyzw)
+        axes = matrix_from_quat(sensor_in_base.quat_xyzw)  # rotation from the sensor to base_link
         x, y, _ = sensor_in_base.position
         values = np.concatenate((axes @ reading.velocity[:3], axes @ reading.velocity[3:]))
         # base_link's velocity is the sensor's velocity minus yaw rate x (x, y)
@@ -163,15 +166,19 @@ class MotionSensor:
         return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)
 
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """Acceleration without gravity and without the centripetal part at the sensor's position."""
+        """Acceleration of base_link, without gravity and the centripetal part at the sensor's position.
+
+        None if the acceleration is not measured or not used. `yaw_rate` is the robot's [rad/s].
+        """
         if reading.specific_force is None or not self._force_used.any():
             return None
-        axes = matrix_from_quat(sensor_in_base.quat_xyzw)
+        axes = matrix_from_quat(sensor_in_base.quat_xyzw)  # rotation from the sensor to base_link
         force = reading.specific_force
         if self._config.remove_gravitational_acceleration:
             # without a measured attitude, the robot is taken to be level
             attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
+        # the sensor also measures -(x, y) yaw_rate^2 if it is at (x, y), so this part is removed
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
         covariance = (axes @ reading.force_covariance @ axes.T)[:2, :2]
         # axes of base_link (0 for x, 1 for y) along which a used axis of the sensor measures
@@ -192,7 +199,8 @@ def _numbers(pose: Pose) -> np.ndarray:
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
     """Return the robot's attitude from an IMU's, and the turn about z between them.
 
-    The mounting's angles are subtracted one by one; roll and pitch then turn with its yaw.
+    As in robot_localization, the mounting's angles are subtracted one by one; roll and pitch then turn with
+    its yaw.
     """
     offsets = rpy_from_quat(sensor_in_base.quat_xyzw)
     angles = [wrap_angle(a - b) for a, b in zip(rpy_from_quat(attitude.quat_xyzw), offsets)]

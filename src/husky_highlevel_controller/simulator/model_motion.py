@@ -48,7 +48,8 @@ def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> Model
 def seen_from(motion_in_world: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
     """Return a motion relative to a frame that moves, along the frame's axes.
 
-    As in Gazebo, the velocity that the frame's own turning seems to give is left out.
+    As in Gazebo, it has the difference of the two velocities. A frame that turns also seems to move distant
+    models around it, but this part of their velocity is not subtracted.
     """
     pose, velocity, spin = motion_in_world
     back = quat_inverse(frame_in_world.pose.quat_xyzw)

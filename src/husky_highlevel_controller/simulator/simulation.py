@@ -333,8 +333,8 @@ class Simulation:
         """
         # the bodies return to their first poses together with the robot, so these poses must leave room for
         # the robot
-        self._bullet.check_moves(
-            {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}, ROBOT
-        )
+        first_poses = {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}
+        self._bullet.check_moves(first_poses, name=ROBOT)
         self._objects.reset_poses()
+        # the floor is searched again, because it may be another one when the bodies are back
         self._move_robot(self._pose_on_floor(self._start_pose))

@@ -91,7 +91,8 @@ def ground_forces(
     """
     vx, vy, yaw_rate = last = velocity  # `last` is the velocity after the last round
     grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
-    # position of each contact, its largest friction force [N], and the speed of the wheel's tread
+    # position of each contact, its largest friction force [N], and the speed of the wheel's tread; as with
+    # rubber, the coefficient of friction falls with the load
     treads = [
         (
             x,
@@ -109,7 +110,8 @@ def ground_forces(
     ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
         # The velocity after the step solves [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py,
-        # pw). These are the terms without friction; each wheel adds its own terms below.
+        # pw), whose rows are the momentum along x and y, and the spin. These are the terms without friction;
+        # each wheel adds its own terms below.
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
         px, py, pw = push_x, push_y, spin
         ks = []
@@ -118,6 +120,9 @@ def ground_forces(
             # `slip_speed`
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
+            # the wheel's impulse in the step is -k dt (slip ahead, grip * slip to the left), with the slips
+            # vx - yaw_rate y - speed and vy + yaw_rate x; its terms with the unknown velocity go to the
+            # matrix, and its terms with the speed go to the right side
             kdt = k * dt
             a += kdt
             b -= kdt * y

@@ -173,7 +173,11 @@ def find_mesh(uri: str, source: str) -> Path:
 
 
 def _places(uri: str, source: str) -> Iterator[Path]:
-    """Yield the paths at which the file of a URI may be, see `find_mesh`."""
+    """Yield the paths at which the file of a URI may be, in the order of the search.
+
+    model:// and package:// mean the folders of a model or package. Otherwise the URI is a path, next to the
+    file `source` or in GAZEBO_RESOURCE_PATH. Other schemes, such as http, have no paths.
+    """
     parts = urlsplit(uri)
     if parts.scheme in ("model", "package"):
         inside = unquote(parts.path).lstrip("/")

@@ -120,6 +120,7 @@ def _find_model(uri: str, source: str) -> Optional[Path]:
     if not name:
         return None
     for folder in model_folders(name, source):
+        # a model.config names a file for each version of SDF; without a model.config, model.sdf counts
         config = Path(os.path.realpath(os.path.join(folder, "model.config")))
         plain = Path(os.path.realpath(os.path.join(folder, "model.sdf")))
         newest = _newest_file(config, plain) if os.path.isfile(config) else plain

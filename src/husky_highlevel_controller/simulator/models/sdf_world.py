@@ -108,6 +108,7 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         for second in list(root.children("world"))[1:]:
             second.note("only the first <world> of a file is read")
         world.note_unknown()
+        # the state of a saved world has poses, names of deleted models, and models that were inserted
         state = SavedState(world.child("state"))
         place = _Place(FrameScope(world), state)
         bodies = [body for holder in (world, *state.insertions) for body in _bodies_in(holder, place)]

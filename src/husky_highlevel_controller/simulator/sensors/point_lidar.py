@@ -85,9 +85,11 @@ class PointLidar:
         pose = compose(state.pose_in_world, self._pose_in_base)
         ranges = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
+            # the beams are cast in the order of their angles, and `_order` puts their ranges back in place
             ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
         # the opposite columns follow, as the second half turn
         ranges = np.hstack([ranges[:rings], ranges[rings:]])
+        # the true range decides whether there is a point, and then noise is added
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan
         ranges += self._rng.normal(0.0, config.noise, ranges.shape)
         points: np.ndarray = ranges[:, :, None] * self._directions

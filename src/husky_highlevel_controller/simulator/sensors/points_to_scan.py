@@ -73,6 +73,7 @@ def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
 def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
     """Shortest horizontal distance in each direction, (M,) [m], of points (N, 3) in the scan's frame."""
     count = config.directions
+    # value of a direction without a point: inf, or a range that is too long to be valid
     ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)
     x, y, z = points.T
     distance, angle = np.hypot(x, y), np.arctan2(y, x)

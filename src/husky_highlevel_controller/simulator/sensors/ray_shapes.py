@@ -50,7 +50,7 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
     d.(e x m); the component of s along z, of which s.s = w^2 + s_z^2 for a unit d; and d.e, for the ends.
     """
     (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size  # `half` is half the length
-    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
+    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # m
     middle, square = x * u + y * v + z * w, radius * radius
     rows = ((i, j), (v * k - w * j, w * i - u * k), (v, -u), (u, v))
     # the last three numbers are for the ends: centre along the axis, and depth of the laser between the ends

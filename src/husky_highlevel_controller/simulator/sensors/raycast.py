@@ -198,7 +198,8 @@ def _meet_one(
     if square < 0.0 or flat - solid.bound > max_range:
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
-    # 3. terms that do not depend on the beam
+    # 3. terms that do not depend on the beam: `prepare` of the shape's formula computes them from the axes
+    # that it needs, and `enter` will compute the distances from them
     needed_axes, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
     row_terms, number_terms = prepare(center, axes, solid.size)
