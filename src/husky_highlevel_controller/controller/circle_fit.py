@@ -190,8 +190,8 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
         radius: expected radius [m].
     """
     x, y, r = circle
-    # the beams' normal equations are [[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]] step = (xe, ye, re); the three
-    # expectations, x = 0, y = 0 and r = radius, are added to them, each with its weight
+    # the beams alone give the equations [[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]] step = (xe, ye, re); the
+    # three expectations, x = 0, y = 0 and r = radius, are added to them, each with its weight
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
         _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),

@@ -87,6 +87,7 @@ class ArrivalWatch:
         if nearest == self._arrived_at:
             return None
         self._arrived_at = nearest
+        # a gap is negative if the robot touches the pillar and sinks in a little, as bodies in Bullet do
         return Arrival(self._stands_since, nearest, max(0.0, min(gaps)))
 
     def _gaps(self, state: TrueState, pillars: List[PillarPlace]) -> List[float]:

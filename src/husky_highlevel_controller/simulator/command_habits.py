@@ -90,7 +90,7 @@ class CommandHabits:
             stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
         """
         # the gap of a sender's first command is 0
-        memory = self._senders.setdefault((topic, sender), _Sender(stamp, stamp))
+        memory = self._senders.setdefault((topic, sender), _Sender(first=stamp, last=stamp))
         gap, memory.last = stamp - memory.last, stamp
         memory.count += 1
         # `_zero_senders` has a topic only if the last command on it was zero

@@ -58,10 +58,11 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
         return world
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
-    plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
+    plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))  # endless, but drawn with edges of 100 m
     is_taken = any(body.name == "ground_plane" for body in world.bodies)
     name = "ground_plane::added" if is_taken else "ground_plane"
-    return replace(world, bodies=(*world.bodies, Body(name, Pose(), (plane,), (plane,))))
+    ground = Body(name, Pose(), collisions=(plane,), visuals=(plane,))
+    return replace(world, bodies=(*world.bodies, ground))
 
 
 def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:

@@ -231,6 +231,7 @@ class Simulation:
                 # this scan takes random numbers from a new generator, so that it does not change the noise of
                 # later samples
                 lidar.reset(np.random.default_rng(self._seed))
+                # a swept scan would have the stamp of its first beam, which lies before the start
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
         return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 

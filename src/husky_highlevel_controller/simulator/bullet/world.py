@@ -96,7 +96,7 @@ class BulletWorld:
             fixedTimeStep=self._dt,
             numSolverIterations=_SOLVER_ITERATIONS,
             contactBreakingThreshold=_BREAKING_THRESHOLD,
-            deterministicOverlappingPairs=1,
+            deterministicOverlappingPairs=1,  # the same commands always give the same motion
         )
         # Bullet gives each of its bodies an id. A body of the world may be several bodies in Bullet: one for
         # each of its planes, and the last one for all its other shapes.

@@ -55,15 +55,16 @@ class _Scene:
         self._unfinished.add(element)
         tag = _tag(element)
         if tag == "geometry":
-            size = SceneSize(0, sum(map(_corners, element.iter())))
+            size = SceneSize(nodes=0, corners=sum(map(_corners, element.iter())))
         elif tag in ("instance_node", "instance_geometry"):
             targets = self._elements_by_id.get(element.get("url", "").lstrip("#"), [])
             # several elements may have this id, and the COLLADA reader uses any one of them, so the largest
-            # size counts
+            # size counts; NOTHING counts if there is no such element
             sizes = [self._size_of(target) for target in targets]
             size = SceneSize(*(max(numbers) for numbers in zip(NOTHING, *sizes)))
         elif tag in ("node", "visual_scene"):
-            size = _sum([SceneSize(1, 0), *map(self._size_of, element)])
+            itself = SceneSize(nodes=1, corners=0)
+            size = _sum([itself, *map(self._size_of, element)])
         else:
             size = NOTHING
         self._unfinished.remove(element)
@@ -78,8 +79,9 @@ def _sum(sizes: List[SceneSize]) -> SceneSize:
 def _corners(primitive: ElementTree.Element) -> int:
     """Return an upper bound for the corners of a primitive, such as <triangles>; 0 for other elements.
 
-    The bound is the number of indices in all <p>, by the number of indices that each corner takes.
+    The bound is the number of indices in all <p>, divided by the number of indices that each corner takes.
     """
+    # a corner has an index for each <input>, such as position and normal, at the place `offset` (from 0 on)
     offsets = [child.get("offset", "0") for child in primitive if _tag(child) == "input"]
     indices_per_corner = 1 + max((int(offset) for offset in offsets if offset.isdigit()), default=0)
     indices = 0

@@ -63,7 +63,7 @@ def models_in(holder: Node) -> Iterator[Model]:
                 included[element] = _included(node)
             model = included[element]
             if model:
-                yield Model(model, node)
+                yield Model(model, include=node)
 
 
 def _included(include: Node) -> Optional[Node]:

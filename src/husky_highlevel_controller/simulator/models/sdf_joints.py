@@ -67,8 +67,10 @@ class Assembly:
             if joint.element.get("type") != "fixed":
                 joint.note("joints do not move, so a movable model with joints is one rigid body", self.name)
             # all links in the group of the child link move to the group of the parent link
-            merged, ended = (group_of[end] for end in ends)
-            group_of = {name: merged if group == ended else group for name, group in group_of.items()}
+            parents_group, childs_group = (group_of[end] for end in ends)
+            group_of = {
+                name: parents_group if group == childs_group else group for name, group in group_of.items()
+            }
         links_by_group: Dict[str, List[str]] = {}
         for name in self.links:
             links_by_group.setdefault(group_of[name], []).append(name)

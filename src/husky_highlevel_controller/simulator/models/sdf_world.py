@@ -69,6 +69,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
     _log_notes(load)
+    # a body without a collision shape is useful only if it is drawn and stays where it is
     if not any(body.collisions or (body.visuals and body.mass == 0.0) for body in bodies):
         raise WorldError(f"model_xml of '{name}': nothing in it has a collision shape, and it is not static")
     return bodies
@@ -199,7 +200,7 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
 def _read_included(model: Model, place: _Place) -> None:
     """Read the model of an <include>; WorldError if it includes itself, or after MAX_INCLUDES models."""
     include = model.include
-    assert include is not None
+    assert include is not None  # `_bodies_in` calls this function only for an <include>
     load, file = include.load, model.node.source
     if file in load.open_files:
         raise include.error(f"a model includes itself: {' > '.join((*load.open_files, file))}")
@@ -220,7 +221,7 @@ def _read_model(model: Model, parent: _Place) -> None:
     same name is left out with a note. Models inside the model are added, too.
     """
     assembly, node, name = parent.assembly, model.node, model.name
-    assert assembly is not None
+    assert assembly is not None  # `_whole_model` has made it for the outermost model
     node.note_unknown()
     # an <include> without a <name> uses the name in the model file; another <include> of the file may have
     # taken this name, and then the name gets a number

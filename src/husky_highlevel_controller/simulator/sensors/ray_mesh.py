@@ -81,7 +81,7 @@ def meet_mesh(
     if len(cut):
         ends = _segments(mesh, cut, heights, turned[:2], np.array(offset[:2]))
         _meet_segments(*ends, beams, distances)
-    return inf
+    return inf  # no closer bound is computed
 
 
 def _segments(

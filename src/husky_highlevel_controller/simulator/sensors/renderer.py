@@ -38,7 +38,7 @@ class Renderer:
         # process
         command = [sys.executable, "-m", __name__, str(end.fileno())]
         self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
-        end.close()
+        end.close()  # the new process has its own copy of this end of the pipe
         self._pipe.send(config)
         self._bodies: Dict[str, Body] = {}  # bodies that the process knows
         self.busy = False  # true from the start of an image until `take` returns it
