@@ -154,7 +154,10 @@ def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
 
 
 def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: bool) -> Any:
-    """Make an instance of a record class; the caller checks for unknown keys."""
+    """Make an instance of a record class; the caller checks for unknown keys.
+
+    With `parameters_only`, fields without metadata keep their defaults, and every other field must be given.
+    """
     hints, values_by_field = _hints(kind), {}
     for item in fields(kind):
         if parameters_only and not item.metadata:
@@ -284,6 +287,7 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
             raise ConfigError(f"{name} = {value} is out of range {low}..{high}{help_text}")
     if "choices" in metadata and value not in metadata["choices"]:
         raise ConfigError(f"{name} = {value!r} is not one of: {', '.join(metadata['choices'])}")
+    # an empty text is a mistake, unless the field is optional or is not for users
     if kind is str and not value and metadata and not metadata.get("optional"):
         raise ConfigError(f"{name} is empty{help_text}")
     return kind(value)

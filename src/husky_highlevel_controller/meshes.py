@@ -27,6 +27,7 @@ def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> Tria
         source: file of the mesh, for messages.
     """
     corners, rows = np.unique(np.asarray(vertices, float), axis=0, return_inverse=True)
+    # `rows` has the row in `corners` of each vertex; some versions of NumPy return it as a column
     return _without_flat(corners, rows.reshape(-1)[np.asarray(faces, int)], source)
 
 

@@ -196,6 +196,8 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
     samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
     # [rad] angle between a beam and the direction of the circle's centre
     angle = (samples - centre[:, None]) * step
+    # [m] distance at which the line of a beam passes the circle's centre, and range at which the beam should
+    # meet the circle
     across = np.minimum(np.abs(distance[:, None] * np.sin(angle)), r)
     expected = distance[:, None] * np.cos(angle) - np.sqrt(r * r - across * across)
     reading = scan.returns[np.clip(samples, 0, len(scan.ranges) - 1).astype(int)]

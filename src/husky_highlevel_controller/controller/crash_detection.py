@@ -153,7 +153,7 @@ class CrashDetector:
         if not isfinite(twist_in_base.linear):
             return
         if self._wheel_speeds and stamp == self._wheel_speeds[-1][0]:
-            return
+            return  # the message has come twice
         if self._wheel_speeds and stamp < self._wheel_speeds[-1][0]:  # time goes back
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
@@ -210,6 +210,7 @@ class CrashDetector:
         `now` is the stamp of the newest sample [s]. The newest odometry may be up to one of its periods, and
         LATENESS, before that time.
         """
+        # odometry has stopped, or the sample has waited for too long
         if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
         newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheel_speeds), 3)]

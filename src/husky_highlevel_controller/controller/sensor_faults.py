@@ -72,6 +72,7 @@ class ClockOffset:
         """Offset that all messages of the window show [s]; 0 if it is within the tolerance."""
         begin, first, first_reference = self._window_begin
         progress = (self._newest_reference or 0.0) - first_reference
+        # without two messages and a new stamp of the reference, the periods are unknown
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
@@ -84,6 +85,8 @@ class ClockOffset:
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
         if self._smallest_difference > tolerance:
             return self._smallest_difference
+        # if the clocks are equal, the largest difference is about one period, because some message comes
+        # shortly before the next message of the reference
         behind = self._largest_difference - period
         return behind if behind < -tolerance else 0.0
 

@@ -295,7 +295,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
         gain = old_variance / (old_variance + variance)
         x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
         radius = old.radius + gain * (radius - old.radius)
-        variance *= gain
+        variance *= gain  # variance of the old position and the new one together
     estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
     return track._replace(
         estimate=estimate,

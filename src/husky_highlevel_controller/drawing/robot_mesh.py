@@ -48,6 +48,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     folder = mesh_folder()
     if folder is not None:
         tyre = _mesh(folder / "wheel.stl")
+        # largest |x|, |y| and |z| of the tyre, whose axle is the y axis
         _, half_width, mesh_radius = np.abs(tyre).max(axis=(0, 1))
         # the mesh of the Husky's tyre is scaled to the radius and the width of this robot's wheels
         scale = (radius / mesh_radius, width / 2.0 / half_width, radius / mesh_radius)

@@ -65,7 +65,10 @@ class PlanarEkf:
         self.estimate, self.started = MotionEstimate(stamp, state, full), True
 
     def process(self, measurement: Measurement) -> None:
-        """Predict up to a measurement and correct by it; one older than the estimate only corrects."""
+        """Predict up to a measurement and correct by it; the first measurement starts the filter.
+
+        A measurement that is older than the estimate corrects it without a prediction.
+        """
         if not self.started:
             _, state, covariance = self.estimate
             state, covariance, measured = state.copy(), covariance.copy(), list(measurement.states)
