@@ -159,15 +159,19 @@ run_with_progress() {
 # pip of .dev/venv, with a log of its own. Not .dev/venv/bin/pip, which names the folder that it was made in.
 venv_pip() { "$venv/bin/python" -m pip "$1" --disable-pip-version-check --log "$state/pip.log" "${@:2}"; }
 
-# Install the lock files $2... into the virtual environment; $1 says what they are.
+# Install the lock files $2... into the virtual environment, except PyBullet; $1 says what they are.
 pip_install() {
   say "installing $1 from PyPI into .dev/venv"
-  requirements_here "${@:2}" >"$state/requirements.txt"
+  requirements_here "${@:2}" | without_pybullet >"$state/requirements.txt"
   rm -f "$state/pip.log"
   # a bar for each package in a terminal, otherwise two lines; nothing while it unpacks, which takes minutes on a slow disk
   run_with_progress 20 "echo pip is still running" venv_pip install --require-hashes -r "$state/requirements.txt" >&2 \
     || die_of_log pip "$state/pip.log"
 }
+
+# Filters of entries of a lock file: PyBullet has a step of its own, because some machines have to compile it.
+only_pybullet() { awk '/^[a-zA-Z]/ {here = /^pybullet/} here'; }
+without_pybullet() { awk '/^[a-zA-Z]/ {here = !/^pybullet/} here'; }
 
 # Install the requirement $1 from the wheels that were compiled here, if one fits.
 install_kept_wheel() {
@@ -179,7 +183,7 @@ install_kept_wheel() {
 # decides which wheel fits this processor and Python.
 install_pybullet() {
   local wanted=$state/pybullet.txt name
-  requirements_here requirements/launch.txt | awk '/^[a-z]/ {here = /^pybullet/} here' >"$wanted"
+  requirements_here requirements/launch.txt | only_pybullet >"$wanted"
   name=$(grep -oE '^[^ ;\\]+' "$wanted")
   if install_kept_wheel "$name"; then return; fi
   say "installing PyBullet (0.1 GB) from PyPI into .dev/venv"
@@ -222,7 +226,6 @@ make_venv() {
     /usr/bin/python3 -m venv --clear "$venv"
   fi
   rm -f "$state"/venv-*.done
-  install_pybullet
   pip_install "NumPy (20 MB)" "$file"
   # rospy comes from Debian. A path rather than --system-site-packages, so that Debian's own .pth files and /usr/local
   # stay out, which would put another matplotlib and another NumPy first.
@@ -231,6 +234,9 @@ make_venv() {
   # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
   mkdir -p "$site/mpl_toolkits"
   touch "$site/mpl_toolkits/__init__.py"
+  # the workspace needs NumPy, but not PyBullet, which takes about as long to unpack
+  build_in_background
+  install_pybullet
   mark_done venv-launch "$file"
 }
 
@@ -248,6 +254,17 @@ complete_venv() {
     pip_install "the packages of tests and checks" "${files[@]}"
     mark_done venv-test "${files[@]}"
   fi
+}
+
+build=   # process that builds the workspace while pip works; empty if there is none
+build_in_background() { (use_ros; build_workspace) & build=$!; }
+finish_build() { [ -z "$build" ] || wait "$build" || die "the workspace was not built, see above; the whole log is $state/build.log"; }
+
+# Bring the commands of the virtual environment and of ROS into the environment.
+use_ros() {
+  export PATH=$venv/bin:/usr/bin:$PATH
+  # shellcheck disable=SC1091
+  if [ -n "$opt_ros" ]; then source "$opt_ros/setup.bash"; fi
 }
 
 build_workspace() {
@@ -315,9 +332,8 @@ set_up() {
   install_debian_packages launch "$@"
   make_venv
   complete_venv "$@"
-  export PATH=$venv/bin:/usr/bin:$PATH
-  # shellcheck disable=SC1091
-  if [ -n "$opt_ros" ]; then source "$opt_ros/setup.bash"; fi
+  finish_build
+  use_ros
   build_workspace
   exec 9>&-
   # shellcheck disable=SC1091
