@@ -114,8 +114,8 @@ class Runnable(Protocol):
 def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = True) -> None:
     """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
 
-    With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash. A node
-    that sets its own time does not subscribe to /clock.
+    With the argument --debug it logs at DEBUG level, and shows a stack trace if a crash, such as one of the
+    physics engine, ends Python itself. A node that sets its own time does not listen to the clock.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         # each line of the log is written at once, even if the log goes into a pipe or file

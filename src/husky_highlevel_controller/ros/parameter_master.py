@@ -89,7 +89,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     def __init__(self, *arguments: Any) -> None:
         """Make a master that has had no requests."""
         super().__init__(*arguments)
-        self._requests: Dict[Request, bool] = {}
+        self._requests: Dict[Request, bool] = {}  # true if the parameter was set at the last request
+        # lock that is held while the attributes here change, because requests come in several threads
         self._requests_lock = threading.Lock()
         # last answer of getUnreadParams; None if a request or a parameter has changed since then
         self._unread: Optional[List[List[str]]] = None
@@ -178,8 +179,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         # a request is stored if it is new or its answer has changed; after MAX_REQUESTS, no new requests are
         # stored
         with self._requests_lock:
-            is_new = self._requests.get(request) is not is_found
-            if is_new and (request in self._requests or len(self._requests) < MAX_REQUESTS):
+            is_news = self._requests.get(request) is not is_found
+            if is_news and (request in self._requests or len(self._requests) < MAX_REQUESTS):
                 self._requests[request] = is_found
                 self._unread = None  # the list of unread parameters must be made again
 

@@ -178,6 +178,7 @@ class Display:
             point = Point(*output.target_in_base, 0.0)
             publish(self._pillar_publisher, PointStamped(conversions.header(stamp, BASE), point))
         if self._error_publisher.get_num_connections():
+            # x is the error of the distance, y the error of the bearing
             error = Vector3(output.distance_error, output.bearing_error, 0.0)
             publish(self._error_publisher, Vector3Stamped(conversions.header(stamp, BASE), error))
 
@@ -311,5 +312,6 @@ def _stop_point(observation: Observation, output: ControlOutput, from_center: fl
     x, y = output.target_in_base
     laser_x, laser_y, _ = observation.laser_in_base.position
     distance = hypot(x - laser_x, y - laser_y)  # [m] pillar's centre to the lidar
-    fraction = from_center / max(distance, 1e-6)  # the limit avoids a division by 0
+    # part of the way from the pillar's centre to the lidar; the limit avoids a division by 0
+    fraction = from_center / max(distance, 1e-6)
     return Point(x + fraction * (laser_x - x), y + fraction * (laser_y - y), 0.0)

@@ -86,8 +86,8 @@ class ControllerNode:
         # parameters
         namespace = rospy.get_name() + "/"
         values, robot = parameters_and_robot()
-        # topic: topic and queue of the scans; switch: the start/stop service; control: gains and limits
-        topic, switch, control, detector_config = read_config(
+        # `topic_config` is for the scans, `switch` for the start/stop service, `control` for gains and limits
+        topic_config, switch, control, detector_config = read_config(
             values, namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
         )
         service = switch.start_stop_service_name
@@ -122,7 +122,7 @@ class ControllerNode:
         self._obedience, self._last_command = Obedience(), STOP
         # finds the reason why the robot does not follow commands; the reason is empty while it follows them
         self._disobedience, self._disobedience_reason = Disobedience(robot, self._command_publisher), ""
-        self._scan_absence = ScanAbsence(rospy.resolve_name(topic.scan_topic_name))
+        self._scan_absence = ScanAbsence(rospy.resolve_name(topic_config.scan_topic_name))
         self._absence_reason = ""  # sentence on why no scans come; empty if they come
 
         # other outputs
@@ -136,9 +136,9 @@ class ControllerNode:
         self._registration = RegistrationWatch(self._stand_still)
 
         # must come last, because the callbacks use everything that is set above
-        self._connect_inputs(topic, service, robot.footprint)
+        self._connect_inputs(topic_config, service, robot.footprint)
 
-    def _connect_inputs(self, topic: ScanTopicConfig, service: str, footprint: Footprint) -> None:
+    def _connect_inputs(self, config: ScanTopicConfig, service: str, footprint: Footprint) -> None:
         """Subscribe to transforms and scans, offer the start/stop service, and log the topic of the scans."""
         transforms = tf2_ros.Buffer()
         # holds a scan until TF has the pose of its stamp, and then calls `_answer`
@@ -147,13 +147,13 @@ class ControllerNode:
         rospy.on_shutdown(self._stop)
         rospy.Service(service, SetBool, self._on_start_stop)
         rospy.Subscriber(
-            topic.scan_topic_name,
+            config.scan_topic_name,
             numpy_msg(LaserScan),
             self._on_scan,
-            queue_size=topic.scan_topic_queue_size,
+            queue_size=config.scan_topic_queue_size,
             tcp_nodelay=True,
         )
-        rospy.loginfo("waiting for scans on %s", rospy.resolve_name(topic.scan_topic_name))
+        rospy.loginfo("waiting for scans on %s", rospy.resolve_name(config.scan_topic_name))
         if not self._enabled:
             rospy.loginfo(
                 "standing still until started; start with rosservice call %s true",

@@ -197,15 +197,16 @@ class ScanPlacement:
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None or has_passed:
                 return False, exact or latest
-        # if odometry has stopped, only one scan waits for it in vain. Its last pose is not used after
-        # MAX_AGE, because the robot would drive blindly
+        # TF has not reached the stamp yet. A wait is in vain if the scans' clock is ahead of odometry's
+        # (otherwise `ahead` is 0), or if odometry has stopped, so that a scan has waited too long already
         if overdue:
             self._stamp_when_overdue = newest_stamp
-        age = (stamp - newest_stamp).to_sec() - self.ahead  # [s] age at the scan, both by odometry's clock
+        must_wait = not self.ahead and newest_stamp != self._stamp_when_overdue
+        # the last pose of odometry that has stopped is not used after MAX_AGE, because the robot would drive
+        # blindly; a fixed transform, with stamp 0, does not age
+        age = (stamp - newest_stamp).to_sec() - self.ahead  # [s] age of the pose by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
-        # `ahead` is 0 unless the two clocks differ by more than a tolerance
-        waits = not self.ahead and newest_stamp != self._stamp_when_overdue
-        return waits, None if is_old else latest
+        return must_wait, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Pose of the lidar, None if unknown; warn if many scans in a row had none."""

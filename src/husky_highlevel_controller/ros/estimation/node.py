@@ -146,8 +146,8 @@ class LocalizationNode:
         except ReadingError as error:
             self._complain(name, "reading", f"{error}, so it is ignored")
             return
-        # `estimates` is empty while the filter waits for earlier readings of the other inputs
         odom = self._config.options.odom_frame
+        # `estimates` is empty while the filter waits for earlier readings of the other inputs
         for estimate in estimates:
             odometry = estimate_to_msg(estimate, odom, self._base_frame)
             publish(self._odometry_publisher, odometry)
@@ -253,6 +253,7 @@ def reading_from_msg(msg: Any) -> Reading:
 
 def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     """Return an estimate as a message: pose in `odom`, twist in `base`, and the covariances of both."""
+    # the last two numbers of the state are the acceleration, which has no field in the message
     x, y, yaw, vx, vy, yaw_rate = estimate.state[:6].tolist()
     planar = PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate))
     msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)

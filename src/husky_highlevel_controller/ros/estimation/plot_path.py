@@ -48,10 +48,11 @@ def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
     paths: Dict[str, Points] = {topic: [] for topic in topics}
     rospy.init_node("plot_path", anonymous=True, disable_signals=True)
     for topic in topics:
+        # rospy calls the function with each message and with the path of the topic
         rospy.Subscriber(topic, Odometry, lambda msg, path: path.append(_place(msg)), paths[topic])
     print(f"listening to {', '.join(topics)}: Ctrl-C draws", flush=True)
     try:
-        threading.Event().wait()
+        threading.Event().wait()  # only Ctrl-C ends this wait
     except KeyboardInterrupt:
         rospy.signal_shutdown("drawn")
     return paths

@@ -40,7 +40,10 @@ class ServiceConfig:
 
 
 class Guard:
-    """Latest velocity, and one stop of the controller for each danger: by its service, or zero commands."""
+    """Keeps the latest velocity, and stops the controller once for each danger.
+
+    For a stop, it calls the controller's service, and sends zero commands until the service has answered.
+    """
 
     def __init__(
         self,
@@ -54,7 +57,7 @@ class Guard:
 
         Args:
             config: the service to call.
-            robot: its twist_mux has an input above the controller's, which is the weakest.
+            robot: its twist_mux obeys another input before the controller's input, which is the weakest.
             clock_tolerance: largest offset between the clocks of a sensor and odometry that counts as 0 [s].
             on_odometry: also called with stamp [s] and twist of every odometry message.
             queue_size: number of odometry messages that wait; with 1, only the newest counts.

@@ -54,7 +54,7 @@ def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: f
     left, right = 0, 1  # index of the left side, and of the right side, in each pair of `power`
     return HuskyStatus(
         header=conversions.header(stamp, ""),
-        uptime=round(1000.0 * power.uptime),
+        uptime=round(1000.0 * power.uptime),  # [ms]
         ros_control_loop_freq=control_rate,
         mcu_and_user_port_current=power.electronics_current,
         left_driver_current=power.currents[left],

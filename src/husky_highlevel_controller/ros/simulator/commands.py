@@ -126,7 +126,7 @@ class Commands:
             self.driver = sender
         for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
             sentence = habit_sentence(finding._replace(topic=rospy.resolve_name(topic)))
-            if finding.habit is Habit.DRIVES:
+            if finding.habit is Habit.DRIVES:  # all other habits are mistakes
                 rospy.loginfo(sentence)
             else:
                 self._findings.tell(sender, sentence)

@@ -72,7 +72,7 @@ class DepthCamera:
             camera = compose(snapshot.robot.pose_in_world, self._pose_in_base)
             self._renderer.start(simulation.bodies, poses, camera)
             self._image_stamp = snapshot.stamp
-            if self._waits_for_image:
+            if self._waits_for_image:  # true in lockstep, so that each run publishes the same images
                 self._publish(None)
 
     def _publish(self, timeout: Optional[float]) -> None:

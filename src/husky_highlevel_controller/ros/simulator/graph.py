@@ -41,7 +41,7 @@ JOINING_TIME = 5.0
 
 
 class Partners:
-    """Nodes that listen to scans and send commands, and nodes that listen besides."""
+    """Nodes that must be connected before simulated time begins: a controller, and all other subscribers."""
 
     def __init__(
         self,

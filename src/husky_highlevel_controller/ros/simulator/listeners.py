@@ -101,7 +101,7 @@ class Listeners:
             return
         self._ports = topic_ports | clock_ports
         # connections to processes on other machines are missing in this dictionary
-        process_by_ports = _owners(self._ports)
+        process_by_ports = _receiving_processes(self._ports)
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
@@ -192,7 +192,7 @@ def _in_python(process: int) -> bool:
         return False
 
 
-def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
+def _receiving_processes(ports: Set[Ports]) -> Dict[Ports, int]:
     """Return the process that receives, for each connection that ends on this machine.
 
     The kernel takes 4 ms to list all connections, so they are listed only when they change.
@@ -207,7 +207,7 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
         if pair in ports:
             ports_by_socket[f"socket:[{inode}]"] = pair
     # the folder /proc/PROCESS/fd has a link to each socket of the process
-    owners: Dict[Ports, int] = {}  # id of the process that receives from each connection
+    process_by_ports: Dict[Ports, int] = {}  # id of the process that receives from each connection
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
             links = list(folder.iterdir())
@@ -217,5 +217,5 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
             with contextlib.suppress(OSError):  # an error means that the file has just been closed
                 socket_name = os.readlink(link)
                 if socket_name in ports_by_socket:
-                    owners[ports_by_socket[socket_name]] = int(folder.parent.name)
-    return owners
+                    process_by_ports[ports_by_socket[socket_name]] = int(folder.parent.name)
+    return process_by_ports

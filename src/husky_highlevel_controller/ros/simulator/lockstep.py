@@ -202,26 +202,25 @@ class Lockstep:
         Until the very first command the scan is sent once more, by `resend`. Later, idle listeners get one
         more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
         """
-        may_nudge = self._has_commanded  # true after the first command of the run
-        # begin of the wait; the wait begins again when the scan or a tick is sent again
+        waits_for_first = not self._has_commanded  # true before the very first command
+        # [s] wall time at which the wait began; it begins again with the resend or the nudge
         waiting_since = time.monotonic()
-        # true if not needed any more: the scan is sent again only before the first command of the run, and
-        # the clock is nudged (gets an additional tick) only after it
-        is_resent, is_nudged = self._has_commanded, not self._has_commanded
+        has_helped = False  # true after the resend or the nudge; each wait has only one of them
 
         def is_over() -> bool:
-            """Serve calls, send the scan or a tick again if due, and return whether the wait is over."""
-            nonlocal waiting_since, is_resent, is_nudged
+            """Serve calls, resend or nudge if due, and return whether the wait is over."""
+            nonlocal waiting_since, has_helped
             meanwhile()
             waited = time.monotonic() - waiting_since
-            if not is_resent and not self._has_commanded and waited > RESEND_TIMEOUT:
-                waiting_since, is_resent = time.monotonic(), True
-                resend()
-            elif is_resent and waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if is_nudged:  # the listeners are idle again after the nudge
+            if waits_for_first and not has_helped:
+                if waited > RESEND_TIMEOUT and not self._has_commanded:
+                    waiting_since, has_helped = time.monotonic(), True
+                    resend()
+            elif waited > SLEEP_TIMEOUT and self._listeners.asleep():
+                if has_helped:
                     self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
-                waiting_since, is_nudged = time.monotonic(), True
+                waiting_since, has_helped = time.monotonic(), True
                 nudge()
             return self._answered.wait(POLL_PERIOD)
 
@@ -230,9 +229,9 @@ class Lockstep:
         self._wait_or_end(is_over, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-        # the command came only after an additional tick of /clock (the nudge), so the controller sleeps in
-        # simulated time; from now on, the simulator waits after each tick
-        elif may_nudge and is_nudged and self._mode is not Mode.FREE:
+        # the command came only after a nudge, so the controller sleeps in simulated time; from now on, the
+        # simulator waits after each tick
+        elif has_helped and not waits_for_first and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:

@@ -23,7 +23,7 @@ OTHER_FRAMES = "robot_state_publisher"
 
 
 class MarkerFrames:
-    """Looks at the first markers of each topic; a topic of this package's nodes is looked at as well."""
+    """Checks the first MESSAGES messages of each topic of markers, and reports unknown frames."""
 
     def __init__(self, frames: AbstractSet[str], tell: Callable[[str, str], None]) -> None:
         """Begin without a topic.

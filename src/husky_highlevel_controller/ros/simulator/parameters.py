@@ -61,14 +61,15 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
             f"{source}robot is missing; load config/robots/husky.yaml or config/robots/smb.yaml"
         )
     (robot,) = read_config(robot_values, source + "robot/", Robot)
+    # the robot's frame of the lidar is the default of this parameter
     values.setdefault("laser_frame", robot.lidar_mount.frame)
     start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
     config = replace(config, robot=robot)
     for name, choices in (("profile", robot.profiles), ("ground", GROUNDS)):
         if getattr(start, name) not in choices:
             raise ConfigError(f"{source}{name} = '{getattr(start, name)}' is not {' or '.join(choices)}")
-    # the profile "robot" simulates the drivers of the real robot; the other profile simulates Gazebo's
-    # plugins
+    # the profile "robot" simulates the drivers of the real robot, on the chosen ground; the other profile
+    # simulates Gazebo's plugins, and then `config.real` stays None
     if start.profile == "robot":
         (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
         config = replace(config, real=real.on(start.ground))

@@ -190,7 +190,8 @@ class Publishers:
     def send_last_transforms(self) -> None:
         """Send the last transforms to new subscribers: while time stands still no others come.
 
-        Call it in the thread that publishes: rospy has one buffer for all messages of a publisher.
+        Call it in the thread that publishes, because rospy has one buffer for all messages of a publisher, so
+        two threads would mix their messages.
         """
         publisher = self.transforms.impl
         # rospy makes a new list whenever a connection is added or removed, so the same list means no new

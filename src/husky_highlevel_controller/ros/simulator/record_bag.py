@@ -71,6 +71,7 @@ def messages_of_drive(
     profile = config.robot.profiles[-1]
     if profile == "robot":
         config = replace(config, real=RobotProfile().on(ground))
+    # the description has no meshes, because nothing is drawn
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
     # numbers of physics steps between two messages, or between two commands
     rate = config.physics_rate

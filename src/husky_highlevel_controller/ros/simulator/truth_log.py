@@ -26,7 +26,10 @@ POLL_PERIOD = 0.02  # [s] wall time between two checks whether the reader has le
 
 
 class TruthLog:
-    """Log, JSON by line: "ready", "truth" (`TrueState.to_numbers`), "changed", "asleep", "unanswered"."""
+    """Log of a run for the program that grades it, over a socket: one JSON object with one key on each line.
+
+    The keys are "ready", "truth" (with `TrueState.to_numbers`), "changed", "asleep" and "unanswered".
+    """
 
     def __init__(self) -> None:
         """Connect to the reader, if the environment names its socket."""

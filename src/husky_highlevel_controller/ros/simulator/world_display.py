@@ -147,6 +147,7 @@ class WorldDisplay:
             if shown and shown.body is not body:
                 # the body is new and has the name of a deleted body, so it gets a marker of its own
                 shown = None
+            # `pose_in_world` is None after a drag; then the marker is sent again in any case
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
                 # a turn of the body counts as the motion of a point 1 m away from its origin

@@ -118,7 +118,8 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
     Args:
         graph: topics and nodes.
         simulator: name of the simulator's node.
-        kinds_of: types of a node's topics, by the node itself; the master has only one for each topic.
+        kinds_of: function(node, publishes) that asks the node itself for the types of its topics, because the
+            master has only one type for each topic.
     """
     found = []
     for publishes, nodes_by_topic in ((True, graph.publishers), (False, graph.subscribers)):
@@ -164,7 +165,8 @@ def absent_topics(graph: Graph) -> List[AbsentTopic]:
 
 def absent_services(master_uri: str) -> List[AbsentService]:
     """Return the nodes that ask for a service of Gazebo in vain; none if the master keeps no list."""
-    asked = [AbsentService(*map(str, each[:2])) for each in read_absent_services(master_uri)]
+    # each row of the master's list has a node and the service that it asked for
+    asked = [AbsentService(*map(str, row[:2])) for row in read_absent_services(master_uri)]
     return [
         each
         for each in asked
