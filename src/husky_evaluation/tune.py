@@ -260,7 +260,8 @@ def result_of_tuning(
     """
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
-    tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
+    header = ("", *HEADER[:2])  # a parameter has no column for the difference
+    tables = [Table("Parameters", header, values), fresh, every_row("Every setup", tuned.trials)]
     lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {BOUND}"
     verdict = ""
     if all(value == defaults[name] for name, value in tuned.values.items()):

@@ -36,8 +36,8 @@ class Camera:
     """Moves a page's camera, and keeps the changes of the page's mouse."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
-        self._name = FOLLOW
+        self._client = client  # page to which the camera belongs
+        self._name = FOLLOW  # chosen camera, one of CAMERAS
         # true if the camera has been moved to the position that belongs to the choice, such as FOLLOW
         self._is_placed = False
         # true if the page has reported a position that was sent after the last jump; before that, its reports
@@ -54,7 +54,7 @@ class Camera:
         self._name, self._is_placed = name, False
 
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Move with the robot or the pillar, both in the fixed frame [m]."""
+        """Move the page's camera with the robot or the pillar, both in the fixed frame [m]."""
         robot = None if base is None else base.position
         subject = pillar if self._name == PILLAR else robot  # position that the camera follows
         camera = self._client.camera
@@ -68,13 +68,13 @@ class Camera:
         if self._is_placed and dist(target, self._target) < JUMP:  # the camera follows smoothly
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
             if dist(target, self._target) < STILL and abs(turn) < STILL_ANGLE:
-                return
+                return  # the motion would not be visible
             self._yaw += turn
-            self._take_over(camera)
+            self._take_over(camera)  # the mouse may have moved the camera, so `_offset` may change
         else:  # the camera jumps, because another camera was chosen, or a service has moved the robot
             self._yaw, self._is_settled = yaw, False
             self._sent.clear()
-        if not self._is_placed:
+        if not self._is_placed:  # otherwise the camera keeps the offset that the mouse has given it
             self._offset = OFFSETS[self._name]
         offset = rotate(quat_from_rpy(0.0, 0.0, self._yaw), self._offset)
         position = (target[0] + offset[0], target[1] + offset[1], target[2] + offset[2])

@@ -125,7 +125,7 @@ class DriveTab:
                 # other diagnostics are not shown if there are MAX_LIGHTS already
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
                     self._lights[name] = (item.level, item.message[:MAX_LETTERS])
-                if name.startswith(self._controller.strip("/")):
+                if name.startswith(self._controller.strip("/")):  # the diagnostic comes from the controller
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
                     is_started = self._state != STOPPED

@@ -79,7 +79,10 @@ _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.C
 
 
 def appearance(marker: Marker) -> Tuple[Any, ...]:
-    """Return all that `primitives` depends on, to the millimetre; the same appearance is drawn once."""
+    """Return all that `primitives` depends on, with the scale in whole millimetres.
+
+    A marker whose appearance has not changed is not drawn again.
+    """
     scale, color = marker.scale, marker.color
     return (
         marker.type,

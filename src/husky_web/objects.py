@@ -80,13 +80,15 @@ class Objects:
         if isinstance(msg, InteractiveMarkerInit):
             # this message has come on SERVER/update_full, but the keys of `shown` have the topic
             # SERVER/update, so the ending is removed
-            server, names = topic[: -len("_full")], {marker.name for marker in msg.markers}
-            # objects that the server no longer has are removed
-            for key in [key for key in self.shown if key[0] == server and key[1] not in names]:
+            update_topic = topic[: -len("_full")]
+            names = {marker.name for marker in msg.markers}
+            # objects that the server no longer has are removed, and objects that are not shown yet are added;
+            # the others stay, because their changes come on the other topic
+            for key in [key for key in self.shown if key[0] == update_topic and key[1] not in names]:
                 self._erase(key)
             for marker in msg.markers:
-                if (server, marker.name) not in self.shown:
-                    self._insert(server, marker)
+                if (update_topic, marker.name) not in self.shown:
+                    self._insert(update_topic, marker)
         elif msg.type == InteractiveMarkerUpdate.UPDATE:
             for marker in msg.markers:
                 self._insert(topic, marker)
@@ -168,6 +170,7 @@ class Objects:
         # a Marker for each part of the object's shape
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
+            # the page draws its own ground
             pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
             nodes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
         if nodes:

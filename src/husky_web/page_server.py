@@ -183,8 +183,8 @@ class Gate:
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            # the answer None opens the WebSocket; `handle` limits the number of connections, because two
-            # requests may come at the same time
+            # the answer None opens the WebSocket; `with_drive_channel` limits the number of connections,
+            # because two requests may come at the same time
             return None
         # each open page has one connection for its view, so this is the number of open pages
         if self._connections[VIEW] >= MAX_PAGES:
@@ -195,6 +195,7 @@ class Gate:
             return _response(http.HTTPStatus.NOT_FOUND, b"there is only /", "text/plain; charset=utf-8")
         response = _response(http.HTTPStatus.OK, self._page, "text/html; charset=utf-8")
         if self._token is not None:
+            # with this cookie, the WebSockets of the page have the token, too
             response.headers["Set-Cookie"] = f"{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/"
         return response
 

@@ -38,9 +38,10 @@ class Page:
         is_dark: bool,
     ) -> None:
         """Add the page's own fields to the tabs; `on_tool` is called if its mouse gets another tool."""
-        self.client, self.tool, self._log = client, LOOK, log
+        self.client, self._log = client, log
+        self.tool = LOOK  # chosen tool of the mouse, one of TOOLS
         self._camera = Camera(client)
-        self._filter = Filter()
+        self._filter = Filter()  # conditions for the lines of the log that this page shows
         # number of lines in the log when the page last showed them; -1 if the page must show them again
         self._log_count = -1
         self._on_tool = on_tool

@@ -153,7 +153,8 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
 
 def _grid(chart: Chart, axes: _Axes, ticks: Sequence[float]) -> List[str]:
     """Return SVG of the horizontal lines at some values, the vertical lines at some times, and the labels."""
-    # a line with its number at the left, for each tick; the line of the value 0 has its own style in page.css
+    # a line with its number at the left, for each tick; page.css has a style for the line of the value 0; the
+    # texts are shifted by some pixels, so that they do not touch the lines
     parts = [
         f'<path class="{"grid" if tick else "zero"}" d="M{LEFT:.0f},{axes.y(tick):.1f}H{PLOT_RIGHT:.0f}"/>'
         f'<text x="{LEFT - 4.0:.0f}" y="{axes.y(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'

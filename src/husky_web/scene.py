@@ -159,7 +159,7 @@ class Scene:
                     self.robot_shapes += clickable(
                         add_pieces(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
                     )
-            if frame == BASE and self.robot_shapes:
+            if frame == BASE and self.robot_shapes:  # the base comes first, so these are its shapes only
                 low, high = bounds(self.robot_shapes)
                 self._shadow = contact_shadow(self._scene, f"{name}/shadow", high - low, (low + high) / 2.0)
 
@@ -201,6 +201,7 @@ class Scene:
             self._update_cloud(topics.take("cloud"))
         self._update_trail()
         now = time.monotonic()
+        # markers move in each update, but colours and shapes change less often, because this costs more
         are_looks_due = now >= self._looks_due
         self._update_markers(topics, now, are_looks_due)
         self._update_axes()
@@ -273,7 +274,7 @@ class Scene:
             step = dist(self._trail[-1], point)
             if step < TRAIL_STEP:
                 return
-            if step > TRAIL_JUMP:
+            if step > TRAIL_JUMP:  # a service has moved the robot
                 self._trail.clear()
         self._draw_trail([*self._trail[-TRAIL_POINTS:], point])
 
@@ -361,15 +362,15 @@ class Scene:
 
     def _draw_marker(self, drawing: DrawnMarker, marker: Marker) -> None:
         """Draw a marker's parts again if it looks different from the drawing."""
-        if drawing.drawn is marker:
+        if drawing.drawn is marker:  # no new message has come
             return
         drawing.drawn = marker
         new_appearance = appearance(marker)
-        if drawing.appearance == new_appearance:
+        if drawing.appearance == new_appearance:  # the new message has only changed the pose
             return
         drawing.appearance = new_appearance
         pieces = primitives(marker)
-        if not redraw(drawing.parts, pieces):
+        if not redraw(drawing.parts, pieces):  # the nodes cannot be changed to these pieces
             for part in drawing.parts:
                 part.remove()
             drawing.parts = add_pieces(self._scene, drawing.node.name, pieces, Pose())

@@ -198,9 +198,10 @@ class Cluster:
             return f"it has {threads} threads; start it with --nthreads 1"
         if not python:
             return None
+        # major and minor version must agree; `python` is a text such as 3.11.2.final.0
         if python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
             return f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
-        version = self._version_of(address)
+        version = self._version_of(address)  # version, or why there is none
         if not version:
             return None
         return "" if version == code_version() else f"{version}; here it is {code_version()}"
