@@ -229,7 +229,11 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
 
 
 def _nested_record(kind: Type[Record], value: Any, name: str, parameters_only: bool) -> Record:
-    """Return a record inside another one from its value, with the arguments of `_value`."""
+    """Return a record inside another one from its value; ConfigError if it does not fit.
+
+    `name` is the path of the record for messages. With `parameters_only`, it is a nested set of parameters of
+    a node; otherwise it comes from a file.
+    """
     if parameters_only:
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {value!r} is not a set of parameters")
@@ -238,7 +242,8 @@ def _nested_record(kind: Type[Record], value: Any, name: str, parameters_only: b
     if value is None and has_defaults_only:
         value = {}  # a YAML key with nothing after it has the value None; the record then gets its defaults
     # errors call a key inside the record "name/key", and a value that is not a record "name = value"
-    return from_plain(kind, value, name + "/" if isinstance(value, dict) else f"{name} = ")
+    source = f"{name}/" if isinstance(value, dict) else f"{name} = "
+    return from_plain(kind, value, source)
 
 
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:

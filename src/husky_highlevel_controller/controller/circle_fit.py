@@ -146,7 +146,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         np.subtract(distance, r, out=error)
         cosine = np.add.reduce(to_centre * directions)
         weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
-        products = (weighted @ weighted.T).tolist()  # (4, 4) sums over the beams, see `Products`
+        # (4, 4) sums over the beams of the products of any two rows, with the weights w_i = 1 / cos_i^2
+        products = (weighted @ weighted.T).tolist()
         last_radius = r
         (x, y, r), step_length = _improved((x, y, r), products, radius)
         if step_length < _SETTLED:
@@ -251,7 +252,8 @@ def line_sum_squared_error(segment: Segment) -> float:
 def corner_sum_squared_error(segment: Segment) -> float:
     """Sum of squares along the beams of the best two lines, one for each side of a cut [m^2]."""
     terms = _terms(segment)
-    # for each beam, the products uu, uv, vv, ur, vr, rr of the terms u = r^2 cos, v = r^2 sin and the range r
+    # products uu, uv, vv, ur, vr, rr of each beam, with the terms u = r^2 cos, v = r^2 sin and the range r.
+    # The error of a line's fit follows from the sums of these products over its beams.
     products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]
     # the corner may lie behind any beam; `left` has the sums up to this beam, `right` the sums of the beams
     # after it

@@ -302,7 +302,10 @@ class CrashDetector:
         return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._vertical)
 
     def _increment(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Increment:
-        """Return the velocity increment of a sample over its duration [s], without gravity and the curve."""
+        """Return the velocity increment of a sample, which is its force per mass times its duration [s].
+
+        It is without gravity and without the acceleration to the side that driving a curve causes.
+        """
         assert self._vertical is not None
         ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force

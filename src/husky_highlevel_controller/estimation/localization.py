@@ -67,7 +67,8 @@ class Localization:
             name: name of the sensor, such as odom0.
             reading: its reading.
             mounting: frames of the reading's numbers.
-            silent: names of the sensors that may be given up when they lag behind by PATIENCE; all if None.
+            silent: names of the sensors for which the filter does not wait if their last reading is older
+                than the newest one by PATIENCE; None for all sensors.
 
         Raises:
             ReadingError: the reading is not later than the one before, or a used number is not finite.

@@ -161,6 +161,7 @@ class MotionSensor:
         values = np.concatenate((axes @ reading.velocity[:3], axes @ reading.velocity[3:]))
         # base_link's velocity is the sensor's velocity minus yaw rate x (x, y)
         values[:2] += y * yaw_rate, -x * yaw_rate
+        # the mask of the used values and the covariance are along the sensor's axes, so they are rotated, too
         used = _turned(axes, self._velocity_used)
         covariance = _turned_covariance(axes, reading.velocity_covariance)
         return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)

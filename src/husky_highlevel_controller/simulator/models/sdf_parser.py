@@ -162,9 +162,9 @@ class Node:
         return values if all(map(isfinite, values)) else ()
 
     def pose(self) -> Pose:
-        """The pose in it, in the frame in which it is given; the identity if it has no numbers.
+        """Pose that this element gives, in the frame that it names; the identity if it has no numbers.
 
-        As in Gazebo, missing numbers are 0 and further ones are left out, which is noted.
+        As in Gazebo, missing numbers are read as 0 and numbers after the sixth are left out, with a note.
 
         Raises:
             WorldError: a number of the pose is not finite.

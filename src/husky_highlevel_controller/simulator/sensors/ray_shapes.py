@@ -43,18 +43,24 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Terms of |(t d - c) x e| = radius, for a beam d, the centre c and the axis e = (u, v, w).
+    """Rows and numbers of a cylinder for `_enter_cylinder`, with the centre c and the axis e = (u, v, w).
 
-    With m = c x e = (i, j, k) and s = d x e it is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. The rows give,
-    for d = (d_x, d_y, 0): d.m, which takes the place of the root's difference of large numbers; s.m =
-    d.(e x m); the component of s along z, of which s.s = w^2 + s_z^2 for a unit d; and d.e, for the ends.
+    A beam d meets the side of the cylinder at the distances t with |(t d - c) x e| = radius. With m = c x e =
+    (i, j, k) and s = d x e, this is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. Each row gives a number for
+    each d = (d_x, d_y, 0).
     """
     (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size  # `half` is half the length
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # m
     middle, square = x * u + y * v + z * w, radius * radius
-    rows = ((i, j), (v * k - w * j, w * i - u * k), (v, -u), (u, v))
+    rows = (
+        (i, j),  # d.m, with which the root has no difference of large numbers
+        (v * k - w * j, w * i - u * k),  # s.m, which is d.(e x m)
+        (v, -u),  # z of s; for a unit vector d, s.s is w^2 plus its square
+        (u, v),  # d.e, for the ends
+    )
+    depth = square - i * i - j * j - k * k  # negative if the laser is outside of the endless cylinder
     # the last three numbers are for the ends: centre along the axis, and depth of the laser between the ends
-    return rows, (w * w, square, square - i * i - j * j - k * k, middle, half, half - abs(middle))
+    return rows, (w * w, square, depth, middle, half, half - abs(middle))
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
