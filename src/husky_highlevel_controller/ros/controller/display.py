@@ -252,7 +252,7 @@ def _height_in_laser(observation: Observation, height: float) -> float:
     return float(transform_point(inverse(observation.laser_in_base), (x, y, height))[2])
 
 
-def next_step(viewers: Sequence[str]) -> str:
+def how_to_drive_again(viewers: Sequence[str]) -> str:
     """Sentence on how to drive again, by the names of the nodes that show the robot."""
     actions = []
     if any("husky_web" in name for name in viewers):

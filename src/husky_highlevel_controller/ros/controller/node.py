@@ -36,7 +36,7 @@ from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
 from husky_highlevel_controller.ros.controller.disobedience import Disobedience
-from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, next_step
+from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, how_to_drive_again
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_absence import ScanAbsence
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
@@ -344,7 +344,7 @@ class ControllerNode:
                 f"arrived after {duration:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
                 f"(stop_distance {control.stop_distance:g} m)"
             )
-            rospy.loginfo(next_step(self._display.listeners))
+            rospy.loginfo(how_to_drive_again(self._display.listeners))
         elif state is State.DRIVING:
             rospy.loginfo(f"{output.reason}; {_scan_summary(scan, pillar)}{_to_go(output)}")
         elif state is State.SEARCHING:

@@ -45,13 +45,14 @@ class Commands:
             findings: gets sentences about mistakes of the senders.
         """
         topics = robot.topics
-        # finds habits of senders that make the robot drive badly, such as commands that come too slowly
+        # finds habits of senders that make the robot drive badly, such as commands that come too slowly;
+        # `may_stand` says which nodes may stop the robot on purpose, so that their zeros are not a habit
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
         # output topic of the twist_mux, which passes on commands by the priority of their topics; a node that
         # publishes on the output topic bypasses these priorities
         self._direct_topic = topics.wheel_command
         self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
-        self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
+        self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)  # topics and commands, until `take`
         # name of the node that sent the last command on each topic, and the time of this command [s]
         self._senders: Dict[str, Tuple[str, float]] = {}
         # nodes that have already sent more than one command for one scan

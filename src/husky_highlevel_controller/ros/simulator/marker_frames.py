@@ -33,7 +33,7 @@ class MarkerFrames:
             tell: function that gets a node's name and a sentence; it is called in rospy's threads.
         """
         self._frames, self._tell = frames, tell
-        self._subscribers: Dict[str, rospy.Subscriber] = {}
+        self._subscribers: Dict[str, rospy.Subscriber] = {}  # subscriber of each topic of markers
         # number of messages of each topic that will still be checked
         self._messages_left: Dict[str, int] = {}
         self._reported: Set[Tuple[str, str]] = set()  # node and frame of each marker that was reported

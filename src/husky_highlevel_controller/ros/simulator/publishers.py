@@ -165,6 +165,7 @@ class Publishers:
             # if a robot_state_publisher runs, it makes the transforms of the wheels from joint_states, so
             # this node leaves them out
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
+            # without a transform of the wheels or of odom, the message would be empty
             if with_wheels or not self.leaves_filter:
                 publish_if_subscribed(
                     self.transforms, self._moving_tree_to_msg, snapshot.stamp, odometry, with_wheels

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from husky_highlevel_controller.controller.behaviour import State
 from husky_highlevel_controller.ros.controller.diagnostics import Health, level_and_message
-from husky_highlevel_controller.ros.controller.display import next_step
+from husky_highlevel_controller.ros.controller.display import how_to_drive_again
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WELL = Health(
@@ -82,4 +82,4 @@ def test_each_cause_has_its_sentence(changes, level, message):
     ],
 )
 def test_the_hint_at_arrival_names_what_is_there(viewers, way):
-    assert way in next_step(viewers)
+    assert way in how_to_drive_again(viewers)
