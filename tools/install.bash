@@ -234,15 +234,17 @@ make_venv() {
   # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
   mkdir -p "$site/mpl_toolkits"
   touch "$site/mpl_toolkits/__init__.py"
-  # the workspace needs NumPy, but not PyBullet, which takes about as long to unpack
-  build_in_background
-  install_pybullet
   mark_done venv-launch "$file"
 }
 
-# Add the packages that the commands GROUP... need to the virtual environment. A launch needs none of them.
+# Add PyBullet to the virtual environment, and the packages that the commands GROUP... need. A launch needs no others.
 complete_venv() {
-  local files=(requirements/run.txt)
+  local files=(requirements/launch.txt)
+  if ! done_before venv-pybullet "${files[@]}"; then
+    install_pybullet
+    mark_done venv-pybullet "${files[@]}"
+  fi
+  files=(requirements/run.txt)
   case " $* " in *" page "* | *" grade "* | *" test "* | *" lint "*) ;; *) return 0 ;; esac
   if ! done_before venv-run "${files[@]}"; then
     pip_install "the packages of the web page, grading and plots (75 MB)" "${files[@]}"
@@ -255,10 +257,6 @@ complete_venv() {
     mark_done venv-test "${files[@]}"
   fi
 }
-
-build=   # process that builds the workspace while pip works; empty if there is none
-build_in_background() { (use_ros; build_workspace) & build=$!; }
-finish_build() { [ -z "$build" ] || wait "$build" || die "the workspace was not built, see above; the whole log is $state/build.log"; }
 
 # Bring the commands of the virtual environment and of ROS into the environment.
 use_ros() {
@@ -331,10 +329,12 @@ set_up() {
   export CMAKE_POLICY_VERSION_MINIMUM=${CMAKE_POLICY_VERSION_MINIMUM:-3.5}
   install_debian_packages launch "$@"
   make_venv
+  # the build needs NumPy, but none of the other packages, and unpacking those takes as long as the build
+  (use_ros; build_workspace) &
+  local build=$!
   complete_venv "$@"
-  finish_build
+  wait "$build" || die "the workspace was not built; the whole log is $state/build.log"
   use_ros
-  build_workspace
   exec 9>&-
   # shellcheck disable=SC1091
   source "$workspace/devel/setup.bash" 2>"$state/source.log" || { cat "$state/source.log" >&2; exit 1; }

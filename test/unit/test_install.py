@@ -128,7 +128,7 @@ IMPORTED = "; .dev/venv/bin/python -c 'import pybullet; print(\"pybullet made\",
 
 def test_where_no_wheel_of_pybullet_fits_it_is_compiled_once(clone, environment):
     clone.lock("launch", wheel(clone.index, "numpy", "2"), source_of_pybullet(clone.index))
-    output, code = clone.bash(f"sleep() {{ command sleep 0.02; }}; make_venv{IMPORTED}")
+    output, code = clone.bash(f"sleep() {{ command sleep 0.02; }}; make_venv; complete_venv{IMPORTED}")
     assert code == 0, output
     assert "[dev] compiling PyBullet: 1 of about 290 files\n" in output
     assert re.search(
@@ -145,13 +145,13 @@ def test_where_no_wheel_of_pybullet_fits_it_is_compiled_once(clone, environment)
     shutil.rmtree(clone.folder / ".dev" / "venv")
     (clone.folder / ".dev" / "venv-launch.done").unlink()
     copy_environment(environment, clone.folder / ".dev" / "venv")
-    output, code = clone.bash(f"make_venv{IMPORTED}")
+    output, code = clone.bash(f"make_venv; complete_venv{IMPORTED}")
     assert "compiled" not in output
     assert output.endswith("pybullet made here\n")
 
 
 def test_where_a_wheel_of_pybullet_fits_nothing_is_compiled(clone):
-    output, code = clone.bash(f"make_venv{IMPORTED}")
+    output, code = clone.bash(f"make_venv; complete_venv{IMPORTED}")
     assert code == 0, output
     assert "apt:" not in output
     assert output.endswith("pybullet made elsewhere\n")
@@ -160,24 +160,33 @@ def test_where_a_wheel_of_pybullet_fits_nothing_is_compiled(clone):
 def test_a_compiler_that_fails_is_quoted(clone):
     says = "examples/pybullet.c:8:10: fatal error: Python.h: No such file or directory"
     clone.lock("launch", source_of_pybullet(clone.index, says))
-    output, code = clone.bash("make_venv")
+    output, code = clone.bash("make_venv; complete_venv")
     assert code == 1
     assert says in output
     assert f"pip failed; the whole log is {clone.folder}/.dev/pip.log" in output
 
 
 def test_a_copied_or_moved_clone_makes_an_environment_of_its_own_once(clone, tmp_path):
-    assert clone.bash("make_venv")[1] == 0
+    assert clone.bash("make_venv; complete_venv")[1] == 0
     copy = tmp_path / "copy"
     shutil.copytree(clone.folder, copy, symlinks=True)
     pinned = copy / "requirements" / "launch.txt"
     pinned.write_text(pinned.read_text().partition("numpy")[0] + wheel(clone.index, "numpy", "3"))
-    output, code = clone.bash("make_venv; .dev/venv/bin/pip list", clone=copy)
+    output, code = clone.bash("make_venv; complete_venv; .dev/venv/bin/pip list", clone=copy)
     assert code == 0, output
     assert f"this clone was moved or copied to {copy}; making its .dev/venv again" in output
     assert re.search(r"numpy +3", output)
     assert re.search(r"numpy +2", clone.bash(".dev/venv/bin/pip list")[0])
-    assert clone.bash("make_venv", clone=copy) == ("", 0)
+    assert clone.bash("make_venv; complete_venv", clone=copy) == ("", 0)
+
+
+def test_a_build_that_fails_beside_pip_ends_the_command(clone):
+    steps = "make_venv() { :; }; complete_venv() { :; }; build_workspace() { say 'no CMake here'; exit 3; }"
+    output, code = clone.bash(f"{steps}; set_up; echo the command runs")
+    assert code == 1
+    assert "[dev] no CMake here\n" in output
+    assert f"the workspace was not built; the whole log is {clone.folder}/.dev/build.log" in output
+    assert "the command runs" not in output
 
 
 def test_the_workspace_of_a_copied_clone_has_no_link_to_the_original(clone, tmp_path):
@@ -229,7 +238,7 @@ def test_a_dead_proxy_is_called_that_without_its_password(clone):
         "PIP_INDEX_URL": "https://example.invalid",
         "PIP_RETRIES": "0",
     }
-    output, code = clone.bash("make_venv", **dead)
+    output, code = clone.bash("make_venv; complete_venv", **dead)
     assert code == 1
     assert "pip could not reach its server through the proxy 127.0.0.1:9 (" in output
     assert "secret" not in output.rpartition("error:")[2]
