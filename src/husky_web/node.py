@@ -261,10 +261,10 @@ class WebNode:
             self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return None
-        is_lost = self._registration.is_lost
+        is_lost = self._registration.is_lost  # stays true until the node ends
         # a master that answers after a silence may be a new one, and a master that has lost this node is one
         if self._was_master_silent or (is_lost and not was_lost):
-            self._topics.close()
+            self._topics.close()  # `_follow_network` opens them again
         self._is_master_gone, self._was_master_silent = is_lost, False
         return [(name, kind) for name, kind in published]
 
