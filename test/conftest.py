@@ -79,4 +79,4 @@ def launch_files_read_here(monkeypatch):
         reporter.close()
         return ""
 
-    monkeypatch.setattr(plan, "_describe", describe)
+    monkeypatch.setattr(plan, "_write_events", describe)

@@ -18,6 +18,7 @@ SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 START_PERIOD = 0.05  # [s] wall time between two checks whether a started program is ready
 # the simulator offers this service last, so the simulator is ready when the service exists
 SIMULATOR_IS_UP = "/husky_simulator/step"
+(SIMULATOR_NODE,) = SIMULATOR_NODES  # name of the simulator's node
 # cache: parameters and command-line arguments of the simulator, by the launch arguments from which they come
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
 
@@ -41,50 +42,46 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
     """
     file = network.folder / "drive.world"
     file.write_text(trial_world(trial, config.robot_name))
-    # a submission could infer the pillar's position from these parameters, so they are set to 0 after the
-    # start
-    start = {
+    # a submission could infer the pillar's position from these parameters, so they are set to 0 as soon as
+    # the simulator has read them
+    secret_values = {
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
         "seed": trial.seed,
     }  # fmt: skip
     # in lockstep, simulated time stops after each scan until a command has come
-    values = {**start, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
-    # values of the simulator's parameters, by the full names of the parameters
-    simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
+    values = {**secret_values, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
     arguments = set_robot_parameters(network, config)
-    set_parameters(network.uri, simulator_values)
+    set_parameters(network.uri, {f"{SIMULATOR_NODE}/{name}": value for name, value in values.items()})
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
     once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
-    # the simulator has read these parameters; now they are set to 0, because they would help a submission to
-    # find the pillar
-    set_parameters(network.uri, {f"{SIMULATOR_NODES[0]}/{name}": 0 for name in start})
+    set_parameters(network.uri, {f"{SIMULATOR_NODE}/{name}": 0 for name in secret_values})
     return simulator
 
 
 def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
-    """Set the parameters of the simulator's launch file, and return the simulator's arguments.
+    """Set the parameters of the simulator's launch file, and return the simulator's command-line arguments.
 
-    The launch file is read once for the same launch arguments.
+    A program of ours reads the launch file, once for all runs with the same launch arguments.
 
     Raises:
         MarkingError: the launch file cannot be read.
     """
     launch_arguments = config.simulator_arguments
     if launch_arguments not in _SETUPS:
-        # these arguments replace the defaults from environment variables: no RViz, and the lidar on its tower
+        # without these arguments, environment variables decide about RViz and the lidar
         fixed = ["rviz:=false", "laser_enabled:=true", "laser_tower:=true"]
         process = network.start(
             "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *launch_arguments]
         )
         wait_and_kill(process, START_DEADLINE)
         try:
-            # the result is the last line of the output; ROS may print other lines before it
+            # the program prints its result as JSON in the last line; ROS may print other lines before it
             setup = json.loads(process.output.splitlines()[-1])
         except (ValueError, IndexError):
             raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
         _SETUPS[launch_arguments] = setup["parameters"], setup["arguments"]
-    # parameters for the ROS master, and arguments for the simulator's command line
     parameters, arguments = _SETUPS[launch_arguments]
+    # roslaunch would set /run_id; here the name of a run is always the same
     set_parameters(network.uri, {"/run_id": "marking", **parameters})
     return arguments
 

@@ -31,20 +31,20 @@ class DriveEnd:
     """Follows one run of exercise 3, and decides when it is over."""
 
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
-        # position of the pillar in the world [m]; name of the robot, one of ROBOTS
-        self._pillar, self._robot = pillar, robot
-        # [s] simulated time of the latest state; times at which the robot last drove, and last drove or
-        # turned on the spot
-        self._now = self._drove_at = self._moved_at = 0.0
-        # [s] simulated times: first motion, arrival at the pillar, first touch; inf if it has not happened
-        self._first_moved = self._reached_at = self._touched_at = inf
+        self._pillar = pillar  # x and y of the pillar in the world [m]
+        self._robot = robot  # name of the robot, one of ROBOTS
+        # [s] simulated times
+        self._now = 0.0  # latest state
+        self._drove_at = 0.0  # last state in which the robot drove
+        self._moved_at = 0.0  # last state in which the robot drove or turned on the spot
+        self._first_moved = inf  # first state in which the robot drove or turned; inf if there is none
+        self._reached_at = inf  # arrival at the pillar; inf if the robot is not there
+        self._touched_at = inf  # first touch of the pillar; inf if there is none
         # [m] gap between the robot's footprint and the pillar: now, and the smallest gap so far
         self._gap, self._nearest = 0.0, inf
         # straight path away from the pillar: heading in the world [rad] and simulated time [s] at its begin
-        self._heading, self._left_at = (
-            0.0,
-            0.0,
-        )
+        self._heading = 0.0
+        self._left_at = 0.0
 
     def update(self, state: TrueState) -> None:
         """Follow the next true state."""
@@ -61,13 +61,14 @@ class DriveEnd:
             self._heading, self._left_at = pose.yaw, now
         self._gap, self._nearest = gap, min(self._nearest, gap)
         # the time of arrival is forgotten if the robot leaves the pillar again; the time of a touch is kept
-        self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf
+        self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf  # `min` keeps the first time
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
 
     def reason(self, abandoned: bool = False) -> Optional[Note]:
         """Return why the run is over, or None if it goes on; `abandoned` if none of its nodes runs."""
         still = self._now - self._moved_at  # [s] time for which the robot has been at rest
+        # after a touch the run goes on for AT_PILLAR seconds; without a touch, `_touched_at` is infinite
         if self._now >= self._touched_at + AT_PILLAR:
             return Note(Kind.TOUCHES, "it reached the pillar and touched it")
         # the robot has been at the pillar for AT_PILLAR seconds without driving; turning on the spot is
@@ -79,7 +80,9 @@ class DriveEnd:
             return NODES_ENDED
         if self._first_moved == inf and self._now >= NEVER:
             return Note(Kind.NEVER_MOVED, f"it did not move for {NEVER:g} s")
-        if self._gap > self._nearest + PAST and self._now >= self._left_at + LEAVING:
+        has_passed = self._gap > self._nearest + PAST
+        drives_away = self._now >= self._left_at + LEAVING
+        if has_passed and drives_away:
             far, near = f"{self._gap:.0f} m", f"{self._nearest:.0f} m"
             return Note(Kind.LEAVES, f"it was {far} from the pillar, {near} at its nearest, and drove on")
         if self._first_moved < inf and still >= STILL:

@@ -22,6 +22,7 @@ MAX_POINTS = 1000  # only the first points of a marker are evaluated, at most th
 # [m] if the median distance of a marker's points from their mean is larger, the mean does not count as the
 # marker's position
 MAX_SPREAD = 0.5
+# corners of a cube with edges of 1 m around the marker's origin
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
@@ -44,7 +45,7 @@ def draw(
     points: Sequence[Sequence[float]],
     axis: Tuple[float, float],
 ) -> Drawn:
-    """Return the shape that RViz draws of a marker, in the world.
+    """Return the position and the extent of the shape that RViz draws of a marker, in the world.
 
     Args:
         kind: type of the marker, a constant of visualization_msgs/Marker.
@@ -70,12 +71,12 @@ def _references_and_outline(
     The reference point that is nearest to the pillar counts as the position of the marker. All points are in
     the marker's frame [m].
     """
-    if kind == ARROW and len(points) >= 2:
-        return [points[1]], [points[1]]
-    # without points, the arrow begins at the marker's pose and points along x; its length is scale.x
+    origin = (0.0, 0.0, 0.0)  # origin of the marker's frame
     if kind == ARROW:
-        tip = (float(scale[0]), 0.0, 0.0)
-        return [tip], [tip]
+        # an arrow with points leads from the first to the second point; without points, it begins at the
+        # marker's origin and points along x, and its length is scale.x
+        tip = points[1] if len(points) >= 2 else (float(scale[0]), 0.0, 0.0)
+        return [tip], [tip]  # a student shows the pillar with the tip, so only the tip counts
     if kind in LISTS and len(points):
         measured = list(points[:MAX_POINTS])
         # a student may draw a line from the robot to the pillar, so each end of a line can be its position,
@@ -85,8 +86,9 @@ def _references_and_outline(
         return [middle, *ends], [middle, *ends]
     # a text turns with the camera, and the size of a mesh is only in its file, so only their origin counts
     if kind in (TEXT, MESH):
-        return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
-    return [(0.0, 0.0, 0.0)], (_CORNERS * np.asarray(scale, dtype=float)).tolist()
+        return [origin], [origin]
+    # any other shape, such as a cylinder, covers the box of its scale around the origin
+    return [origin], (_CORNERS * np.asarray(scale, dtype=float)).tolist()
 
 
 def _middle(points: np.ndarray) -> List[float]:
@@ -100,14 +102,17 @@ def _middle(points: np.ndarray) -> List[float]:
 
 def hull_distance(points: np.ndarray) -> float:
     """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 inside."""
+    # the origin is inside if it sees points all around it, so that no gap between the directions to two
+    # neighbouring points is half a turn or more
     bearings = sorted(atan2(y, x) for x, y in points)
     gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
     if len(points) > 2 and gaps.max() < pi - 1e-9:
         return 0.0
-    # the origin is outside of the convex hull, so the nearest point lies on a line between two of the points
+    # otherwise the nearest point of the hull lies on a line between two of the points, so all pairs are tried
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
-    length = np.maximum((along**2).sum(axis=1), 1e-12)
-    share = np.clip(-(first * along).sum(axis=1) / length, 0.0, 1.0)
+    squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
+    # part of the line from `first` to `second`, 0 to 1, after which the line is nearest to the origin
+    share = np.clip(-(first * along).sum(axis=1) / squared_length, 0.0, 1.0)
     nearest = first + share[:, np.newaxis] * along
     return float(np.sqrt((nearest**2).sum(axis=1)).min())

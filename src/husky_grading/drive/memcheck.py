@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_grading.drive.bring_up import simulate
-from husky_grading.drive.progress import settles, state_of_tree
+from husky_grading.drive.progress import state_of_tree, wait_while_active
 from husky_grading.drive.robot_choice import RobotChoice
 from husky_grading.drive.ros_graph import (
     registered,
     robot_listened_to,
     topics_subscribed,
 )
-from husky_grading.drive.run import start
+from husky_grading.drive.run import start_submission
 from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import (
     UnreadableFileError,
@@ -37,17 +37,17 @@ VALGRIND = "valgrind"
 LOG = "memcheck."  # beginning of the name of valgrind's log; `nodes/submission.py` uses the same name
 # [s] after a node has subscribed to the scans, it runs under valgrind for this CPU time, but at most for this
 # wall time
-CPU, WALL = 2.0, 8.0
+CPU_TIME, WALL_TIME = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # nested parentheses
 # character that stands for each pair of parentheses and everything in it, while C++ code is searched
 IN_PARENTHESES = "\0"
-# a read counts only if at most this number of function calls lies between the read and the submission's own
-# code
+# a read counts only if one of this number of innermost function calls is in the submission's own code
 DEPTH = 4
 
-_FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
+# line of a call stack: a function, and its place in the source code
+_FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (?:.*) \((?P<file>[^()]+):(?P<line>\d+)\)$")
 _PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
 _TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?size_t|u?int\d+_t)"
 _DECLARED = re.compile(
@@ -91,7 +91,8 @@ def is_worth_checking(submission: Submission) -> bool:
         # student's code
         and not submission.parts.by_submission
         and shutil.which(VALGRIND) is not None
-        and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
+        # a node is package/type, which is also the path of a built program below devel/lib
+        and any(_is_compiled(root / "devel" / "lib" / node) for node in submission.nodes)
         and any(map(may_be_unwritten, _texts(root / "src").values()))
     )
 
@@ -114,7 +115,7 @@ def find_unwritten_variable(
         # without a socket for true poses, the simulator runs without lockstep, and does not wait for the
         # submission, which valgrind slows down
         simulator = simulate(network, trial, replace(robot.config, pace=1.0))
-        process, _ = start(network, submission, "memcheck")
+        process, _ = start_submission(network, submission, "memcheck")
 
         def subscribes() -> bool:
             return robot.config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
@@ -123,28 +124,32 @@ def find_unwritten_variable(
             _, seconds = state_of_tree(process.popen.pid)
             return seconds
 
-        nodes = len(submission.nodes)
         # true if the submission subscribes to the scans; false if it ends or becomes idle before that
-        gets_scans = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
+        gets_scans = wait_while_active(
+            process, len(submission.nodes), subscribes, lambda: registered(network.uri, SIMULATOR_NODES)
+        )
         heard = robot  # choice of the robot; it changes below if the submission listens to another robot
         if robot.is_guess:
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
         if heard.config != robot.config:
             simulator.kill()
             simulate(network, trial, replace(heard.config, pace=1.0))
+            # the submission has already subscribed to this robot's scans, and gets them if it still runs
             gets_scans = process.running
-        if gets_scans:  # let the callbacks of the scans run until they have used the CPU time CPU [s]
-            start_of_callbacks = cpu_seconds()
-            wait(lambda: not process.running or cpu_seconds() - start_of_callbacks > CPU, WALL)
+        if gets_scans:  # let the callbacks of the scans run until they have used CPU_TIME
+            used_before = cpu_seconds()
+            wait(lambda: not process.running or cpu_seconds() - used_before > CPU_TIME, WALL_TIME)
         # the logs are read before the node is ended, because an interrupted `getParam` leaves its variable
         # without a value
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
+    # a submission without a root is never checked, see `is_worth_checking`; `or` tells this to mypy
     sources = (submission.root or folder) / "src"
     return sentence(reads_in(log, sources), sources), heard
 
 
-def _is_program(path: Path) -> bool:
+def _is_compiled(path: Path) -> bool:
+    """Return whether a file is a compiled program, and not a script."""
     with contextlib.suppress(OSError):
         if is_regular(path):  # opening another kind of file, such as a FIFO, could block
             with path.open("rb") as file:
@@ -180,13 +185,14 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     """
     own_files = {path.name for path in walk(sources) if path.suffix in SOURCES}
     found: List[Read] = []
+    # memcheck begins each line with ==PID==, and ends each report with such a line without text
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
         # call stack of the read; call stack of the allocation of the memory
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
-        origin = _first_own(creation_stack, own_files)
+        origin = _first_own_line(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
-            line = _first_own(reading_stack, own_files)
+            line = _first_own_line(reading_stack, own_files)  # None if the value is only printed
             if line is not None:
                 found.append(Read(line, origin))
         # such a stack means that ROS has sent a value that was never written
@@ -195,38 +201,42 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     return found
 
 
-def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
+def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
     """Return the first line of a stack that is in one of the submission's files.
 
-    None if there is no such line in the first DEPTH + 1 frames, or if a function that prints comes before it.
+    The innermost call is the first line. None if no such line is in the first DEPTH calls, or if a function
+    that prints comes before it.
     """
-    for line in stack.splitlines()[: DEPTH + 1]:
+    for line in stack.splitlines()[: DEPTH + 1]:  # the line before the first call is a title
         frame = _FRAME.match(line.strip())
-        if frame and frame[2] in own_files:
-            return Place(frame[2], int(frame[3]))
+        if frame and frame["file"] in own_files:
+            return Place(frame["file"], int(frame["line"]))
         if _PRINTS.search(line):
             return None
     return None
 
 
 def sentence(reads: Sequence[Read], sources: Path) -> str:
-    """Return a sentence on the first read, with the variable's name if its line has it; empty if none."""
+    """Return a sentence on one of the reads; empty if there are no reads.
+
+    The first read whose line names an unwritten variable is preferred, so that the sentence has this name.
+    """
     if not reads:
         return ""
     texts = _texts(sources)
     declarations = _declared(texts)  # file and line of declarations without a value, by the variable's name
-    # look for the first read whose line of code names a variable that was declared without a value
-    for line, _ in reads:
-        if line is not None:
-            code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
+    for read_at, _ in reads:
+        if read_at is not None:
+            # the line of code as a list, which is empty if the file has no such line
+            code = texts.get(read_at.file, "").splitlines()[read_at.line - 1 : read_at.line]
             names = [name for name in re.findall(r"\w+", " ".join(code)) if name in declarations]
             if names:
                 place = declarations[names[0]]
                 name = f"`{names[0]}` ({place.file}:{place.line})"
-                return f"{name} is read at {line.file}:{line.line} before it is written"
-    line, origin = reads[0]
-    if line is not None:
-        return f"a variable is read at {line.file}:{line.line} before it is written"
+                return f"{name} is read at {read_at.file}:{read_at.line} before it is written"
+    read_at, origin = reads[0]
+    if read_at is not None:
+        return f"a variable is read at {read_at.file}:{read_at.line} before it is written"
     object_place = f", in an object made at {origin.file}:{origin.line}" if origin else ""
     return f"it sends a value that was never written{object_place}"
 

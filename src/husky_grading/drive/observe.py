@@ -45,9 +45,10 @@ def observe(
     if submission.problem:  # no node of the submission can be started
         _write_no_run(submission, trials[0], robot, out)
         return
-    chance = ""  # sentence for the student if a variable is read before it is written; otherwise empty
+    # sentence for the student on a variable that is read before it is written; empty if there is none
+    unwritten_variable = ""
     if is_worth_checking(submission):
-        chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
+        unwritten_variable, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
         # progress bar in simulated seconds, which is full at the deadline; the run may end earlier
@@ -57,19 +58,19 @@ def observe(
         )  # fmt: skip
         with bar:
             drive = partial(
-                drive_submission, submission, trial, bring_up=bring_up, folder=folder, chance=chance,
-                on_time=partial(_advance, bar),
+                drive_submission, submission, trial, bring_up=bring_up, folder=folder,
+                unwritten_variable=unwritten_variable, on_time=partial(_advance, bar),
             )  # fmt: skip
             try:
                 driven = drive(robot=robot)
-                # if the submission listens to another robot's scans, the run starts again with that robot
+                # no recording means that the submission listens to another robot's scans, `driven.robot`
                 if driven.recording is None:
                     driven = drive(robot=driven.robot)
             finally:
                 if folder.exists():
                     folder.rename(out / f"drive_{trial.number}")
         if not driven.moved and trial is trials[0]:
-            break
+            break  # further runs would show no motion either
         # the first recording has the reason for the choice of the robot, so the next recordings have none
         robot = driven.robot.settled()
 

@@ -24,40 +24,48 @@ SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 # for this wall time
 CPU_LIMIT, WALL_LIMIT = 50.0, 300.0
 _TICKS = os.sysconf("SC_CLK_TCK")
+# fields of /proc/PID/task/TID/stat, counted from the one behind the name of the program: state of the thread,
+# and its CPU time in its own code and in the kernel, each in _TICKS per second
+_STATE, _USER_TICKS, _SYSTEM_TICKS = 0, 11, 12
 _RUNNING = {"R", "D"}  # letters for the state of a thread: R runs or is ready to run, D waits for a disk
 
 
-def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Callable[[], Registered]) -> bool:
-    """Wait until a condition holds; return False if the program ends, is idle, or has settled before.
+def wait_while_active(
+    process: Process, node_count: int, condition: Callable[[], bool], read_graph: Callable[[], Registered]
+) -> bool:
+    """Wait until a condition holds, but only while a program is active; return whether the condition holds.
 
-    A program that waits for CPU time is runnable, so it is not idle and does not settle. So a busy machine
-    ends no wait. A settled program registers nothing more.
+    A program is not active any more if it ends, is idle, or has settled, so that it registers nothing more. A
+    program that waits for CPU time is runnable, so it is not idle and does not settle. So a busy machine ends
+    no wait.
 
     Args:
         process: the program.
-        nodes: number of the nodes that it starts.
-        done: the condition.
-        graph: returns the registrations of its nodes; some sleep for 10 s before they do anything.
+        node_count: number of the nodes that it starts.
+        condition: the condition.
+        read_graph: returns the registrations of its nodes; some sleep for 10 s before they do anything.
     """
-    activity = _Activity(process, nodes, graph)
+    activity = _Activity(process, node_count, read_graph)
 
     def is_wait_over() -> bool:
         """Measure the program, and return whether the wait is over."""
         activity.measure()
         is_quiet = activity.is_idle or activity.has_settled
-        return done() or not process.running or is_quiet or activity.cpu_seconds > CPU_LIMIT
+        return condition() or not process.running or is_quiet or activity.cpu_seconds > CPU_LIMIT
 
     wait(is_wait_over, WALL_LIMIT, POLL_PERIOD)
-    return done()
+    return condition()
 
 
 class _Activity:
-    """CPU time, sleep and registrations of a program, by repeated measurements; for `settles`."""
+    """CPU time, sleep and registrations of a program, by repeated measurements; for `wait_while_active`."""
 
-    def __init__(self, process: Process, nodes: int, graph: Callable[[], Registered]) -> None:
-        self._process, self._nodes, self._graph = process, nodes, graph
+    def __init__(self, process: Process, node_count: int, read_graph: Callable[[], Registered]) -> None:
+        self._process = process
+        self._node_count = node_count  # number of the nodes that the program starts
+        self._read_graph = read_graph  # returns the registrations of the program's nodes
         self.cpu_seconds = 0.0  # [s] CPU time that the program has used since its start
-        self._registered = Registered()
+        self._registered = Registered()  # registrations at the last query
         # [s] wall time without a running thread, counted from the last change of the registrations with the
         # ROS master
         self._slept = 0.0
@@ -76,7 +84,7 @@ class _Activity:
             self._slept += now - self._measured_at
         self._measured_at = now
         if now - self._looked_at > LOOK_PERIOD:
-            self._looked_at, registered = now, self._graph()
+            self._looked_at, registered = now, self._read_graph()
             if registered != self._registered:
                 self._registered = registered
                 self._slept, self._cpu_at_change = 0.0, self.cpu_seconds
@@ -92,7 +100,7 @@ class _Activity:
         """Return whether the program has computed and slept for long without a further registration."""
         if not self._registered.advertised and not self._registered.subscribed:
             return False
-        patience = 1.0 if len(self._registered.nodes) >= self._nodes else NODE_MISSING
+        patience = 1.0 if len(self._registered.nodes) >= self._node_count else NODE_MISSING
         computed = self.cpu_seconds - self._cpu_at_change
         return computed > SETTLED_CPU * patience and computed + self._slept > SETTLED * patience
 
@@ -104,10 +112,11 @@ def state_of_tree(root: int) -> Tuple[bool, float]:
     while waiting:
         pid = waiting.pop()
         for task in _tasks(pid):
+            # the name of the program ends with the last bracket
             fields = _read(task / "stat").rpartition(")")[2].split()
-            if fields:
-                runs |= fields[0] in _RUNNING
-                ticks += int(fields[11]) + int(fields[12])
+            if fields:  # otherwise the thread has ended
+                runs |= fields[_STATE] in _RUNNING
+                ticks += int(fields[_USER_TICKS]) + int(fields[_SYSTEM_TICKS])
         waiting += _children(pid)
     return runs, ticks / _TICKS
 

@@ -71,12 +71,14 @@ class RecorderChannel:
     def __init__(self, network: Network, assignment: Assignment) -> None:
         """Start the recorder of a run in its network."""
         self._connection, recorder_end = Pipe()
-        with recorder_end:
+        with recorder_end:  # the recorder gets a copy of its end, so this one is closed after the start
             self.process = network.start("recorder", [RECORDER], handed=(recorder_end,))
         self.is_open = True  # false if the recorder has ended, so that no more messages come
-        self.ready = self.joined = self.subscribed = self.over = False
-        self.now = 0.0  # [s] simulated time
-        self.recording: Optional[Recording] = None
+        # true if the message `Ready`, `Joined` or `Over` has come
+        self.ready = self.joined = self.over = False
+        # contents of the last message `Now`: simulated time [s], and whether the submission has subscribed
+        self.now, self.subscribed = 0.0, False
+        self.recording: Optional[Recording] = None  # last message of the recorder; None if it has not come
         self.send(assignment)
 
     def send(self, message: Any) -> None:

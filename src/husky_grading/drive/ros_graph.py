@@ -39,9 +39,9 @@ def has_service(uri: str, name: str) -> bool:
 
 
 def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int]:
-    """Return how often each node that is not ours has looked a service up, the largest number first.
+    """Return how often nodes that are not ours have called a service, for the MAX_CALLERS that call it most.
 
-    Each call of a service looks it up once.
+    Each call looks the service up at the master, and our master counts how often each node does this.
     """
     # the answer is checked, because a submission may have ended the master and may answer in its place
     answer = _ask(uri, "countLookups", service)
@@ -49,7 +49,8 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
     of_others = {
         node: count for node, count in counts.items() if isinstance(count, int) and node not in our_nodes
     }
-    return dict(sorted(of_others.items(), key=lambda each: -each[1])[:MAX_CALLERS])
+    most_first = sorted(of_others.items(), key=lambda entry: entry[1], reverse=True)
+    return dict(most_first[:MAX_CALLERS])
 
 
 def is_published(uri: str, topic: str) -> bool:
@@ -68,15 +69,16 @@ class Registered(NamedTuple):
 
 def registered(uri: str, our_nodes: Collection[str]) -> Registered:
     """Return the registrations of the nodes that are not ours."""
-    # nodes of the submission, by the topic that they publish, by the topic that they subscribe to, and by the
-    # service that they offer; empty if the master does not answer
+    # three dictionaries with nodes of the submission: by the topic that they publish, by the topic that they
+    # subscribe to, and by the service that they offer; empty if the master does not answer
     state = [
         {name: set(nodes) - set(our_nodes) for name, nodes in part}
         for part in _ask(uri, "getSystemState") or ((), (), ())
     ]
+    publishing, subscribing, *_ = state
     advertised, subscribed = (
-        frozenset(topic for topic, nodes in part.items() if nodes and topic not in EVERY_NODE_HAS)
-        for part in state[:2]
+        frozenset(topic for topic, nodes in by_topic.items() if nodes and topic not in EVERY_NODE_HAS)
+        for by_topic in (publishing, subscribing)
     )
     all_nodes = frozenset(node for part in state for nodes in part.values() for node in nodes)
     return Registered(all_nodes, advertised, subscribed)
@@ -97,18 +99,16 @@ def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, .
 def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
     """Return settings with the robot to whose scans a submission subscribes, or None if unknown.
 
-    It is unknown if the submission subscribes to no scans, or to several topics of scans that belong to no
-    robot.
+    A known topic of scans names the robot. If the submission subscribes to exactly one topic of scans, and no
+    robot has this topic, a Husky sends its scans there. Otherwise the robot is unknown.
     """
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:
         return config
     # the SMB and the older Husky use the same topic, so a subscription to this topic does not mean an SMB
-    for version, (topic, _) in ROBOT_VERSIONS.items():
-        if version != SMB and topic in topics:
+    for version, (scan_topic, _) in ROBOT_VERSIONS.items():
+        if version != SMB and scan_topic in topics:
             return replace(config, robot=version)
-    # if the submission subscribes to one topic of scans, and its name is unknown, a Husky sends its scans
-    # there
     types = dict(_ask(uri, "getTopicTypes") or ())
     scans = [topic for topic in topics if types.get(topic) == SCAN]
     return replace(config, robot="husky", scans=scans[0]) if len(scans) == 1 else None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Callable, Optional, Tuple
 
 from husky_grading.drive.bring_up import START_PERIOD, BringUp
-from husky_grading.drive.progress import settles
+from husky_grading.drive.progress import wait_while_active
 from husky_grading.drive.recorder_channel import (
     Abandoned,
     Assignment,
@@ -62,7 +62,7 @@ def drive_submission(
     robot: RobotChoice,
     bring_up: BringUp,
     folder: Path,
-    chance: str = "",
+    unwritten_variable: str = "",
     on_time: Callable[[float], None] = lambda _: None,
 ) -> Driven:
     """Let a submission drive once, and write recording.json.
@@ -76,7 +76,7 @@ def drive_submission(
         robot: robot to simulate.
         bring_up: function that starts the simulator, or the program in its place.
         folder: folder for the recording and logs.
-        chance: sentence on a variable that is read before it is written; empty if there is none.
+        unwritten_variable: sentence on a variable that is read before it is written; empty if there is none.
         on_time: function that is called with simulated times [s].
 
     Raises:
@@ -84,28 +84,31 @@ def drive_submission(
     """
     # the socket for the true poses is in a folder that the submission does not see
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
-        truth_socket, packages = f"{private}/truth", tuple(map(str, submission.workspace.packages))
-        initial = replace(not_begun(trial, robot.config), uninitialised=chance, watched=submission.facts)
+        truth_socket = f"{private}/truth"
+        packages = tuple(map(str, submission.workspace.packages))
+        # recording with the facts from before the run, which the recorder completes
+        initial = replace(
+            not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
+        )
         task = Assignment(initial, truth_socket, robot.config.exercise, SIMULATOR_NODES, packages)
         recorder = RecorderChannel(network, task)
         wait(lambda: recorder.update().ready or not recorder.is_open, START_DEADLINE, START_PERIOD)
         if not recorder.ready:
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
         simulator = bring_up(network, trial, robot.config, truth_socket)
-        submitted, events_file = start(network, submission)
+        submitted, events_file = start_submission(network, submission)
         # settings with the robot whose scans the submission reads
         heard_config = _await_joining(network, recorder, submission, submitted, robot)
         if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
             return Driven(robot.after_hearing(heard_config))
         # reason why the run must be cut off; None if the recorder itself has ended the run
         cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
-        # if the robot was only a guess, the submission's subscription to its scans is a better reason for the
-        # choice
+        # if the robot was only a guess, the subscription to its scans becomes the reason for the choice
         if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
         closing = _closing(submission, submitted, events_file, robot, cut_off)
-        # the recorder must be asked only for a run that is cut off; otherwise it sends its recording by
-        # itself
+        # after a run that is cut off, the recorder must be asked for its recording; otherwise it sends the
+        # recording by itself
         if cut_off:
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
@@ -164,7 +167,8 @@ def _await_joining(
         robot: robot that is simulated.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)  # nodes that do not belong to the submission
-    has_joined = settles(
+    # true also if the recorder has ended; then `drive_submission` raises an error, because no recording comes
+    has_joined = wait_while_active(
         submitted,
         len(submission.nodes),
         lambda: recorder.update().joined or not recorder.is_open,
@@ -176,9 +180,7 @@ def _await_joining(
         heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
         if heard_config is not None and heard_config != robot.config:
             return heard_config
-    # simulated time begins only when a program takes part, so the recorder takes part in place of the
-    # submission
-    recorder.send(GoOn())
+    recorder.send(GoOn())  # the recorder takes part in place of the submission
     return robot.config
 
 
@@ -230,8 +232,11 @@ def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
     )  # fmt: skip
 
 
-def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
-    """Start a submission in a network, and return its process and the file of its events."""
+def start_submission(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
+    """Start a submission in a network, and return its process and the file of its events.
+
+    The action is "run", or "memcheck" to run it in valgrind.
+    """
     events = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
     create(events).close()
     own = submission.workspace.own

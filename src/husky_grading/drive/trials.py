@@ -13,6 +13,7 @@ from husky_highlevel_controller.datatypes import Pose2D
 
 # [m] smallest and largest distance between base_link and the pillar's centre at the start
 NEAREST, FARTHEST = 8.0, 20.0
+MAX_OFFSET = 5.0  # [m] largest distance of the start from the world's origin along x and along y
 # [rad] at the start, the pillar is at most this angle to the side, so the robot need not search for it
 SIDE = 1.0
 _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
@@ -29,11 +30,16 @@ class Trial:
 
 
 def draw_trials(count: int, seed: int) -> List[Trial]:
-    """Return the course's own start and pillar, then random ones; trial n of a seed is always the same."""
+    """Return the course's own start and pillar, then random ones; trial n of a seed is always the same.
+
+    A random pillar is in front of the robot, NEAREST to FARTHEST away, and at most SIDE to the side.
+    """
     trials = [Trial(1, Pose2D(), PILLAR_POSITION, seed)]
     for number in range(2, count + 1):
+        # each trial has a generator of its own, so it does not depend on the trials before it
         rng = np.random.default_rng([seed, number])
-        x, y, yaw = rng.uniform((-5.0, -5.0, -pi), (5.0, 5.0, pi)).round(2).tolist()
+        limits = np.array((MAX_OFFSET, MAX_OFFSET, pi))
+        x, y, yaw = rng.uniform(-limits, limits).round(2).tolist()
         start = Pose2D(x, y, yaw)
         distance, bearing = rng.uniform(NEAREST, FARTHEST), start.yaw + rng.uniform(-SIDE, SIDE)
         pillar = (start.x + distance * cos(bearing), start.y + distance * sin(bearing))

@@ -23,11 +23,17 @@ class TruthFeed:
     def __init__(
         self, path: Path, on_truth: Callable[[TrueState], None], on_event: Callable[[str, str], None]
     ) -> None:
-        """Listen on a socket, which is removed when the simulator connects; events are kind and text."""
+        """Listen on a socket, which is removed when the simulator connects.
+
+        Args:
+            path: path of the socket.
+            on_truth: function that is called with each true state.
+            on_event: function that is called with kind and text of each call that changed the world.
+        """
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
         # first exception of a callback, after which reading goes on; None if there is none
         self.failure: Optional[Exception] = None
-        self._begins = threading.Event()
+        self._begins = threading.Event()  # set by `begin`
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
         path.chmod(0o600)
@@ -50,6 +56,7 @@ class TruthFeed:
         with connection, connection.makefile("r", buffering=BUFFER) as lines:
             for line in lines:
                 try:
+                    # a line has one key: "truth" with a state, "ready", or the kind of an event with its text
                     ((key, value),) = json.loads(line).items()
                     state = TrueState.from_numbers(value) if key == "truth" else None
                 except (ValueError, TypeError, AttributeError):  # a broken line

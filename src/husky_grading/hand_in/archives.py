@@ -36,6 +36,7 @@ MAX_FILE = 100_000_000  # [bytes] a larger file, such as a rosbag, is left out
 MAX_NAMED = 5  # a note on files that are left out has at most this number of names
 UTF_8 = 0x800  # bit in the flags of a file in a zip archive: the file's name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes]
+OWNER_EXECUTES = 0o100  # bit in a file's mode: the owner may execute the file
 # limits for unpacking one archive: memory [bytes]; CPU time and wall time, each [s]
 MEMORY, DEADLINE = 1_000_000_000, 120
 
@@ -93,7 +94,7 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
         links, large, allowance.files, allowance.size, error = json.loads(process.stdout)
     except subprocess.TimeoutExpired:
         error = f"{archive.name} cannot be unpacked within {DEADLINE} s"
-    except (ValueError, TypeError):  # the program died
+    except (ValueError, TypeError):  # the program died without a result, normally by its limit of memory
         error = f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
     if error:
         raise ArchiveError(error)
@@ -116,8 +117,8 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, is_executable, is_special, content in members(archive):
-            links += is_special
-            # folders, links and special files have no content
+            links += is_special  # counts links and special files
+            # folders, links and special files have no content; folders are made with their files
             if content is not None and name not in names:
                 names.add(name)
                 with content:
@@ -127,7 +128,7 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
                         large.append(name)
                     elif is_executable:
                         target.chmod(0o755)
-    except (ArchiveError, MemoryError):
+    except (ArchiveError, MemoryError):  # a MemoryError ends this program, and `unpack` reports it
         raise
     except (OSError, ValueError, RuntimeError) as error:
         # zipfile raises RuntimeError if the archive needs a password
@@ -170,7 +171,7 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
     Raises:
         ArchiveError: the allowance is used up.
     """
-    allowance.files -= 1
+    allowance.files -= 1  # a file that is too large counts as one of the files, but not with its bytes
     size = 0  # [bytes] size of the part that was read so far
     with target.open("xb") as file:
         for chunk in iter(partial(content.read, CHUNK), b""):
@@ -193,11 +194,11 @@ def _zip_members(archive: Path) -> Iterator[_Member]:
     """Yield the members of a zip archive."""
     with zipfile.ZipFile(archive) as opened:
         for info in opened.infolist():
-            mode = info.external_attr >> 16
+            mode = info.external_attr >> 16  # mode of the file on Unix; 0 if the archive was made on Windows
             is_special = stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR)
             name = _zip_name(info)
             content = None if is_special or name.endswith("/") else opened.open(info)
-            yield _Member(name, bool(mode & 0o100), is_special, content)
+            yield _Member(name, bool(mode & OWNER_EXECUTES), is_special, content)
 
 
 def _zip_name(info: zipfile.ZipInfo) -> str:
@@ -215,7 +216,7 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
         for info in opened:
             content = opened.extractfile(info) if info.isfile() else None
             is_special = not (info.isfile() or info.isdir())
-            yield _Member(info.name, bool(info.mode & 0o100), is_special, content)
+            yield _Member(info.name, bool(info.mode & OWNER_EXECUTES), is_special, content)
 
 
 class PackedPath:
@@ -225,17 +226,18 @@ class PackedPath:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path: Optional[Path] = path
-        self._content = b""
+        self.path: Optional[Path] = path  # path on this machine; None after it was sent to another one
+        self._content = b""  # tar archive of the files; empty before it is sent
 
     def __getstate__(self) -> Dict[str, Any]:
         """Return the state to send: a tar archive of the files, with their permissions, instead of the path.
 
         Pickle calls it while it sends the object, so the files are read then and not before.
         """
-        if self.path is None:
+        if self.path is None:  # the object was sent before, so its files are packed
             return {"path": None, "_content": self._content}
-        path, content, room = self.path, io.BytesIO(), MAX_BYTES
+        path, content = self.path, io.BytesIO()
+        room = MAX_BYTES  # [bytes] the files that are not packed yet may have this size together
         with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
             archive.add(path, path.name, recursive=False)
             for file in walk(path) if path.is_dir() else ():

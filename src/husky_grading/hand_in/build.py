@@ -14,7 +14,7 @@ from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
 
-from husky_grading.hand_in.archives import MAX_BYTES, MAX_FILE, large_files_note
+from husky_grading.hand_in.archives import MAX_BYTES, MAX_FILE, OWNER_EXECUTES, large_files_note
 from husky_grading.hand_in.dependencies import debian_packages, missing_note
 from husky_grading.hand_in.packages import BUILT, NotMarkableError, Package
 from husky_grading.isolation.files import (
@@ -78,10 +78,19 @@ _RETURN = re.compile(
 # pattern of the compiler's error for a missing header; a second build may find a header that the first one
 # generated too late
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
+# line in which CMake reports that a program that it has called has failed
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
-# output and exit code of a build; the exit code is None if the build did not end in time
-_Outcome = Tuple[str, Optional[int]]
+
+
+class BuildOutcome(NamedTuple):
+    """Result of one call of catkin_make."""
+
+    output: str
+    code: Optional[int]  # exit code, 0 if the build succeeded; None if the build did not end in time
+
+
+# configuration of a missing CMake package that satisfies CMake, but has no content
 _STAND_IN = """# {name} is not installed; code that uses nothing of it builds without it
 set({name}_FOUND TRUE)
 set({name}_FOUND_CATKIN_PROJECT TRUE)
@@ -158,7 +167,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     if paths:
         shown = ", ".join(dict.fromkeys(paths))
         notes.append(f"paths of another computer were replaced by files of the submission: {shown}")
-    (root / "src" / ".catkin_workspace").touch()
+    (root / "src" / ".catkin_workspace").touch()  # marks a workspace, as catkin does
     return Folders(root, copies), notes
 
 
@@ -172,9 +181,10 @@ class _CopiedPackage(NamedTuple):
 
 
 def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
-    """Copy the files of a package into a new folder, the smallest ones first, and make scripts executable.
+    """Copy the files of a package into a new folder, and make scripts executable.
 
-    Files of more than MAX_FILE bytes are left out, and all files that exceed `room` [bytes] together.
+    Files of more than MAX_FILE bytes are left out, and all files that exceed `room` [bytes] together. The
+    smallest files are copied first, so that large files are left out before small ones.
     """
     copied = _CopiedPackage(0, [], [], [])
     target.mkdir()
@@ -190,7 +200,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
         copy = target / path.relative_to(package.path)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
-        is_executable = bool(path.stat().st_mode & 0o100)  # true if the owner may execute the file
+        is_executable = bool(path.stat().st_mode & OWNER_EXECUTES)
         with copy.open("rb") as file:
             is_script = file.read(2) == b"#!"
         if is_script and _repair_interpreter(copy):
@@ -221,11 +231,12 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
     paths: List[str] = []
 
     def local_path(match: Match[str]) -> str:
+        """Return the text that replaces a path below /home; the path itself if no package has the file."""
         for name, package in packages.items():
-            # split the path at the name of the package: `place` is the part behind the name, and `beside` is
-            # empty if the path does not contain the name
-            _, beside, place = match.group().rpartition(f"/{name}/")
-            if beside and ".." not in place and is_regular(package / place):
+            # split the path at the name of the package: `place` is the part behind the name, and `separator`
+            # is empty if the path does not contain the name
+            _, separator, place = match.group().rpartition(f"/{name}/")
+            if separator and ".." not in place and is_regular(package / place):
                 paths.append(match.group())
                 return f"$(find {name})/{place}"
         return match.group()
@@ -253,6 +264,7 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
         '<description>Marked with this manifest.</description><maintainer email="a@b.org">a</maintainer>'
         f"<license>unknown</license><buildtool_depend>catkin</buildtool_depend>{depends}</package>\n"
     )
+    # the last line of the error, with single blanks
     reason = " ".join((refusal.strip().splitlines() or ["unknown"])[-1].split())[:200]
     return [f"catkin rejects the package.xml of {package.name} ({reason}); a corrected copy was used"]
 
@@ -268,13 +280,12 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         MarkingError: nothing can be built here.
     """
     import_early()  # load Python modules that are needed later, while the compiler waits for the disk
-    outcome, missing = _make_with_stand_ins(folders, needed, underlay)
-    # output and exit code of the last build; the exit code is None if the build did not end in time
-    (output, code), is_repaired = _make_again(folders, needed, underlay, outcome)
+    first_outcome, missing = _make_with_stand_ins(folders, needed, underlay)
+    (output, code), is_repaired = _make_again(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
     if code and not _ERROR.search(output):
-        _check_builds(folders.root.with_name("check"), underlay)
+        _check_machine_builds(folders.root.with_name("check"), underlay)
     notes = _notes_on_missing(missing)
     if is_repaired:
         notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
@@ -286,32 +297,32 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
 
 def _make_with_stand_ins(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace
-) -> Tuple[_Outcome, Set[str]]:
+) -> Tuple[BuildOutcome, Set[str]]:
     """Build until CMake misses no further package, and return the outcome and the missing packages.
 
     CMake stops at a missing package, so that package gets an empty stand-in before the next attempt.
     """
     missing: Set[str] = set()
-    output, code = "", None
+    outcome = BuildOutcome("", None)
     for _ in range(MAX_MISSING):
-        # build once; the last argument is empty, because the sources need no repair yet
-        output, code = _catkin_make(folders, needed, underlay, "")
-        unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
+        outcome = _catkin_make(folders, needed, underlay, repair="")
+        # packages that CMake did not find, without those that already have a stand-in or are handed in
+        unknown = set(_NOT_FOUND.findall(outcome.output)) - missing - set(folders.packages)
         # all builds together replace at most MAX_STAND_INS missing packages
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
-        if not code or not new:
+        if not outcome.code or not new:
             break
         missing |= set(new)
         for name in new:
             place = folders.stand_ins / "share" / name / "cmake"
             place.mkdir(parents=True, exist_ok=True)
             write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
-    return (output, code), missing
+    return outcome, missing
 
 
 def _make_again(
-    folders: Folders, needed: FrozenSet[str], underlay: Workspace, outcome: _Outcome
-) -> Tuple[_Outcome, bool]:
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace, outcome: BuildOutcome
+) -> Tuple[BuildOutcome, bool]:
     """Build again if the first build failed for a reason that can be repaired.
 
     A header that was generated too late exists at the second build. Code for an old Boost gets a repair for
@@ -320,15 +331,15 @@ def _make_again(
     Returns:
         The outcome of the last build, and whether _1 and the like were repaired.
     """
-    output, code = outcome
-    repair = OLD_BOOST if code and needs_old_boost(output) else ""
-    if code and (repair or _NO_HEADER.search(output)):
-        output, code = _catkin_make(folders, needed, underlay, repair)
-    if code and not repair and needs_old_boost(output):
+    # text that is compiled before each source
+    repair = OLD_BOOST if outcome.code and needs_old_boost(outcome.output) else ""
+    if outcome.code and (repair or _NO_HEADER.search(outcome.output)):
+        outcome = _catkin_make(folders, needed, underlay, repair=repair)
+    if outcome.code and not repair and needs_old_boost(outcome.output):
         # the errors of code for an old version of Boost may appear only in the second build
         repair = OLD_BOOST
-        output, code = _catkin_make(folders, needed, underlay, repair)
-    return (output, code), bool(repair)
+        outcome = _catkin_make(folders, needed, underlay, repair=repair)
+    return outcome, bool(repair)
 
 
 def _notes_on_missing(missing: Set[str]) -> List[Note]:
@@ -361,18 +372,18 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
     Raises:
         NotMarkableError: the build has put a link into a place that marking uses.
     """
-    places = [folders.root / "src"]
-    if folders.setup.exists():
-        places.append(folders.setup)
+    sources = folders.root / "src"
+    new_setups = [folders.setup] if folders.setup.exists() else []  # a failed build may have written none
     # a link could lead out of the workspace; then the sandbox would show its target to the submission, and
     # marking would write into the target
-    if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
+    places = [sources, *new_setups, *folders.packages.values()]
+    if not all(is_below(place, folders.root) for place in places):
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
-    setups = (*underlay.setups, *places[1:])
-    return Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, Own.NOTHING)
+    setups = (*underlay.setups, *new_setups)
+    return Workspace(setups, (*underlay.packages, sources), underlay.hidden, Own.NOTHING)
 
 
-def _check_builds(folder: Path, underlay: Workspace) -> None:
+def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
     """Build an empty workspace. If this fails, too, the fault is this machine's and not the submission's.
 
     Raises:
@@ -380,7 +391,7 @@ def _check_builds(folder: Path, underlay: Workspace) -> None:
     """
     empty = Folders(folder / "ws")
     (empty.root / "src").mkdir(parents=True, exist_ok=True)
-    output, code = _catkin_make(empty, frozenset(), underlay, "")
+    output, code = _catkin_make(empty, frozenset(), underlay, repair="")
     remove_tree(folder)
     if code != 0:
         raise MarkingError(f"catkin_make cannot build even an empty workspace: {build_error(output, folder)}")
@@ -402,14 +413,15 @@ def _publishes_plain_values(libraries: Path) -> bool:
     return False
 
 
-def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> _Outcome:
-    """Build once, and return the output and the exit code, which is None after BUILD_DEADLINE.
+def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> BuildOutcome:
+    """Build once, for at most BUILD_DEADLINE.
 
     `repair` is text that is compiled before each C++ source.
     """
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
+    # the stand-ins come last, so that a package that exists is found first
     env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
         filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
     )
@@ -417,14 +429,14 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
-        "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
+        "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",  # saves CMake's test of the compilers
         # no option -l, because with -l make waits while other programs use the CPU
         "--make-args", "-k", f"-j{os.cpu_count()}",
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
-    in_time = wait_and_kill(process, BUILD_DEADLINE, 0.2)
+    in_time = wait_and_kill(process, BUILD_DEADLINE, period=0.2)
     output = process.output + (f"\n{process.problem}" if process.problem else "")
-    return output, process.popen.returncode if in_time else None
+    return BuildOutcome(output, process.popen.returncode if in_time else None)
 
 
 def is_built(node: str, folders: Folders) -> bool:
@@ -445,6 +457,7 @@ def build_error(output: str, root: Path) -> str:
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
     match = _ERROR.search(output)
     if match:
+        # a header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
         missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
         debian = debian_packages([missing_header.group(1)]).values() if missing_header else ()
         hint = "".join(f" (apt install {package})" for package in debian)
@@ -455,11 +468,12 @@ def build_error(output: str, root: Path) -> str:
         # output of the program, and gives the cause. A Python traceback gives file and line.
         if number and _EXECUTED.search(line):
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
-            place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
+            innermost = entries[-1] if entries else None
+            place = f"{innermost['file']}:{innermost['line']}: " if innermost else ""
             return f"{place}{lines[number - 1]}"[:300]
     # patterns of lines with errors, the most informative pattern first
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
         for number, line in enumerate(lines):
             if re.search(pattern, line):
-                return " ".join(lines[number : number + 2])[:300]
+                return " ".join(lines[number : number + 2])[:300]  # the next line often gives the cause
     return " ".join(lines[-2:])[:300]

@@ -59,7 +59,7 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
 
 
 def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
-    """Return the submissions of entries, which have one or more paths by the name of the entry."""
+    """Return a submission for each entry of the class; `entries` has the paths of each entry by its name."""
     names, folders = _shown_names(list(entries)), _folder_names(list(entries))
     hand_ins = []
     for entry, paths in entries.items():
@@ -78,7 +78,7 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     entries would look the same, the entry that is written differently has escapes in place of its umlauts.
     """
     names: Dict[str, str] = {}
-    as_shown = {}
+    as_shown = {}  # printable text of each entry; two entries may have the same text
     # characters that cannot be printed, such as a line feed, are replaced by escapes such as \n
     for entry in entries:
         shown = [c if c.isprintable() else c.encode("unicode_escape").decode() for c in _decoded(entry)]
@@ -88,9 +88,10 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
         name = as_shown[entry]
         if name in names.values():
+            # an escape for each character and byte beyond ASCII shows how the name is really written
             exact = os.fsencode(entry).decode("utf-8", "backslashreplace")
             name = exact.encode("ascii", "backslashreplace").decode()
-        if name in names.values():
+        if name in names.values():  # another entry may be called like these escapes
             name = f"{name}~{_digest(entry)}"
         names[entry] = name
     return names
@@ -113,9 +114,9 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
     are equal or a name is too long, so a folder's name rarely depends on other students.
     """
     folders = {entry: entry for entry in entries if SAFE.fullmatch(entry) and len(entry) <= MAX_FOLDER}
-    plain = {entry: _underscored(entry) for entry in entries if entry not in folders}
-    counts = Counter([*folders, *plain.values()])
-    for entry, folder in plain.items():
+    underscored = {entry: _underscored(entry) for entry in entries if entry not in folders}
+    counts = Counter([*folders, *underscored.values()])  # number of entries that would get the same folder
+    for entry, folder in underscored.items():
         if counts[folder] > 1 or len(folder) > MAX_FOLDER:
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(entry)}"
         while folder in folders.values():  # the folder of another student may already have this name

@@ -8,12 +8,15 @@ from itertools import chain
 from typing import Collection, Dict
 
 APT_DEADLINE = 20.0  # [s] wall time
-# possible names of a ROS package in Debian
+# possible names of a ROS package in Debian, the preferred one first
 _DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")
 
 
 def debian_packages(names: Collection[str]) -> Dict[str, str]:
-    """Return the Debian packages of ROS packages, by the name of the ROS package, as far as they exist."""
+    """Return the Debian package of each ROS package, by the name of the ROS package, if apt knows one.
+
+    Without apt-cache, no package is known.
+    """
     candidates = {
         name: [pattern.format(name.replace("_", "-")) for pattern in _DEBIAN_NAMES] for name in names
     }

@@ -13,9 +13,10 @@ from husky_grading.hand_in.build import Folders
 from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.packages import (
     Contents,
+    Fit,
     NotMarkableError,
     Package,
-    fits_exercise,
+    fit_of_path,
     nodes_in,
     with_dependencies,
 )
@@ -65,14 +66,14 @@ class LaunchFile:
     nodes: Tuple[str, ...] = ()  # package/type of each node of the submission that the launch file starts
     scans: bool = False  # true if the code of one of these nodes' packages names the message types of a lidar
     # packages of the submission that may drive the robot, because their code names messages of scans or
-    # velocities
-    able: FrozenSet[str] = frozenset()
+    # velocities; the same packages for all launch files of a submission
+    driving_packages: FrozenSet[str] = frozenset()
     is_template: bool = False  # true if launch file and node are still as `./dev new` wrote them
 
     @property
-    def able_nodes(self) -> Tuple[str, ...]:
-        """Return its nodes of able packages."""
-        return tuple(node for node in self.nodes if _package_of(node) in self.able)
+    def driving_nodes(self) -> Tuple[str, ...]:
+        """Return its nodes that may drive the robot, by their packages."""
+        return tuple(node for node in self.nodes if _package_of(node) in self.driving_packages)
 
 
 def read_launch_files(
@@ -100,21 +101,25 @@ def read_launch_files(
     """
     folders = ws.packages
     found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
-    files = list(islice(found, MAX_READ))
+    files = list(islice(found, MAX_READ))  # path of each copy, and the file's path in the submission
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
     # packages whose code names messages of scans; packages whose code may drive a robot
-    scanning, able = _packages_by_messages(packages, folders)
+    scanning, driving = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
-    holders = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
-    # a launch file in no package is started as a file of the first package
+    holders = [
+        next((name for name, folder in folders.items() if folder in path.parents), "") for path, _ in files
+    ]
+    # a launch file in no package is started as a file of the first package; any package will do, because
+    # roslaunch gets the path of the file
     launchables = [
         Launchable("launch", holder or next(iter(folders)), str(path), override.arguments)
         for holder, (path, _) in zip(holders, files)
     ]
     planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     launch_files = []
-    # only nodes of these packages count; normally, these are all packages of the submission
+    # only nodes of these packages count: packages of the robot in an exercise on them, otherwise all packages
+    # of the submission
     counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     for (path, place), holder, plan in zip(files, holders, planned):
         # if roslaunch cannot read the file, the nodes are taken from its text
@@ -127,7 +132,7 @@ def read_launch_files(
         # true if one of the nodes is from a package whose code names messages of scans
         scans = not scanning.isdisjoint(map(_package_of, nodes))
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
-        launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, able, is_template))
+        launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, driving, is_template))
     return launch_files
 
 
@@ -164,9 +169,11 @@ def _packages_by_messages(
         for name, folder in folders.items()
     }
     scanning = {name for name in folders if any(map(SCAN.search, texts[name]))}
-    own = {package.name: package for package in packages if package.name in folders}
-    able = frozenset(name for name in own if any(texts[each] for each in with_dependencies({name}, own)))
-    return scanning, able
+    counted = {package.name: package for package in packages if package.name in folders}
+    driving = frozenset(
+        name for name in counted if any(texts[each] for each in with_dependencies({name}, counted))
+    )
+    return scanning, driving
 
 
 def _package_of(node: str) -> str:
@@ -181,14 +188,14 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages that may drive the robot; empty if the exercise is on a package of the robot, such as its
-    # filter, which drives nothing
-    able = files[0].able if files and not facts.parts.by_submission else frozenset()
-    if able:  # a node that reads no scans and sends no velocities, as in a tutorial, cannot be the controller
-        fitting = [file for file in fitting if file.able_nodes]
+    # packages that may drive the robot, which are the same for all launch files; none of them counts if the
+    # exercise is on a package of the robot, such as its filter, which drives nothing
+    driving = files[0].driving_packages if files and not facts.parts.by_submission else frozenset()
+    if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
+        fitting = [file for file in fitting if file.driving_nodes]
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
-        needed_node = f"a node of {', '.join(sorted(able))}" if able else facts.node
+        needed_node = f"a node of {', '.join(sorted(driving))}" if driving else facts.node
         comments = [
             f"{node} is commented out in {file.place}; "
             for file in files
@@ -199,19 +206,20 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         )
 
     def rank(file: LaunchFile) -> Tuple[Any, ...]:
-        """Return the key of a file, smaller is better; then the shorter path counts, then the name."""
+        """Return the key of a file, smaller is better; of equal files, the shorter path is better."""
         return *_merits(file, exercise, facts), len(file.place.parts), str(file.place)
 
     return sorted(fitting, key=rank)
 
 
 def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
-    """Return a sentence on the reasons why a launch file was chosen."""
+    """Return a sentence on a launch file with the reasons why it was chosen from candidates."""
     merits = [f"starts {', '.join(launch.nodes)}"]
-    if fits_exercise(launch.place, exercise) == 2:
+    if fit_of_path(launch.place, exercise) == Fit.THIS_EXERCISE:
         merits.append(f"has the number of exercise {exercise} in its path")
     if launch.plan.pillar:
         merits.append("uses the world singlePillar")
+    # rviz nodes with these names come from our own launch files, which the launch file only includes
     if any(node.name not in OWN_RVIZ for node in launch.plan.rviz):
         merits.append("starts RViz")
     choice = f" (chosen from {len(candidates)})" if len(candidates) > 1 else ""
@@ -222,6 +230,7 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
     """Return whether a launch file and its node are as `./dev new` wrote them into a package of this name."""
 
     def is_written_by_us(path: Path, template: Path) -> bool:
+        """Return whether a file is a template of ours with the name of the package in place of our name."""
         if not (template.is_file() and path.is_file() and path.stat().st_size < MAX_LAUNCH):
             return False
         return path.read_bytes() == template.read_bytes().replace(TEMPLATE.name.encode(), package.encode())
@@ -262,32 +271,41 @@ def _launch_files(
         for path in walk(copy_folder):
             if file_suffix(path) == ".launch":
                 yield path, package.place / path.relative_to(copy_folder).as_posix()
-        # `top` is the submission's folder or an unpacked archive; only folders inside it are searched
-        for top, place in contents.places.items():
-            for folder in package.path.parents:
-                if folder != top and top not in folder.parents:
-                    break
-                for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
-                    launch_place = place / path.relative_to(top).as_posix()
-                    target = root / "src" / BESIDE / launch_place
-                    is_in_package = any(each.path in path.parents for each in contents.packages)
-                    is_new = not is_in_package and not target.exists()
-                    if is_new and is_below(path, top) and file_suffix(path) == ".launch":
-                        # a link or FIFO cannot be read, and is left out
-                        with contextlib.suppress(UnreadableFileError):
-                            target.parent.mkdir(parents=True, exist_ok=True)
-                            copy(path, target)
-                            yield target, launch_place
+        yield from _copy_launch_files_above(package, contents, root)
+
+
+def _copy_launch_files_above(
+    package: Package, contents: Contents, root: Path
+) -> Iterator[Tuple[Path, PurePosixPath]]:
+    """Copy launch files in the folders above a package, and yield each copy and its path in the submission.
+
+    Files inside of packages, and files that were copied for another package before, are left out.
+    """
+    # `top` is the submission's folder or an unpacked archive; only folders inside it are searched
+    for top, place in contents.places.items():
+        for folder in package.path.parents:  # the innermost folder comes first
+            if folder != top and top not in folder.parents:
+                break  # the folder is outside of `top`
+            for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
+                launch_place = place / path.relative_to(top).as_posix()
+                target = root / "src" / BESIDE / launch_place
+                is_in_package = any(each.path in path.parents for each in contents.packages)
+                is_new = not is_in_package and not target.exists()
+                if is_new and is_below(path, top) and file_suffix(path) == ".launch":
+                    # a link or FIFO cannot be read, and is left out
+                    with contextlib.suppress(UnreadableFileError):
+                        target.parent.mkdir(parents=True, exist_ok=True)
+                        copy(path, target)
+                        yield target, launch_place
 
 
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     """Return criteria for a launch file, the most important one first; smaller is better."""
-    fits, name = fits_exercise(file.place, exercise), str(file.place)
+    fit, name = fit_of_path(file.place, exercise), str(file.place)
     # False is better than True: a solution starts the course's world and reads scans, and its path often has
     # a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
-    # `fits` is 2 if the path has the number of the exercise, and 1 if the path has no number
-    fit_and_content = (content, -fits) if facts.by_content else (-fits, content)
+    fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
     has_other_use = bool(OTHER_USE.search(file.place.name))
     # in an exercise on a filter of the robot, words such as ekf are right, so the nodes decide instead of the
     # name
@@ -295,7 +313,7 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
         has_other_use = not any(_package_of(node) in facts.parts.by_submission for node in file.nodes)
     return (
         file.is_template,  # an unchanged template has no work of the student, so it comes last
-        fits == 0,  # a path with the number of another exercise comes later
+        fit == Fit.OTHER_EXERCISE,  # a path with the number of another exercise comes later
         has_other_use,  # a launch file for a test or an old copy is not the solution, so it comes later
         *fit_and_content,
         # a word such as controller counts more in the file's name than in a folder's name

@@ -25,6 +25,7 @@ from husky_highlevel_controller.paths import share_folder
 
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|name|args)\s*=\s*["']([^"'<>]*)""")
+# package of a node in a launch file
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
@@ -45,11 +46,12 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     # path of the configuration that the rviz node names, if this configuration was not handed in; otherwise
     # empty
     missing = ""
-    for node in planned.rviz[:1]:
+    if planned.rviz:
+        node = planned.rviz[0]
         remaps = node.remap
-        path = _display_config(node.args)
+        path = _config_path_in(node.args)
         if path is not None and is_regular(path) and (root is None or is_below(path, root)):
-            return _config(f"its rviz node, {path.name}", path, remaps)
+            return _read_config(f"its rviz node, {path.name}", path, remaps)
         missing = str(path or "")
     config = _config_in_package(planned, Path(launch_file).name, remaps)
     return config or RvizConfig(started=bool(planned.rviz), missing=missing)
@@ -60,7 +62,7 @@ def _config_in_package(
 ) -> Optional[RvizConfig]:
     """Return the configuration of the package's .rviz file with most needed displays; None if no file counts.
 
-    - A file that another launch file names belongs to that launch file, and does not count.
+    - A file that another launch file names belongs to that launch file, its owner, and does not count.
     - But if `launch_file` starts no RViz, only launch files that play recordings or start nodes of the
       package own their files.
     - If `launch_file` starts RViz, the package's only .rviz file counts in any case, unless its owner plays
@@ -69,17 +71,17 @@ def _config_in_package(
     `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
     """
     folder = planned.package_path
-    files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
+    files = [path for path in walk(folder) if path.suffix == ".rviz"][:MAX_CONFIGS] if folder else []
     if folder and launch_file:
         # other launch files that name .rviz files; the key is the name of the .rviz file
-        owners = _named_by_others(folder, launch_file, not planned.rviz)
+        owners = _owners_of_configs(folder, launch_file, skip_viewers=not planned.rviz)
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
             source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
-            return _config(source, files[0], remaps)
+            return _read_config(source, files[0], remaps)
         files = [path for path in files if path.name not in owners]
-    configs = [_config(path.name, path, remaps) for path in files]
+    configs = [_read_config(path.name, path, remaps) for path in files]
     return max(configs, key=_count_needed_displays, default=None)
 
 
@@ -94,7 +96,7 @@ def _without_our_rviz_nodes(planned: Plan) -> Plan:
     # package has only links, which lead into `share`
     if planned.package_path and is_below(planned.package_path / "package.xml", share):
         return planned
-    nodes_and_paths = [(node, _display_config(node.args)) for node in planned.rviz]
+    nodes_and_paths = [(node, _config_path_in(node.args)) for node in planned.rviz]
     students_nodes = [node for node, path in nodes_and_paths if not (path and is_below(path, share))]
     return replace(planned, rviz=tuple(students_nodes))
 
@@ -109,7 +111,7 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     folder = planned.package_path
     if not folder:
         return []
-    owners = _named_by_others(folder, launch_file, not planned.rviz)
+    owners = _owners_of_configs(folder, launch_file, skip_viewers=not planned.rviz)
     existing_names = {path.name for path in walk(folder)}
     return [
         f"{name} belongs to {owner.name}, so it is not graded"
@@ -127,42 +129,48 @@ def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
         text = _COMMENT.sub("", read_text(launch_file, MAX_FILE))
     except UnreadableFileError:
         return ()
+    # attributes of each node, by name
     nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
+    # roslaunch would replace $(find PACKAGE) by the path of the package, so this function does it
     find = re.compile(rf"\$\(find +{re.escape(package.name)} *\)")
     return tuple(
-        RvizNode(node.get("name", "rviz"), find.sub(lambda _: str(package), node.get("args", "")), ())
+        RvizNode(node.get("name", "rviz"), find.sub(lambda _: str(package), node.get("args", "")), remap=())
         for node in nodes
         if node.get("pkg") == "rviz"
     )
 
 
-def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[str, Path]:
-    """Return the launch files that name .rviz files, by the names of these files.
+def _owners_of_configs(folder: Path, launch_file: str, skip_viewers: bool) -> Dict[str, Path]:
+    """Return the launch files that name .rviz files, by the names of these .rviz files.
 
-    The launch file of this name does not count. With `but_viewers`, neither do launch files that play no
-    recordings and start no node of the package.
+    The file that is started, `launch_file`, does not count. With `skip_viewers`, launch files that only show
+    something do not count either; they play no recordings and start no node of the package.
     """
-    names: Dict[str, Path] = {}
+    owners: Dict[str, Path] = {}
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
-        is_other = path.name != launch_file
-        if is_other and (not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text))):
-            names.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
-    return names
+        # the folder of a package has the name of the package
+        is_viewer = not {"rosbag", folder.name} & set(_NODE.findall(text))
+        if path.name != launch_file and not (skip_viewers and is_viewer):
+            owners.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
+    return owners
 
 
-def _display_config(arguments: str) -> Optional[Path]:
-    """Return the configuration that the arguments of an rviz node name, or None."""
+def _config_path_in(arguments: str) -> Optional[Path]:
+    """Return the path of the configuration that the arguments of an rviz node name, or None.
+
+    It follows an option -d; otherwise RViz takes an argument that ends with .rviz.
+    """
     try:
         options = shlex.split(arguments)
     except ValueError:  # the arguments have an opening quote without a closing quote
         options = arguments.replace('"', " ").replace("'", " ").split()
-    for flag, value in zip(options, options[1:]):
+    for flag, value in zip(options, options[1:]):  # each option with the one that follows
         if flag in ("-d", "--display-config"):
             return Path(value)
     return next((Path(option) for option in options if option.endswith(".rviz")), None)
 
 
-def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
+def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
     """Return the configuration of an .rviz file; a broken file has a `problem`."""
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
@@ -171,6 +179,7 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
         return read_rviz_config(source, {})
 
 
+MAX_CONFIGS = 20  # at most this number of .rviz files of a package is read
 MAX_FILE = 1_000_000  # [bytes] larger launch files are not read
 MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
 # a package that has one of these names is for the SMB; they are the SMB's launch file, frame and sensors. In
@@ -182,15 +191,20 @@ TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".y
 
 
 def named_robot(planned: Plan) -> NamedRobot:
-    """Return the robot that a submission names by its nodes and topics; the SMB's names are certain."""
+    """Return the robot that a submission names by its nodes and topics; the SMB's names are certain.
+
+    Nodes of the SMB's own packages decide first, then names of the SMB in files, then a topic of scans.
+    """
+    # `left_out` has nodes that `grade` does not start, such as those of the robot
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         version, reason = SMB, "its launch file starts the SMB's nodes"
     else:
         version, mention = SMB, first_mention(planned, SMB_NAMES)
-        if mention is None:
+        if mention is None:  # no file names the SMB, so the robot is a Husky
             mention = first_mention(planned, SCANS)
-            names_scan = mention is not None and not mention.match["husky"]  # /scan, without front/
-            version = "husky_melodic" if names_scan else DEFAULT_ROBOT
+            # the group `husky` of the pattern matches only front/scan
+            names_plain_scan = mention is not None and not mention.match["husky"]
+            version = "husky_melodic" if names_plain_scan else DEFAULT_ROBOT
         reason = "its package names no topic of scans"
         if mention is not None:
             reason = f"{mention.path.name} names {mention.match.group()}"

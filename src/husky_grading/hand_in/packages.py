@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from dataclasses import dataclass, field
+from enum import IntEnum
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
@@ -97,14 +98,14 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
         places = {root: PurePosixPath(".")}
         folders = [root]
         for folder in folders:  # the list grows, because archives may contain archives
-            for archive in (path for path in walk(folder, BUILT) if suffix_of(path.name)):
+            for archive in (path for path in walk(folder, skipped=BUILT) if suffix_of(path.name)):
                 if len(folders) > MAX_ARCHIVES:
                     break
                 unpacked = scratch / str(len(folders))
                 unpacked.mkdir()
                 try:
                     notes += unpack(archive, unpacked, allowance)
-                except ArchiveError as error:
+                except ArchiveError as error:  # an inner archive may be broken, and what was unpacked counts
                     notes.append(str(error))
                 places[unpacked] = places[folder] / archive.relative_to(folder).as_posix()
                 folders.append(unpacked)
@@ -120,8 +121,9 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
 
 def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
     """Return the packages below a folder, outer ones first, without packages inside of another one."""
-    manifests = [path for path in walk(folder, BUILT) if path.name == "package.xml"]
+    manifests = [path for path in walk(folder, skipped=BUILT) if path.name == "package.xml"]
     packages: Dict[Path, Package] = {}
+    # outer folders first, so that a package inside of another one is noticed
     for manifest in sorted(manifests, key=lambda path: (len(path.parts), path)):
         path = manifest.parent
         if any(parent in packages for parent in path.parents):
@@ -167,21 +169,28 @@ def exercise_numbers(name: str) -> Set[int]:
     """
     # an umlaut becomes one character, because macOS writes it as two
     name = unicodedata.normalize("NFC", name)
+    # MyExercise3 becomes my_exercise3, so that words are found
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
+    # the pattern has a group for each way to write a number, and only one of these groups matches
     numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(text)]
     return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
 
 
-def fits_exercise(place: PurePosixPath, exercise: int) -> int:
-    """Return how well a path fits an exercise, by the innermost number in it.
+class Fit(IntEnum):
+    """Fit of a path to an exercise, by the numbers of exercises in the path; a larger value is better."""
 
-    2 if it is the number of the exercise, 1 if there is no number, 0 if it is another one.
-    """
+    OTHER_EXERCISE = 0  # the path has the number of another exercise
+    NO_NUMBER = 1  # the path has no number of an exercise
+    THIS_EXERCISE = 2
+
+
+def fit_of_path(place: PurePosixPath, exercise: int) -> Fit:
+    """Return how well a path fits an exercise, by the innermost part of the path that has a number."""
     for part in reversed(place.parts):
         numbers = exercise_numbers(part)
         if numbers:
-            return 2 if exercise in numbers else 0
-    return 1
+            return Fit.THIS_EXERCISE if exercise in numbers else Fit.OTHER_EXERCISE
+    return Fit.NO_NUMBER
 
 
 def choose_packages(
@@ -191,39 +200,42 @@ def choose_packages(
 
     - Known packages are left out.
     - If several packages have the same name, the one of the exercise stays. If that is ambiguous, the one
-      with a launch file that starts its node stays, then the one with more files. Attempt n takes the n-th
-      further one, unless it belongs to another exercise.
+      with a launch file that starts its node stays, then the one with more files. A later attempt takes the
+      next best one instead, unless it belongs to another exercise.
     - Packages of other exercises stay only if one that stays depends on them.
     """
     notes: List[str] = []
-    by_name: Dict[str, List[Package]] = {}
+    by_name: Dict[str, List[Package]] = {}  # all packages of each name
     for package in packages:
         by_name.setdefault(package.name, []).append(package)
     known_names = sorted(set(by_name) & KNOWN)
     if known_names:
         notes.append(f"packages that are not the student's own are left out: {', '.join(known_names)}")
-    package_by_name: Dict[str, Package] = {}
+    chosen: Dict[str, Package] = {}  # the package of each name that stays
     for name in sorted(set(by_name) - KNOWN):
         namesakes = by_name[name]
         if len(namesakes) > 1:
-            namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))
-            # number of packages of this name from which an attempt can choose: those that fit the exercise,
-            # or all of them if none fits
-            fitting = sum(fits_exercise(each.place, exercise) > 0 for each in namesakes) or len(namesakes)
+            namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best one first
+            # number of packages of this name that do not belong to another exercise, which come first; all
+            # packages if there are none
+            fits = [fit_of_path(each.place, exercise) for each in namesakes]
+            choosable = sum(fit != Fit.OTHER_EXERCISE for fit in fits) or len(namesakes)
             # the chosen package moves to the front
-            namesakes.insert(0, namesakes.pop(min(attempt, fitting - 1)))
+            namesakes.insert(0, namesakes.pop(min(attempt, choosable - 1)))
             places = ", ".join(str(each.place) for each in namesakes[1:])
             notes.append(
                 f"package {name} is taken from {namesakes[0].place}; these copies are left out: {places}"
             )
-        package_by_name[name] = namesakes[0]
-    # names of packages that belong to the exercise, or whose path has no number of an exercise
-    names = {name for name, package in package_by_name.items() if fits_exercise(package.place, exercise)}
-    names = with_dependencies(names or set(package_by_name), package_by_name)
-    other_names = sorted(set(package_by_name) - names)
+        chosen[name] = namesakes[0]
+    names = {
+        name for name, package in chosen.items() if fit_of_path(package.place, exercise) != Fit.OTHER_EXERCISE
+    }
+    # if all packages belong to other exercises, all of them stay
+    names = with_dependencies(names or set(chosen), chosen)
+    other_names = sorted(set(chosen) - names)
     if other_names:
         notes.append(f"packages of other exercises are left out: {', '.join(other_names)}")
-    return [package_by_name[name] for name in sorted(names)], notes
+    return [chosen[name] for name in sorted(names)], notes
 
 
 def copies_of_known(packages: Sequence[Package]) -> List[Package]:
@@ -231,16 +243,19 @@ def copies_of_known(packages: Sequence[Package]) -> List[Package]:
 
     They are the packages of COPIED, and packages with a launch file that starts a node of the submission.
     """
-    own = {each.name for each in packages} - KNOWN
+    students_own = {each.name for each in packages} - KNOWN
     copies = [
-        each for each in packages if each.name in COPIED or (each.name in KNOWN and _launched(each) & own)
+        each
+        for each in packages
+        if each.name in COPIED or (each.name in KNOWN and _launched_packages(each) & students_own)
     ]
+    # the first one of several copies with one name stays
     return list({each.name: each for each in reversed(copies)}.values())
 
 
-def _launched(package: Package) -> Set[str]:
+def _launched_packages(package: Package) -> Set[str]:
     """Return the names of the packages whose nodes the launch files of a package start, by their texts."""
-    files = [path for path in walk(package.path, BUILT) if file_suffix(path) == ".launch"]
+    files = [path for path in walk(package.path, skipped=BUILT) if file_suffix(path) == ".launch"]
     return {node.partition("/")[0] for path in files for node in nodes_in(path)}
 
 
@@ -248,6 +263,7 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
     """Return names of packages with the names of all packages of the submission on which they depend."""
     members, waiting = set(names), list(names)
     while waiting:
+        # packages of the submission that are not members yet
         needs = packages[waiting.pop()].needs & set(packages) - members
         members |= needs
         waiting += needs
@@ -259,11 +275,11 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
 
     The package with the smallest rank is graded.
     """
-    starts_own_node = package.name in _launched(package)
+    starts_own_node = package.name in _launched_packages(package)
     in_archive = any(suffix_of(part) for part in package.place.parts)
-    number_of_files = len(list(walk(package.path, BUILT)))
+    number_of_files = len(list(walk(package.path, skipped=BUILT)))
     return (
-        -fits_exercise(package.place, exercise),  # a path with the number of the exercise comes first
+        -fit_of_path(package.place, exercise),  # a path with the number of the exercise comes first
         not starts_own_node,  # a package that starts its own node is a solution, and not a library
         in_archive,  # an archive beside a folder is probably an older copy of the folder, so it comes later
         -number_of_files,  # the copy with more files is more complete, so it comes first
@@ -273,11 +289,16 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
 
 
 def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:
-    """Return the nodes, package/type, that the text of a launch file names, or that its comments name."""
+    """Return the nodes, package/type, that the text of a launch file names, or that its comments name.
+
+    A file that cannot be read names none.
+    """
     try:
         text = read_text(launch_file, MAX_MANIFEST)
     except UnreadableFileError:
         return ()
     text = " ".join(_COMMENT.findall(text)) if in_comments else _COMMENT.sub("", text)
+    # attributes of each node, by name
     nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
+    # `dict.fromkeys` leaves each name once, and keeps the order
     return tuple(dict.fromkeys(f"{node['pkg']}/{node.get('type', '')}" for node in nodes if "pkg" in node))

@@ -32,21 +32,21 @@ LOAD_DEADLINE = 120.0  # [s] longest wall time for reading launch files
 
 
 def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
-    """Return sentences on dependencies of a package that are misspelt names of packages of the workspace.
+    """Return sentences on dependencies of a package that are misspelt names of known packages.
 
     A name that is similar to no package is left to the build, because marking needs few packages of a course.
     """
     try:
         name, needs = read_manifest(package / "package.xml")
     except NotMarkableError:
-        return []
+        return []  # other checks report a package.xml that cannot be read
     # folders in which packages are searched: the workspace, our replacement packages, Debian's ROS packages,
     # and the folder that contains this package
     roots = {*_roots(workspace), COMPAT, DEBIAN, package.parent}
     files = (
         file for root in roots for pattern in ("package.xml", "*/package.xml") for file in root.glob(pattern)
     )
-    known = {file.parent.name for file in files}
+    known = {file.parent.name for file in files}  # the folder of a package has the name of the package
     return [
         dependency_sentence(finding)
         for finding in unknown_dependencies(name, sorted(needs), known)
@@ -89,8 +89,10 @@ def plans(
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()
-    # end of the output of the program that reads the launch files; it is used if there is no better reason
-    problem = _describe(launchables, workspace, events_file, parts)
+    # a program reads the launchables and writes its events to the file; the end of its output is a reason for
+    # a failure if there is no better one
+    problem = _write_events(launchables, workspace, events_file, parts)
+    # events of each launchable, by its number
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
     for event in read_events(events_file):
@@ -100,9 +102,10 @@ def plans(
             events[number].append(event)
     planned = []
     for own_events in events.values():
+        # normally one of the events has the nodes; none has them if the launch file cannot be loaded
         read_plan = next((event.plan for event in own_events if event.plan), None)
         notes = notes_on(own_events, "")
-        if read_plan is None:  # the launch file cannot be loaded, and the events normally give the reason
+        if read_plan is None:  # the events normally give the reason
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
         elif not read_plan.nodes:
             notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
@@ -117,8 +120,11 @@ def plans(
     return planned
 
 
-def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
-    """Let a program write the events of launchables to a file, and return the end of its output."""
+def _write_events(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
+    """Let a program read launchables and write its events to a file, and return the end of its output.
+
+    The program runs in the sandbox, because launch files can run commands.
+    """
     folder = events.parent
     # nobody listens at this address, because reading a launch file needs no ROS master
     nowhere = "http://127.0.0.1:1"

@@ -23,11 +23,12 @@ from husky_grading.hand_in.package_files import (
 from husky_grading.hand_in.packages import (
     BUILT,
     Contents,
+    Fit,
     NotMarkableError,
     Package,
     choose_packages,
     copies_of_known,
-    fits_exercise,
+    fit_of_path,
     open_hand_in,
     with_dependencies,
 )
@@ -50,7 +51,7 @@ FILES = (WORKSPACE, "plan", "build.log")
 FOLDERS = ("ws", "copies", "stand_ins", "unpacked")
 # if no node builds, at most this number of copies of a package, or of launch files, is tried
 MAX_TRIED = 3
-Choice = Tuple[List[Package], List[str]]  # packages, and notes
+Choice = Tuple[List[Package], List[str]]  # packages that are graded, and notes on the others
 
 
 def prepare(job: Job, facts: Facts) -> Submission:
@@ -74,7 +75,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
-    _check_starts(replace(workspace, own=Own.NOTHING), out / "plan")
+    # a check first, so that a fault of this machine is not taken for one of the submission
+    _check_sandbox_works(replace(workspace, own=Own.NOTHING), out / "plan")
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
     else:
@@ -120,13 +122,13 @@ def _prepare_launchable(
     # may be a student's package of the same name
     is_our_package = launchable.package == NAME and not job.setups
     workspace = replace(workspace, own=Own.ALL if is_our_package else Own.NOTHING)
-    workspace = _with_stand_ins_for(facts, workspace)
+    workspace = _with_robot_packages(facts, workspace)
     planned = plan(launchable, workspace, Path(job.out, "plan"), facts.parts)
-    _check_is_there(launchable, planned)
+    _check_exists(launchable, planned)
     return Submission(launchable, workspace), planned
 
 
-def _check_starts(workspace: Workspace, folder: Path) -> None:
+def _check_sandbox_works(workspace: Workspace, folder: Path) -> None:
     """Start the program that reads launch files without a launch file, to find faults of this machine.
 
     Raises:
@@ -144,8 +146,8 @@ def _check_starts(workspace: Workspace, folder: Path) -> None:
         raise MarkingError(f"no program can be started in the sandbox{setups}: {output}")
 
 
-def _check_is_there(launchable: Launchable, planned: Plan) -> None:
-    """Check the names of the command line, because a wrong name is not a fault of the submission.
+def _check_exists(launchable: Launchable, planned: Plan) -> None:
+    """Check that package and launch file exist; a wrong name is a mistake in the command line.
 
     Raises:
         NotMarkableError: the package does not exist, or does not contain the launch file.
@@ -168,8 +170,8 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
             )
 
 
-def _with_stand_ins_for(facts: Facts, workspace: Workspace) -> Workspace:
-    """Return a workspace with stand-ins of the robot's packages if the submission starts their nodes."""
+def _with_robot_packages(facts: Facts, workspace: Workspace) -> Workspace:
+    """Return a workspace with our replacements of robot packages if an exercise grades the robot's nodes."""
     return with_stand_ins(workspace, facts.own) if facts.parts.by_submission else workspace
 
 
@@ -186,17 +188,17 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     (out / "unpacked").mkdir(parents=True)
     contents = open_hand_in(path, out / "unpacked")
     # marking.yaml may give this student another exercise number, which counts more than the number of the
-    # class
+    # class; from here on, `override.exercise` is always a number, and `or 0` tells this to mypy
     job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
     # the submission must see neither the other submissions nor their results
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=Own.NOTHING)
-    choices: List[Choice] = []
+    choices: List[Choice] = []  # the best one first; several only if there are copies of a package
     for attempt in range(MAX_TRIED):
         choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
         if choice not in choices:
             choices.append(choice)
-    errors: List[NotMarkableError] = []
-    unbuilt_choices: List[Choice] = []
+    errors: List[NotMarkableError] = []  # errors of choices without a launch file that fits
+    unbuilt_choices: List[Choice] = []  # choices with a launch file whose nodes cannot be built
     for choice in choices:
         try:
             submission, planned = _prepare_choice(contents, choice, job, underlay, facts)
@@ -207,7 +209,7 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
                 return submission, planned
             unbuilt_choices.append(choice)
     if not unbuilt_choices:
-        raise errors[0]
+        raise errors[0]  # the first choice was the best one
     # no choice of packages can be built, so the first choice is prepared again; later attempts have replaced
     # its workspace
     return _prepare_choice(contents, unbuilt_choices[0], job, underlay, facts)
@@ -251,16 +253,17 @@ def _prepare_choice(
         notes += reason_notes
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration was found outside of the packages")
+    # launch files find the student's packages and the copies of known packages
     packages_seen = (*built.workspace.packages, *known_folders.packages.values())
-    workspace = _with_stand_ins_for(facts, replace(built.workspace, packages=packages_seen))
+    workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
     launchable = _launchable_of(launch, override)
     planned = launch.plan if launch else Plan()
     # the plan is made again after the build, because the launch file may need files of the build
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    # a build may fail in parts that the launch file does not need, so it is enough if one of its nodes is
-    # built
+    # a build may fail in parts that the launch file does not need, so a failed build is a problem only if it
+    # builds none of the launch file's nodes
     if launch:
         can_start = _is_any_built(launch, folders)
     else:
@@ -279,7 +282,7 @@ def _explain_choice(
 ) -> Tuple[List[str], List[str]]:
     """Return the paths of launch files that fit equally well, and notes with the reasons of the choice.
 
-    The first path is that of the chosen launch file. Without other such launch files there are no paths.
+    The first path is that of the chosen launch file. There are no paths if no other launch file fits as well.
     """
     notes = [reasons(launch, candidates, exercise)]
     other_places = equal_launch_files(launch, candidates, exercise, facts)
@@ -319,7 +322,7 @@ def _find_candidates(
         [*copies.packages, *copies.known],
         copies.folders,
         copies.known_folders,
-        _with_stand_ins_for(facts, unbuilt),
+        _with_robot_packages(facts, unbuilt),
         override,
         facts.parts,
     )
@@ -363,7 +366,7 @@ def _build_candidates(
 
 def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
     """Return whether a node that may drive the robot is built, or any node if none may."""
-    return any(is_built(node, folders) for node in launch.able_nodes or launch.nodes)
+    return any(is_built(node, folders) for node in launch.driving_nodes or launch.nodes)
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
@@ -377,9 +380,8 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
     for folder, place in contents.places.items():
         for path in walk(folder, BUILT):
             is_in_package = any(other.path in path.parents for other in contents.packages)
-            # 0 if the path has the number of another exercise
-            fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
-            if path.suffix == ".rviz" and fits and not is_in_package:
+            fit = fit_of_path(place / path.relative_to(folder).as_posix(), exercise)
+            if path.suffix == ".rviz" and fit != Fit.OTHER_EXERCISE and not is_in_package:
                 # the build may have made a link with this name; `copy` replaces the link and does not follow
                 # it
                 copy(path, package / path.name)

@@ -36,12 +36,13 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
         UnreadableFileError: the file cannot be read, is not regular, or has more than `max_size` bytes.
     """
     try:
+        # without O_NONBLOCK, opening a FIFO would wait; with O_NOFOLLOW, a link is an error
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | os.O_NOFOLLOW)
         with open(descriptor, "rb") as file:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode):
                 raise UnreadableFileError(f"{path}: not a regular file")
-            content = file.read(max_size + 1)
+            content = file.read(max_size + 1)  # one byte more shows that the file is too large
     except (OSError, ValueError) as error:  # a name with a NUL character raises ValueError
         raise UnreadableFileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
     if len(content) > max_size:
@@ -169,6 +170,8 @@ def write_whole(path: Path, content: str) -> None:
 def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Path]:
     """Yield the regular files below a folder, in order; links are not followed.
 
+    Folders with a name in `skipped`, and folders that cannot be read, are left out.
+
     Raises:
         UnreadableFileError: the folder has more than MAX_ENTRIES files and folders.
     """
@@ -177,7 +180,7 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
-                # one entry more than allowed is read, so that a folder with too many entries is noticed
+                # all entries could fill the memory, so they are read only to the first one that is too many
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
         except OSError:  # the folder was deleted, cannot be read, or has a path that is too long
             continue

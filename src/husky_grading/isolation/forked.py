@@ -27,6 +27,7 @@ SIMULATOR, BAG_PLAYER = _SIMULATOR + "node", _SIMULATOR + "bag_player"
 MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)
 # lock that lets one thread at a time start a program, because each start replaces `__main__` for a moment
 _SCRIPT_LOCK = threading.Lock()
+STDOUT, STDERR = 1, 2  # file descriptors of the output streams of each program
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
@@ -111,17 +112,22 @@ class _Child:
 def _run(
     command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection, handed: Sequence[Any]
 ) -> None:
-    """Become the program of a command, in the forked process; `output` gets both of its output streams."""
+    """Become the program of a command, in the forked process; `output` gets both of its output streams.
+
+    The arguments are those of `_Child`.
+    """
+    # in a session of its own, this program gets no Ctrl-C from the terminal, and `kill` ends its whole group
     os.setsid()
     threading.Thread(target=_end_with_marking, daemon=True).start()
     os.environ.clear()
     os.environ.update(env)
     os.chdir(folder)
-    for stream in (1, 2):
+    for stream in (STDOUT, STDERR):
         os.dup2(output.fileno(), stream)
     output.close()
+    module, *_ = command
     sys.argv = list(command)
-    importlib.import_module(command[0]).main(*handed)
+    importlib.import_module(module).main(*handed)
 
 
 def _end_with_marking() -> None:

@@ -31,6 +31,8 @@ SOCKETS = 1000
 DISK = 3_000_000_000  # [bytes] a submission is ended if all files in its folder are larger together
 MEMORY_POLL_PERIOD = 0.25  # [s]
 FILES = 200_000  # a submission is ended if its folder has more files and folders than this
+# columns of /proc/sysvipc/shm: number of attached processes, and size in memory [bytes]
+SHM_ATTACHED, SHM_SIZE = 6, 14
 CLONE_NEWIPC = 0x08000000  # flag of setns(2)
 BLOCK = 512  # [bytes] stat(2) gives the size of a file on the disk in blocks of this size
 DISK_POLLS = 8  # only every DISK_POLLS-th check of the memory also checks the size of the folder
@@ -42,11 +44,19 @@ class SizeWatch:
     def __init__(
         self, pid: int, folder: Path, end_program: Callable[[], None], is_network_own: bool = False
     ) -> None:
-        """Start watching; `is_network_own`: only this program and marking's own are in the network."""
+        """Start watching, in a thread of its own.
+
+        Args:
+            pid: id of the program's first process; all processes below it belong to the program.
+            folder: folder in which the program writes files.
+            end_program: function that ends the program.
+            is_network_own: true if only this program and marking's own are in the network; otherwise sockets
+                do not count.
+        """
         self.problem = ""  # sentence that says why the program was ended; empty if it was not ended
         self._pid, self._folder, self._end_program = pid, folder, end_program
         self._is_network_own = is_network_own
-        self._done = threading.Event()
+        self._done = threading.Event()  # set by `end`
         threading.Thread(target=self._run, daemon=True).start()
 
     def end(self) -> None:
@@ -100,8 +110,8 @@ def processes_below(pid: int) -> Optional[List[psutil.Process]]:
 
 
 def thread_count(processes: Sequence[psutil.Process]) -> int:
-    """Return the number of threads of processes; it counts up to the first one beyond THREADS."""
-    count = len(processes)
+    """Return the number of threads of processes; only a lower bound if there are more than THREADS."""
+    count = len(processes)  # each process has a first thread
     for process in processes if count <= THREADS else ():
         with contextlib.suppress(psutil.Error):
             count += process.num_threads() - 1
@@ -115,7 +125,10 @@ def socket_count() -> int:
 
 
 def temporary_files(processes: Sequence[psutil.Process]) -> int:
-    """Return the size of the files in the memory folders of the sandbox of these processes [bytes]."""
+    """Return the size of the files in the memory folders of the sandbox of these processes [bytes].
+
+    It is 0 if none of the processes is in a sandbox with mounts of its own.
+    """
     own_mounts = os.readlink("/proc/self/ns/mnt")
     for process in processes:
         root = f"/proc/{process.pid}/root"
@@ -146,6 +159,7 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
     # IPC namespaces of this program and of the calling thread; they differ if the thread has entered a
     # sandbox before
     marking, thread = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
+    # enter the namespace of the first process that is in a sandbox
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # an OSError means that the process has ended
@@ -155,11 +169,10 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
                 thread = os.readlink("/proc/thread-self/ns/ipc")
     if thread == marking:
-        return 0
-    rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()[1:]]
-    # columns of /proc/sysvipc/shm: column 6 is the number of attached processes, column 14 is the size in
-    # memory
-    return sum(int(row[14]) for row in rows if row[6] == "0")
+        return 0  # none of the processes is in a sandbox
+    _titles, *lines = Path("/proc/sysvipc/shm").read_text().splitlines()
+    rows = [line.split() for line in lines]
+    return sum(int(row[SHM_SIZE]) for row in rows if row[SHM_ATTACHED] == "0")
 
 
 def memory_of(processes: Sequence[psutil.Process]) -> int:
@@ -182,9 +195,9 @@ def memory_of(processes: Sequence[psutil.Process]) -> int:
 
 
 def disk_usage(folder: Path) -> Tuple[int, int]:
-    """Return the blocks of the files below a folder [bytes], and the number of files and folders.
+    """Return the size on the disk of the files below a folder [bytes], and the number of files and folders.
 
-    Links are not followed. It ends with the first entry beyond FILES.
+    Links are not followed. The search ends soon after FILES entries, because the limit is then exceeded.
 
     Raises:
         OSError: a folder hides its content, or has a path that is too long for the kernel.
@@ -207,7 +220,11 @@ def disk_usage(folder: Path) -> Tuple[int, int]:
 
 
 def deleted_files(processes: Sequence[psutil.Process]) -> int:
-    """Return the blocks of open files that have no name any more [bytes]."""
+    """Return the size on the disk of deleted files that processes still have open [bytes].
+
+    Such files still use the disk, but no folder has them.
+    """
+    # sizes by device and inode, so that a file counts once even if it is open several times
     sizes = {}
     for process in processes:
         with contextlib.suppress(OSError), os.scandir(f"/proc/{process.pid}/fd") as entries:

@@ -67,7 +67,7 @@ def own_files(own: Own) -> OwnFiles:
         # the messages stay visible; in an installed package, they are in the same folder as the hidden
         # modules
         shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}
-    if own is Own.FILTER:
+    if own is Own.FILTER:  # the modules that our filter imports, and its program
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}
         shown |= {*(MODULES / "ros").glob("*.py"), MODULES / "ros" / "estimation"}
         shown |= {folder / FILTER_PROGRAM for folder in programs()}

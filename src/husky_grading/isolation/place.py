@@ -24,7 +24,10 @@ SAFE = re.compile(r"[\w./+,=@~-]*")  # pattern of a path that CMake and roslaunc
 
 
 def make() -> str:
-    """Return an empty folder of this user's, at which a marking program can mount; empty if there is none."""
+    """Make a folder of this user's, at which a marking program can mount its results, and return its path.
+
+    The path is empty if there can be no such folder.
+    """
     parent = Path(FOLDER, f"marking_{os.getuid()}")
     place = parent / "hand_in"
     try:
@@ -32,7 +35,7 @@ def make() -> str:
             folder.mkdir(mode=0o755, exist_ok=True)
             status = folder.lstat()
             if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-                # a link or another user's folder is not safe, because other files could be put there
+                # another user has put a link or a folder there, and could exchange the files in it
                 return ""
     except OSError:
         return ""

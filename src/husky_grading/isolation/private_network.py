@@ -19,6 +19,7 @@ from husky_grading.isolation.sandbox import system_program, works
 # environment variable with the network of a program: "private", or empty for the network of the machine
 VARIABLE = "HUSKY_GRADE_NETWORK"
 MOUNTS = "--mount"  # option of unshare(1) that gives a program mounts of its own
+_IFREQ = "16sH14x"  # struct ifreq of netdevice(7): name of the interface, flags, unused bytes
 # request and flags that switch a network interface on, see netdevice(7): SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK
 # and IFF_RUNNING
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40
@@ -26,16 +27,16 @@ _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40
 
 def enter_network() -> None:
     """Start this program again in a network of its own; return in the new program, or if none is allowed."""
-    if VARIABLE in os.environ:
+    if VARIABLE in os.environ:  # this is the new program
         if os.environ[VARIABLE]:
             # the ioctl switches the loopback interface on; it needs a socket of any kind
             with socket.socket() as any_socket:
-                fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack("16sH14x", b"lo", _UP_AND_RUNNING))
+                fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack(_IFREQ, b"lo", _UP_AND_RUNNING))
         return
     command, variables = inside([sys.executable, *sys.argv])
     os.environ.update(variables)
     if variables[VARIABLE]:
-        os.execv(command[0], command)
+        os.execv(command[0], command)  # the new program replaces this one
 
 
 def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:

@@ -58,7 +58,7 @@ class Process:
             shows_errors: its standard error goes to the terminal, for a progress bar, instead of the log.
         """
         self.log = log
-        self._file: Optional[BinaryIO] = None
+        self._file: Optional[BinaryIO] = None  # the opened log; None if it cannot be written
         with contextlib.suppress(OSError):  # the run continues without a log if the disk is full
             # the log is created before the program starts, so that the program cannot put a link in its place
             self._file = create(log)
@@ -94,11 +94,12 @@ class Process:
         assert self.popen.stdout is not None
         size = 0
         with self.popen.stdout as pipe, contextlib.suppress(OSError, ValueError):
-            # when the program ends, the pipe is closed; then `os.read` returns an empty chunk, and the loop
-            # ends
+            # the loop ends when the program closes the pipe, because `os.read` then returns an empty chunk
             for chunk in iter(lambda: os.read(pipe.fileno(), CHUNK), b""):
                 size += len(chunk)
-                room = max(LOG_HEAD - len(self._head), 0)
+                room = max(
+                    LOG_HEAD - len(self._head), 0
+                )  # [bytes] part of this chunk that still belongs to the beginning
                 self._head += chunk[:room]
                 self._write(chunk[:room])
                 self._tail = (self._tail + chunk[room:])[-LOG_TAIL:]
@@ -175,6 +176,8 @@ def stop_on_signals() -> None:
 
 def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) -> bool:
     """Wait until a condition holds, and return whether it held within so many seconds of wall time.
+
+    The condition is checked once per period [s].
 
     Raises:
         StoppedError: marking was interrupted.

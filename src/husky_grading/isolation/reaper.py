@@ -22,7 +22,7 @@ import psutil
 
 SET_PARENT_DEATH_SIGNAL, SET_CHILD_SUBREAPER = 1, 36  # options of prctl(2)
 POLL_PERIOD = 0.02  # [s]
-STOPPED = 128 + signal.SIGTERM
+STOPPED, CANNOT_START = 128 + signal.SIGTERM, 127  # exit codes, as of a shell
 SIGNALS = {signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2}
 
 
@@ -32,11 +32,13 @@ def end_descendants() -> None:
         for process in psutil.Process().children(recursive=True):
             with contextlib.suppress(psutil.Error):
                 process.kill()
+        # a killed process is there until its parent asks for its end; -1 stands for any child
         try:
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
-        except ChildProcessError:
+        except ChildProcessError:  # no child is left
             return
+        # orphans of killed processes have become children, so the loop kills again
         signal.sigtimedwait([signal.SIGCHLD], POLL_PERIOD)
 
 
@@ -59,14 +61,15 @@ def run_and_reap(parent: int, command: List[str]) -> int:
         if number == signal.SIGTERM:
             return STOPPED
         if number != signal.SIGCHLD:
-            # the pid belongs to the child until waitpid is called, even if the child has ended
+            # the pid belongs to the child until waitpid is called, even if the child has ended, so the signal
+            # reaches no other program
             os.kill(child.pid, number)
             continue
         # One SIGCHLD may report the end of several processes, so the loop asks until no ended process is
         # left.
         pid, status = os.waitpid(-1, os.WNOHANG)
         while pid:
-            if pid == child.pid:
+            if pid == child.pid:  # other pids are of orphans
                 return os.WEXITSTATUS(status) if os.WIFEXITED(status) else 128 + os.WTERMSIG(status)
             pid, status = os.waitpid(-1, os.WNOHANG)
 
@@ -77,7 +80,7 @@ def main() -> None:
         code = run_and_reap(int(sys.argv[1]), sys.argv[2:])
     except OSError as error:
         print(error, file=sys.stderr)
-        code = 127
+        code = CANNOT_START
     end_descendants()
     sys.stdout.flush()
     os._exit(code)

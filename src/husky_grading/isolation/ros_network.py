@@ -20,6 +20,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 # [s] if one of our programs has not started after this wall time, marking fails; the time is long, because
 # the machine may be very busy
 START_DEADLINE = 600.0
+START_ATTEMPTS = 10  # at most this number of ports is tried for a ROS master
 
 
 class MarkingError(HuskyError):
@@ -48,10 +49,11 @@ class Network:
         Raises:
             MarkingError: the master does not start.
         """
-        for _ in range(10):  # several attempts, because another program may take the free port first
+        # several attempts, because another program may take the free port first
+        for _ in range(START_ATTEMPTS):
             with socket.socket() as free:
                 free.bind(("127.0.0.1", 0))
-                self.port = free.getsockname()[1]
+                _, self.port = free.getsockname()
             self.uri = f"http://127.0.0.1:{self.port}"
             master = self.start("master", [*self.master, "-p", str(self.port)])
             if wait(partial(_has_started_or_ended, master, self.port), START_DEADLINE) and master.running:
@@ -62,9 +64,10 @@ class Network:
         """Return the environment variables of a program that uses this master."""
         return {
             "ROS_MASTER_URI": self.uri,
-            "ROS_IP": "127.0.0.1",
+            "ROS_IP": "127.0.0.1",  # nodes reach each other without a look-up of this machine's name
             "ROS_LOG_DIR": str(self.folder / "log"),
             "ROS_HOME": str(self.folder / "ros_home"),
+            # these two variables let the log have each line at once
             "PYTHONUNBUFFERED": "1",
             "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1",
         }
@@ -95,6 +98,7 @@ class Network:
         """
         # an untrusted program must not get passwords or tokens that are in our environment
         env = dict(os.environ) if workspace is None else clean_environment()
+        # no program may open a window, or use names from the teacher's own ROS network
         for unwanted in ("DISPLAY", "ROS_HOSTNAME", "ROS_NAMESPACE", "WAYLAND_DISPLAY"):
             env.pop(unwanted, None)
         folder = self.folder if workspace is None else self.folder_of(name)

@@ -34,6 +34,7 @@ DESCRIPTORS = 1024
 PROBE_DEADLINE = 10.0  # [s] wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
+# folders that are never shown as a whole, because they also have files that have nothing to do with ROS
 NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
 # environment variables of `grade` that a submission gets, too; it gets no others, because they may contain
 # tokens or passwords
@@ -81,10 +82,12 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     kind = kind_of_sandbox()
     limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
     limits += [f"--nofile={DESCRIPTORS}"]
-    if kind != NONE:
+    if kind != NONE:  # otherwise this limit would count all processes of this user
         limits.append(f"--nproc={THREADS}")
-    hidden = holders() if workspace.own is Own.NOTHING else []
-    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, hidden)]
+    # folders in which Python must not find our package
+    not_for_python = holders() if workspace.own is Own.NOTHING else []
+    # the script gets packages and these folders as two lists, then the setup files that it sources
+    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, not_for_python)]
     setups = [str(path.resolve()) for path in workspace.setups]
     source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
     # The command line from left to right: prlimit sets limits, bash sources the workspace, and stdbuf lets
@@ -135,10 +138,12 @@ def _system() -> List[str]:
         elif path.is_dir():
             arguments += ["--ro-bind", str(path), str(path)]
     for path in _secrets("/etc"):
-        empty = ["--tmpfs", str(path), "--remount-ro"] if path.is_dir() else ["--ro-bind", os.devnull]
-        arguments += [*empty, str(path)]
-    for folder in TEMPORARY:
+        # an empty folder, or the empty file /dev/null, covers the path
+        cover = ["--tmpfs", str(path), "--remount-ro"] if path.is_dir() else ["--ro-bind", os.devnull]
+        arguments += [*cover, str(path)]
+    for folder in TEMPORARY:  # the program may write here, in memory
         arguments += ["--size", str(TEMPORARY_FILES), "--tmpfs", folder]
+    # /dev becomes read-only last, because one of the temporary folders is mounted in it
     return [*arguments, "--remount-ro", "/dev"]
 
 
@@ -151,6 +156,7 @@ def _secrets(folder: str) -> List[Path]:
         with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 mode = entry.stat(follow_symlinks=False).st_mode
+                # rights of every user; a folder also needs the right to enter it
                 readable = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
                 if not stat.S_ISLNK(mode) and mode & readable != readable:
                     secrets.append(Path(entry.path))
@@ -180,6 +186,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         env: environment, which names further files.
     """
     home_folders = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
+    # the sandbox has root and temporary folders of its own, so they need not be hidden
     homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
     writable = folder.resolve()
     # files of the grader's package that the program may see, and folders that are hidden from it
@@ -187,13 +194,15 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *own.hidden}
     # a folder is not hidden if it is the writable folder or inside of it
     hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
-    needed = _needed(workspace, env)
-    shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
+    needed = _needed_folders(workspace, env)
+    shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
+    shown |= own.shown
     # home folders stay hidden, so a folder that contains a home folder is not shown either
     shown = {path for path in shown if not any(path in home.parents for home in homes)}
     mounts = [_Mount(path, 0, ["--tmpfs", str(path)]) for path in hidden]
     mounts += [_Mount(path, 1, ["--ro-bind", str(path), str(path)]) for path in shown]
-    for link in _missing_links(needed, {*shown, *(Path("/", name) for name in SYSTEM)}, hidden):
+    visible = {*shown, *(Path("/", name) for name in SYSTEM)}  # the system's folders are always shown
+    for link in _missing_links(needed, visible, hidden):
         mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
     mounts.append(_Mount(writable, 2, ["--bind", str(writable), str(writable)]))
     # The mounts are made in this order. Outer folders come first, because inner paths are mounted into them.
@@ -208,20 +217,21 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
 def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -> List[Path]:
     """Return the symbolic links on some paths that are not in the sandbox yet.
 
-    The sandbox shows only the targets of these links, because their own folders are neither shown nor below
-    a shown folder.
+    The sandbox shows only the targets of these links, because the links themselves are in folders that are
+    hidden or not mounted at all.
     """
     links = {each for path in paths for each in (path, *path.parents) if each.is_symlink()}
     missing = []
     for link in links:
-        innermost = next((each for each in (link, *link.parents) if each in shown | hidden), None)
-        if innermost not in shown:
+        # the innermost mount above a link decides whether the sandbox shows the link; None if there is none
+        mount = next((each for each in (link, *link.parents) if each in shown | hidden), None)
+        if mount not in shown:
             missing.append(link)
     return missing
 
 
-def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
-    """Return the folders that a program of the workspace reads, which its environment names."""
+def _needed_folders(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
+    """Return the folders that a program of the workspace reads: Python's, and those of its search paths."""
     folders = {Path(sys.prefix), Path(sys.base_prefix), Path(sysconfig.get_paths()["purelib"])}
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
@@ -230,6 +240,7 @@ def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
         if prefix.startswith("/"):
             sources = Path(prefix).parent / "src"
             folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)
+    # a setup file is WORKSPACE/devel/setup.bash, and refers to the whole workspace
     folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
     # `os.path.exists`, because `Path.exists` raises an error for a folder that this user may not enter
     return sorted(path for path in folders if os.path.exists(path))

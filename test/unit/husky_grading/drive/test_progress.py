@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from husky_grading.drive import progress
-from husky_grading.drive.progress import settles
+from husky_grading.drive.progress import wait_while_active
 from husky_grading.drive.ros_graph import Registered
 
 PROCESS = SimpleNamespace(running=True, popen=SimpleNamespace(pid=1))
@@ -49,20 +49,20 @@ def test_a_program_that_is_never_idle_has_settled_soon_after_its_last_registrati
     share, registers, nodes, ends_at, monkeypatch
 ):
     machine = Machine(monkeypatch, share, registers)
-    assert not settles(PROCESS, nodes, lambda: False, machine.graph)
+    assert not wait_while_active(PROCESS, nodes, lambda: False, machine.graph)
     assert machine.now == pytest.approx(ends_at, abs=2.0)
 
 
 def test_a_program_that_publishes_now_and_then_has_settled_too(monkeypatch):
     """It sleeps most of the time, never for long, so that it is not idle."""
     machine = Machine(monkeypatch, 0.05, [(6.0, ADVERTISED)], runs=lambda now: int(now) % 2 == 0)
-    assert not settles(PROCESS, 1, lambda: False, machine.graph)
+    assert not wait_while_active(PROCESS, 1, lambda: False, machine.graph)
     assert machine.now == pytest.approx(17.0, abs=2.0)
 
 
 def test_what_is_registered_later_is_waited_for(monkeypatch):
     machine = Machine(monkeypatch, BUSY, [(3.0, ADVERTISED), (7.0, LISTENS)])
-    assert settles(PROCESS, 1, lambda: bool(machine.graph().subscribed), machine.graph)
+    assert wait_while_active(PROCESS, 1, lambda: bool(machine.graph().subscribed), machine.graph)
     assert machine.now == pytest.approx(7.0, abs=0.2)
 
 
@@ -73,5 +73,5 @@ def test_what_is_registered_later_is_waited_for(monkeypatch):
 )
 def test_a_program_that_is_idle_waits_for_something_else(registers, ends_at, monkeypatch):
     machine = Machine(monkeypatch, 0.01, registers, runs=lambda now: False)
-    assert not settles(PROCESS, 1, lambda: False, machine.graph)
+    assert not wait_while_active(PROCESS, 1, lambda: False, machine.graph)
     assert machine.now == pytest.approx(ends_at, abs=1.0)

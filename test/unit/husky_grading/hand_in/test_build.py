@@ -8,7 +8,7 @@ from hand_ins import LARGE, copied, launch, package
 from packages import put
 
 from husky_grading.hand_in import build as build_module
-from husky_grading.hand_in.build import MAX_STAND_INS, Folders, build, copy_packages
+from husky_grading.hand_in.build import MAX_STAND_INS, BuildOutcome, Folders, build, copy_packages
 from husky_grading.hand_in.packages import NotMarkableError
 from husky_grading.isolation import process as process_module
 from husky_grading.isolation.sandbox import Workspace
@@ -20,16 +20,16 @@ MISSES = 'Could not find a package configuration file provided by "{}" with\n'
 @pytest.fixture
 def missed(tmp_path, monkeypatch):
     """A function that builds, each attempt printing other names; the stand-ins that were made, and notes."""
-    for name in ("import_early", "_check_builds"):
+    for name in ("import_early", "_check_machine_builds"):
         monkeypatch.setattr(build_module, name, lambda *_: None)
     (tmp_path / "ws" / "src").mkdir(parents=True)
 
     def run(names_of):
         attempts = []
 
-        def catkin_make(*_):
+        def catkin_make(*_, repair):
             attempts.append(1)
-            return "".join(map(MISSES.format, names_of(len(attempts)))), 1
+            return BuildOutcome("".join(map(MISSES.format, names_of(len(attempts)))), 1)
 
         monkeypatch.setattr(build_module, "_catkin_make", catkin_make)
         folders = Folders(tmp_path / "ws")
@@ -61,7 +61,7 @@ def test_a_build_that_lays_links_in_place_of_files_writes_nothing_outside_and_is
     links = "ln -s ../home stand_ins; ln -s ../home/log build.log; ln -s ../../home src/husky"
     command = ["sh", "-c", f"{remove}; {links}; echo '{NO_SUCH.format('stand_in')}'; exit 1"]
     monkeypatch.setattr(process_module, "sandboxed", lambda *_: command)
-    monkeypatch.setattr(build_module, "_check_builds", lambda *_: None)
+    monkeypatch.setattr(build_module, "_check_machine_builds", lambda *_: None)
     with pytest.raises(NotMarkableError, match="by a link; remove that step"):
         build_module.build(folders, frozenset({"husky"}), Workspace())
     assert [path.name for path in folders.stand_ins.glob("share/*")] == ["no_such_stand_in"]
@@ -179,9 +179,9 @@ def test_a_build_is_tried_again_for_late_headers_old_placeholders_and_missing_pa
 ):
     tried = []
 
-    def make(folders, needed, underlay, flags):
-        tried.append(flags)
-        return outputs[len(tried) - 1], 2 * bool(outputs[len(tried) - 1])
+    def make(folders, needed, underlay, repair):
+        tried.append(repair)
+        return BuildOutcome(outputs[len(tried) - 1], 2 * bool(outputs[len(tried) - 1]))
 
     monkeypatch.setattr(build_module, "_catkin_make", make)
     folders, notes = copy_packages([], tmp_path / "ws")  # it may be empty

@@ -75,7 +75,7 @@ def test_numbers_of_exercises_in_names():
         "exercise5/ex3.launch": 2, "exercise3/husky.launch": 2, "exercise3/ex5.launch": 0,
         "U\u0308bung 3/a.launch": 2, "src/a": 1,
     }  # fmt: skip
-    assert {place: packages_module.fits_exercise(PurePosixPath(place), 3) for place in innermost} == innermost
+    assert {place: packages_module.fit_of_path(PurePosixPath(place), 3) for place in innermost} == innermost
 
 
 @pytest.mark.parametrize(("exercise", "taken"), [(3, "ex3_husky.zip/husky"), (5, "course5/husky")])
