@@ -15,7 +15,7 @@ from husky_grading.hand_in.launch_choice import (
     read_launch_files,
     reasons,
 )
-from husky_grading.hand_in.package_files import find_setup
+from husky_grading.hand_in.package_files import find_rviz_config
 from husky_grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
@@ -104,7 +104,7 @@ def test_rviz_files_and_arguments_are_read_as_far_as_they_go(cases, tmp_path):
         path = put(tmp_path / "rviz" / "view.rviz", text)
         arguments = " ".join(rng.choice([*WORDS, "-d", str(path)]) for _ in range(rng.randint(0, 4)))
         node = RvizNode("rviz", arguments, ())
-        setup = find_setup(Plan(rviz=(node,), package_path=tmp_path))
+        setup = find_rviz_config(Plan(rviz=(node,), package_path=tmp_path))
         assert setup.source
         view_of(setup, STANDING)
 

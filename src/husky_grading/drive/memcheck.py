@@ -16,7 +16,7 @@ from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.progress import state_of_tree, wait_while_active
 from husky_grading.drive.robot_choice import RobotChoice
 from husky_grading.drive.ros_graph import (
-    registered,
+    read_registrations,
     robot_listened_to,
     topics_subscribed,
 )
@@ -126,7 +126,10 @@ def find_unwritten_variable(
 
         # true if the submission subscribes to the scans; false if it ends or becomes idle before that
         gets_scans = wait_while_active(
-            process, len(submission.nodes), subscribes, lambda: registered(network.uri, SIMULATOR_NODES)
+            process,
+            len(submission.nodes),
+            subscribes,
+            lambda: read_registrations(network.uri, SIMULATOR_NODES),
         )
         heard = robot  # choice of the robot; it changes below if the submission listens to another robot
         if robot.is_guess:

@@ -67,7 +67,7 @@ class Registered(NamedTuple):
     subscribed: FrozenSet[str] = frozenset()
 
 
-def registered(uri: str, our_nodes: Collection[str]) -> Registered:
+def read_registrations(uri: str, our_nodes: Collection[str]) -> Registered:
     """Return the registrations of the nodes that are not ours."""
     # three dictionaries with nodes of the submission: by the topic that they publish, by the topic that they
     # subscribe to, and by the service that they offer; empty if the master does not answer

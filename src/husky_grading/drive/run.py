@@ -18,7 +18,7 @@ from husky_grading.drive.recorder_channel import (
     RecorderChannel,
 )
 from husky_grading.drive.robot_choice import RobotChoice
-from husky_grading.drive.ros_graph import registered, robot_listened_to
+from husky_grading.drive.ros_graph import read_registrations, robot_listened_to
 from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import create, write_whole
 from husky_grading.isolation.process import Process, wait
@@ -172,7 +172,7 @@ def _await_joining(
         submitted,
         len(submission.nodes),
         lambda: recorder.update().joined or not recorder.is_open,
-        lambda: registered(network.uri, our_nodes),
+        lambda: read_registrations(network.uri, our_nodes),
     )
     if has_joined:
         return robot.config

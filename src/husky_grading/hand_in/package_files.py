@@ -29,7 +29,7 @@ _ATTRIBUTE = re.compile(r"""\b(pkg|name|args)\s*=\s*["']([^"'<>]*)""")
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
-def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
+def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
     """Return the RViz configuration of a submission; it is empty if no configuration was handed in.
 
     It is the configuration that the first rviz node names. If that was not handed in, it is a configuration

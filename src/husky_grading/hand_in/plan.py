@@ -34,7 +34,8 @@ LOAD_DEADLINE = 120.0  # [s] longest wall time for reading launch files
 def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
     """Return sentences on dependencies of a package that are misspelt names of known packages.
 
-    A name that is similar to no package is left to the build, because marking needs few packages of a course.
+    A name that is similar to no known package is left to the build, because it may be the correct name of a
+    package that is not installed here.
     """
     try:
         name, needs = read_manifest(package / "package.xml")

@@ -17,7 +17,7 @@ from husky_grading.hand_in.launch_choice import (
 )
 from husky_grading.hand_in.package_files import (
     files_of_others,
-    find_setup,
+    find_rviz_config,
     rviz_nodes_in,
 )
 from husky_grading.hand_in.packages import (
@@ -86,7 +86,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
     # if roslaunch cannot load the launch file, the rviz nodes are taken from the text of the launch file
     if launch_file and not planned.is_read and planned.package_path:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
-    rviz = find_setup(planned, submission.root, launch_file)
+    rviz = find_rviz_config(planned, submission.root, launch_file)
     # if no configuration of RViz is graded, the student learns which .rviz files belong to other launch files
     sentences = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
     if planned.package_path:
@@ -104,7 +104,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         network=private_network.reach(),
         parts=facts.parts,
         facts=facts.read(planned),  # facts that the exercise needs to give points
-        made_of=job.made_of,
+        made_of=job.made_of,  # hash by which a later marking knows that nothing has changed
     )
     write_whole(out / WORKSPACE, to_json(submission))
     return submission
@@ -226,8 +226,8 @@ def _prepare_choice(
         NotMarkableError: there is no package or no fitting launch file.
     """
     packages, choice_notes = choice
-    # `override` has the teacher's settings for this student
-    out, override, exercise = Path(job.out), job.override, job.override.exercise or 0
+    out, override = Path(job.out), job.override  # `override` has the teacher's settings for this student
+    exercise = override.exercise or 0  # `prepare_hand_in` has set the number, so 0 never occurs
     notes = [*contents.notes, *choice_notes]
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))

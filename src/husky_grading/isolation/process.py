@@ -76,6 +76,7 @@ class Process:
     def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
         """Start the command under `reaper.py`, which kills all its processes when it or this program ends."""
         return subprocess.Popen(
+            # with -I, Python imports no modules from the working directory or from PYTHONPATH
             [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,

@@ -11,7 +11,7 @@ from husky_grading.drive import ros_graph
 from husky_grading.drive.ros_graph import robot_listened_to
 from husky_grading.hand_in.package_files import (
     files_of_others,
-    find_setup,
+    find_rviz_config,
     named_robot,
 )
 from husky_grading.records import MarkingConfig
@@ -147,11 +147,11 @@ def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):
         put(folder / name, text)
     nodes = () if node is None else (RvizNode("rviz", node.format(folder), ()),)
     planned = Plan(("a/b",), rviz=nodes, package_path=folder)
-    setup = find_setup(planned, None, "/ws/src/a/launch/husky.launch")
+    setup = find_rviz_config(planned, None, "/ws/src/a/launch/husky.launch")
     assert setup.source == source
     assert setup.source or setup == RvizConfig(started=node == "")
     if "slam.launch" in files and "slam.rviz" not in source:
-        assert find_setup(planned, None, "slam.launch").source == "slam.rviz"
+        assert find_rviz_config(planned, None, "slam.launch").source == "slam.rviz"
         aside = "slam.rviz belongs to slam.launch, so it is not graded"
         assert files_of_others(planned, "husky.launch") == [aside]
 
@@ -159,12 +159,12 @@ def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):
 def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_remapped(tmp_path):
     put(tmp_path / "mine.rviz", rviz_file("LaserScan, Topic: /a"))
     planned = Plan(rviz=(RvizNode("rviz", f"-d {tmp_path}/mine.rviz", (("/a", "/b"),)),))
-    assert find_setup(planned).displays[0].source == "/b"
-    assert not find_setup(planned, tmp_path / "ws").source, "it is not in the hand-in"
+    assert find_rviz_config(planned).displays[0].source == "/b"
+    assert not find_rviz_config(planned, tmp_path / "ws").source, "it is not in the hand-in"
     for value in (f"Alpha: 1{'0' * 400}", f"Topic: 0x{'f' * 5000}"):
         put(tmp_path / "numbers" / "a.rviz", rviz_file(f"LaserScan, {value}"))
         assert (
-            find_setup(Plan(package_path=tmp_path / "numbers")).problem
+            find_rviz_config(Plan(package_path=tmp_path / "numbers")).problem
             == "the file is not a configuration of RViz"
         )
 
