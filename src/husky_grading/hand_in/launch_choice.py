@@ -107,9 +107,7 @@ def read_launch_files(
     # packages whose code names messages of scans; packages whose code may drive a robot
     scanning, driving = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
-    holders = [
-        next((name for name, folder in folders.items() if folder in path.parents), "") for path, _ in files
-    ]
+    holders = [_package_with(path, folders) for path, _ in files]
     # a launch file in no package is started as a file of the first package; any package will do, because
     # roslaunch gets the path of the file
     launchables = [
@@ -118,13 +116,11 @@ def read_launch_files(
     ]
     planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     launch_files = []
-    # only nodes of these packages count: packages of the robot in an exercise on them, otherwise all packages
-    # of the submission
+    # only nodes of these packages count; in an exercise on packages of the robot, these are the packages of
+    # the robot, otherwise all packages of the submission
     counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     for (path, place), holder, plan in zip(files, holders, planned):
-        # if roslaunch cannot read the file, the nodes are taken from its text
-        all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
-        nodes = tuple(node for node in all_nodes if _package_of(node) in counted_packages)
+        nodes = _nodes_of_packages(path, plan, counted_packages)
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
         possible_owners = [holder, *map(_package_of, nodes), *folders]
@@ -134,6 +130,20 @@ def read_launch_files(
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
         launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, driving, is_template))
     return launch_files
+
+
+def _package_with(path: Path, folders: Mapping[str, Path]) -> str:
+    """Return the name of the package in whose folder a file is, or an empty text if there is none."""
+    return next((name for name, folder in folders.items() if folder in path.parents), "")
+
+
+def _nodes_of_packages(launch_file: Path, plan: Plan, packages: Collection[str]) -> Tuple[str, ...]:
+    """Return the nodes of some packages that a launch file names.
+
+    They come from the plan, or from the text of the launch file if roslaunch could not read it.
+    """
+    nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(launch_file)
+    return tuple(node for node in nodes if _package_of(node) in packages)
 
 
 def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[Path, PurePosixPath]:

@@ -62,11 +62,11 @@ def _config_in_package(
 ) -> Optional[RvizConfig]:
     """Return the configuration of the package's .rviz file with most needed displays; None if no file counts.
 
-    - A file that another launch file names belongs to that launch file, its owner, and does not count.
-    - But if `launch_file` starts no RViz, only launch files that play recordings or start nodes of the
-      package own their files.
-    - If `launch_file` starts RViz, the package's only .rviz file counts in any case, unless its owner plays
-      recordings.
+    - If `launch_file` starts RViz, the package's only .rviz file counts, unless another launch file names it
+      and plays recordings.
+    - Otherwise a file that another launch file names belongs to that launch file, and does not count.
+    - But if `launch_file` starts no RViz, a launch file that only shows something owns no files, because it
+      may be started together with `launch_file`.
 
     `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
     """

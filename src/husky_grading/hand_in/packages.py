@@ -100,7 +100,7 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
         for folder in folders:  # the list grows, because archives may contain archives
             for archive in (path for path in walk(folder, skipped=BUILT) if suffix_of(path.name)):
                 if len(folders) > MAX_ARCHIVES:
-                    break
+                    break  # further archives are left out
                 unpacked = scratch / str(len(folders))
                 unpacked.mkdir()
                 try:
