@@ -68,9 +68,9 @@ def mark(job: Job) -> MarkingResult:
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
         # if packages are missing, the runs also depend on the packages that are installed on this machine
-        misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
+        misses_packages = bool(MISSES_PACKAGES & {note.kind for note in notes})
         # set before `judge`, so that the runs are kept even if `judge` finds an error in the teacher's points
-        fingerprint = job.fingerprint + (job.installed if misses else "")
+        fingerprint = job.fingerprint + (job.installed if misses_packages else "")
         cause = None  # first item that lost points; one picture shows its moment
         try:
             result = judge(submission, recordings, job)
@@ -122,10 +122,11 @@ def kept_submission(job: Job) -> Optional[Submission]:
     has_same_isolation = (submission.sandbox, submission.network) == isolation
     # true if the kept workspace hides every folder that this job wants to hide
     hides_all = {*map(Path, job.hidden)} <= {*submission.workspace.hidden}
+    # true if files, settings and our code are the same; a job without a hash is always prepared again
     is_same = bool(job.made_of) and submission.made_of == job.made_of
     # if packages were missing, the submission is prepared again, because they may be installed now
-    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}
-    is_usable = is_here and has_same_isolation and hides_all and is_same and not misses
+    misses_packages = MISSES_PACKAGES & {note.kind for note in submission.notes}
+    is_usable = is_here and has_same_isolation and hides_all and is_same and not misses_packages
     return submission if is_usable else None
 
 

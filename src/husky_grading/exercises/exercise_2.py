@@ -30,13 +30,13 @@ HAS_PARAMETERS = "parameters: topic name and queue size"
 SHOWS_SCAN = "RViz shows the laser scan in odom"
 ITEMS = (PRINTS_RANGE, FOLLOWS_TEMPLATE, HAS_PARAMETERS, SHOWS_SCAN)
 # [m] tolerance when a printed number is compared with the smallest ranges that the lidar measured
-SAME = 0.02
+TOLERANCE = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
 # item gets no points
 LEAST_LINES = 5
 # all points are given only if the printed numbers change by at least this fraction of the change of the
 # smallest range
-SPAN = 0.5
+SPAN_FRACTION = 0.5
 # `grade` drives the robot straight ahead: speed [m/s], begin and duration in simulated time [s]
 SPEED, BEGIN, SECONDS = 0.5, 2.0, 10.0
 STANDS_BY = BEGIN + SECONDS + 1.0  # [s] simulated time at which the robot has stopped, so the run ends
@@ -107,7 +107,9 @@ def judge_output(recording: Recording) -> Item:
     lines = [_PREFIX.sub("", line) for line in recording.output.splitlines()]
     # all numbers of each line; then only the numbers of each line that can be the smallest range of a scan
     numbers = [[float(word) for word in _NUMBER.findall(line)] for line in lines]
-    ranges = [[number for number in line if low - SAME <= number <= high + SAME] for line in numbers]
+    ranges = [
+        [number for number in line if low - TOLERANCE <= number <= high + TOLERANCE] for line in numbers
+    ]
     # [m] first number of each line that can be a smallest range
     printed = [line[0] for line in ranges if line]
     if len(printed) < LEAST_LINES:
@@ -118,8 +120,8 @@ def judge_output(recording: Recording) -> Item:
     evidence += f"measured {high:.2f} to {low:.2f} m"
     # the robot drives towards the pillar, so the smallest range decreases; the printed numbers must decrease,
     # too
+    follows = max(printed) - min(printed) >= SPAN_FRACTION * (high - low) and printed[0] > printed[-1]
     # an item with all points loses its hint later, in `weighted`
-    follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
     return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
 
 

@@ -54,18 +54,17 @@ ASIDE, MOSTLY = 0.1, 0.6
 # other turns goes to the same side
 TURNS_ON, ONE_WAY = 0.05, 0.9
 STOPPED = 1.0  # [s] a robot has stopped if it has been at rest for at least this time at the end of the run
-# [s] PERIOD: a run that ends this close to its deadline was ended by the deadline. LATELY: the robot's last
-# approach to the pillar is measured over this time.
-PERIOD, LATELY = 0.1, 1.0
+DEADLINE_MARGIN = 0.1  # [s] a run that ends this close to its deadline was ended by the deadline
+LATELY = 1.0  # [s] the robot's last approach to the pillar is measured over this time
 # [s] simulated time from the start; the run ends if a submission that reads topics has no publisher of
 # velocity commands by then
 SILENT = 2.0
 # [m] the robot has driven away if, at the end, it is farther from the pillar than at its nearest point by
 # more than this
-NEARLY = 0.1
+AWAY_FROM_NEAREST = 0.1
 # [m] a robot that covers almost nothing of the way drives away if, at the end, it is farther from the pillar
 # than at the start by more than this
-AWAY = 0.5
+AWAY_FROM_START = 0.5
 # [s] the speed of a touch is the highest speed within this simulated time before the touch, because the touch
 # itself slows the robot down
 JUST_BEFORE = 0.2
@@ -109,6 +108,7 @@ class PillarWatch(Watch):
         out_of_time = super().look(state)
         if out_of_time:
             return out_of_time
+        # a node runs and subscribes to topics, but it cannot drive the robot
         if state.listens and not state.advertises and state.now >= SILENT:
             return Note(Kind.NO_PUBLISHER, f"it had no publisher of velocity commands for {SILENT:g} s")
         # no node runs any more, and none has ever sent a command, so the robot will never move
@@ -171,7 +171,7 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
         evidence = (
             f"covers {covered:.2f} m of the {first_gap:.2f} m to the pillar, less than half, by {at:.2f} s"
         )
-    elif gaps[-1] > first_gap + AWAY:
+    elif gaps[-1] > first_gap + AWAY_FROM_START:
         evidence = f"drives away: {gaps[-1] - first_gap:.2f} m farther from the pillar after {end:.2f} s"
         at = end
     elif full_turns > 1.0:
@@ -183,7 +183,7 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
     if cause:
         ending, hint = behind(cause), hint_on(cause)
     elif _stands_since(recording) is not None and recording.driving.any():
-        ending, hint = "", STOPS
+        ending, hint = "", STOPS  # the robot has driven, and then has stood until the end
     else:
         ending, hint = _explain_steering(recording)
     return replace(item, points=points, evidence=evidence + ending, at=at, hint=hint)
@@ -273,7 +273,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
         ending, hint = "", approach.hint
     elif cause:
         ending, hint = behind(cause), hint_on(cause)
-    elif gaps[-1] > gaps[nearest] + NEARLY:
+    elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:
         ending, hint = _explain_steering(recording)
     else:
         ending, hint = "", STOPS
@@ -314,7 +314,7 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """Grade whether the marker is at the pillar: 20 points, by its distance and the fraction of the time."""
     item = Item(PLACES_MARKER, 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
-    if not len(recording.times) and causes(recording):
+    if not len(recording.times) and causes(recording):  # the run has not begun, and the reason is known
         return with_cause(item, NO_RUN, first_cause(recording))
     # finding that explains why no marker came; None if unknown
     cause = cause_of_silence(recording)
@@ -342,12 +342,13 @@ def first_touch(recording: Recording) -> float:
 def _runs_out_of_time(recording: Recording) -> bool:
     """Return whether the deadline ends a run that would reach the pillar in as much time again."""
     gaps, times = recording.hull_gaps, recording.times
-    is_ended_early = times[-1] < recording.deadline - PERIOD
-    drives_away = gaps[-1] > gaps.min() + NEARLY
+    is_ended_early = times[-1] < recording.deadline - DEADLINE_MARGIN
+    drives_away = gaps[-1] > gaps.min() + AWAY_FROM_NEAREST
     if is_ended_early or drives_away:
         return False
     before = int(np.searchsorted(times, times[-1] - LATELY))  # index of the pose LATELY before the end
     approach_speed = (gaps[before] - gaps[-1]) / (times[-1] - times[before])  # [m/s]
+    # at this speed, the robot would cover the rest of the way within one more deadline
     return bool(approach_speed * recording.deadline > gaps[-1])
 
 
@@ -431,7 +432,7 @@ def judge_shown(
 def _explain_no_display(view: RvizView, topics: Set[str]) -> Explanation:
     """Return why no display of RViz subscribes to one of the markers' topics, as a sentence, and the hint."""
     ending = f"RViz does not subscribe to {', '.join(sorted(topics))}"
-    # topics that only a display subscribes to which is switched off or invisible
+    # topics whose display is switched off or invisible
     switched_off = topics & {display.source for display in view.off if display.kind in MARKERS}
     if view.problem:
         ending += f": {view.problem}"

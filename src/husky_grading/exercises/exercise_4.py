@@ -211,11 +211,11 @@ class FilterWatch(Watch):
             return Note(Kind.NODES_ENDED, "its nodes had ended")
         # [s] simulated time at which the bag counts as played, because the bag is played up to the deadline
         end = self._initial.deadline - BAG_MARGIN
-        if state.now < end or not self._is_complete(end):
+        if state.now < end or not self._is_path_complete(end):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")
 
-    def _is_complete(self, end: float) -> bool:
+    def _is_path_complete(self, end: float) -> bool:
         """Return whether the last estimate before the bag's end [s] has come, or none comes any more."""
         if any(path and path[-1][0] >= end - LAST for path in self._paths.values()):
             return True

@@ -97,7 +97,8 @@ class CallPlan:
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
-        # while an answer is awaited, `answered_at` is inf, so no call is due
+        # the effect of a call is watched until CALM after its answer, so the next call comes only then; while
+        # an answer is awaited, `answered_at` is inf, so no call is due
         if self.made >= len(CALLS) or now < max(begin, self.answered_at + CALM):
             return None
         value = CALLS[self.made]
@@ -200,9 +201,8 @@ def judge_calls(recording: Recording) -> List[Item]:
     observed = recording.watched_as(ServiceCalls)
     if not observed.calls:
         return _judge_no_calls([stop, start], recording, observed)
-    service = (
-        observed.services[0] if observed.services else "its service"
-    )  # name of the service in the report
+    # name of the service in the report
+    service = observed.services[0] if observed.services else "its service"
     effects = _effects(recording, observed.calls)  # speeds before and after each call
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
@@ -287,11 +287,12 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
 
 def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
     """Return the effect of each call for which the recording has moments before and after."""
-    speeds, effects = np.abs(recording.speeds[:, 0]), []
+    speeds, effects = np.abs(recording.speeds[:, 0]), []  # (N,) [m/s] speed at each recorded time
     for call in calls:
+        # (N,) bool, true at the moments just before the call, and after it when the robot has reacted
         before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
-        since = recording.times - call.answered_at
-        after = (since >= SETTLED) & (since <= CALM)
+        seconds_since_answer = recording.times - call.answered_at
+        after = (seconds_since_answer >= SETTLED) & (seconds_since_answer <= CALM)
         if before.any() and after.any():
             effects.append(Effect(call, float(speeds[before].max()), float(speeds[after].max())))
     return effects

@@ -52,7 +52,7 @@ class MarkerWatch:
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now  # returns the simulated time [s]
-        # folders of the submission's packages, where the mesh files of markers are searched
+        # folders that contain the submission's packages; the mesh files of markers are searched there
         self._packages = packages
         # recorded markers, as sample and message; their positions in the world are computed after the run
         self._samples: List[Tuple[MarkerSample, Marker]] = []
@@ -120,7 +120,10 @@ class MarkerWatch:
             )
 
     def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:
-        """Deserialise a message and keep its markers; one that is too large or broken leaves only a note."""
+        """Deserialise a message and keep its markers, unless the message is too large or broken.
+
+        `source` is the topic of the message and its class.
+        """
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
             # An invisible marker takes the place of the large message. The namespace of this marker tells the
@@ -138,7 +141,7 @@ class MarkerWatch:
         self.add(message.markers if kind is MarkerArray else [message], topic)
 
     def add(self, markers: Sequence[Marker], topic: str) -> None:
-        """Keep the markers that have come on a topic now."""
+        """Keep the markers that have come on a topic now, unless they come too soon after earlier ones."""
         now = self._now()
         for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
@@ -196,6 +199,7 @@ class MarkerWatch:
         if scheme != "package":
             return False
         package, _, path = place.partition("/")
+        # a package of the submission, or an installed one of this name
         folders = [Path(folder, package) for folder in self._packages]
         with suppress(rospkg.ResourceNotFound):
             folders.append(Path(_installed().get_path(package)))
@@ -238,8 +242,8 @@ class MarkerWatch:
             # time [s] at which the marker is placed, and pose of its frame in base_link at this time
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:
-            # TF raises a ValueError if the name of the frame contains a NUL character
-            # the first sentence of the error is the reason; the other sentences are of no use to a student
+            # TF raises a ValueError if the name of the frame contains a NUL character. A student needs only the
+            # first sentence of an error.
             return replace(sample, problem=str(error).split(". ")[0].strip())
         # row of the first true pose that is not earlier than `moment`; 1e-6 is a tolerance for rounding
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)

@@ -137,11 +137,13 @@ class DriveRecorder:
         cause: Optional[Note] = None
         try:
             while cause is None and not rospy.is_shutdown():
-                joined_at = self._joined_at  # value before `_look_at_graph`, which may change it
+                # The value before `_look_at_graph`, which may join the run. So simulated time begins one look
+                # later, when all topics of the submission are known.
+                joined_at = self._joined_at
                 self._look_at_graph()
                 self._begin_when_connected(joined_at)
                 self._send(Now(self._now, self._subscribed))
-                if self._feed.failure is not None:
+                if self._feed.failure is not None:  # error of `_on_truth` or `_on_event`, in another thread
                     raise self._feed.failure
                 cause = self._watch.look(self._state)
                 time.sleep(LOOK_PERIOD)
@@ -168,6 +170,7 @@ class DriveRecorder:
                 elif isinstance(message, Abandoned):
                     self._abandoned.set()
                 elif isinstance(message, HandOver):
+                    # at the shutdown, rospy calls `_hand_over`, which sends the recording so far
                     rospy.signal_shutdown("the run is cut off")
 
     @property
@@ -206,9 +209,9 @@ class DriveRecorder:
         """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
-        elif kind == "unanswered":
+        elif kind == "unanswered":  # the simulator no longer waits for answers, once in a run
             self._unanswered = text
-        elif kind == "asleep":
+        elif kind == "asleep":  # one scan without an answer
             last_command = self._commands[-1] if self._commands else -inf
             if not self._watch.has_silenced(last_command):
                 self._unanswered = text
@@ -271,6 +274,7 @@ class DriveRecorder:
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
+        # for unread topics only the latest look counts, because a subscriber may come after the publisher
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         self._check_for_violations(publishers, subscribers)
         self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
@@ -347,7 +351,7 @@ class DriveRecorder:
             for each in subscribers
         )
         if joined_at < inf and (is_connected or time.monotonic() > joined_at + CONNECTING):
-            self._feed.begin()
+            self._feed.begin()  # only the first call has an effect
 
     def _send(self, message: Any) -> None:
         """Send a message to marking."""

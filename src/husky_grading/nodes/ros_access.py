@@ -72,6 +72,7 @@ class DriveAccess:
         return dict(tuple(self._types))
 
     def _ask_type(self, name: str) -> None:
+        """Ask the node that offers a service for its type, and keep the type; a thread runs this."""
         try:
             kind = rosservice.get_service_type(name)
         except Exception:
@@ -79,7 +80,7 @@ class DriveAccess:
             # later.
             self._asked.discard(name)
         else:
-            if kind:
+            if kind:  # None if the service has gone
                 self._types.append((name, kind))
 
     def call(self, name: str, value: bool) -> None:

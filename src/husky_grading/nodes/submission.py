@@ -249,7 +249,7 @@ def load_launchable(
         "left_out_arguments": nodes.left_out_arguments,
         "rviz": nodes.rviz,
         "uses": sorted({*loader.uses, *(node.package for node in nodes.to_start)}),
-        "digest": digest_of(config),
+        "digest": digest_of(config),  # two launch files with the same hash start the same programs
         "pillar": loader.pillar,
     }
     reporter.write("plan", plan=plan)
@@ -312,8 +312,8 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
             result.rviz.append({"name": node.name, "args": node.args, "remap": remaps})
         elif (
             node.package in leave_out
-            or node.package.startswith("rqt")
-            or node.namespace + node.name in ours["nodes"]
+            or node.package.startswith("rqt")  # a program with a window
+            or node.namespace + node.name in ours["nodes"]  # ROS would end the simulator's node
         ):
             result.left_out.append(f"{node.package}/{node.type}")
             result.left_out_arguments.append([f"{node.package}/{node.type}", node.args or ""])
@@ -411,7 +411,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
-    reporter.write("launchable")
+    reporter.write("launchable")  # all events up to the next one of this kind are about this launchable
     # rospkg reads each package.xml by this function, so a broken package.xml does not hide other packages
     rospack.ElementTree = tolerant_manifest
     signal.alarm(LOAD_DEADLINE)  # `_out_of_time` raises a TimeoutError after this time
