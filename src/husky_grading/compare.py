@@ -53,7 +53,7 @@ class LaunchContestant:
             HuskyError: the launch file starts no node, or ROS fails.
         """
         _check_starts_a_node(self.name, self.launch)
-        trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
+        trial = Trial(number=1, start=scenario.start, pillar=PILLAR_POSITION, seed=scenario.seed)
         config = MarkingConfig(robot="husky", deadline=DRIVE_SECONDS, pace=PACE)
         # the run happens in a ROS network of its own, and its recorder writes the file RECORDING
         with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:

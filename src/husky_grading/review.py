@@ -25,9 +25,9 @@ from husky_grading.records import Item, Job, MarkingResult
 from husky_grading.reports.files import (
     HAND_INS,
     JOB,
-    PICTURES,
     REPLAY,
     RESULT,
+    RUNS_PICTURE,
     load_result,
     replays,
 )
@@ -98,8 +98,8 @@ class OpenItem:
         # folder of the student's result, relative to the page; time at which a replay begins [s]
         place, start = f"{HAND_INS}/{self.out.name}", moment_of(self.item)
         shown = [(f"replay of run {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)]
-        if (self.out / PICTURES[0]).is_file():
-            shown.insert(0, ("the runs from above", f"{place}/{PICTURES[0]}"))
+        if (self.out / RUNS_PICTURE).is_file():
+            shown.insert(0, ("the runs from above", f"{place}/{RUNS_PICTURE}"))
         return shown
 
     @property
@@ -109,7 +109,7 @@ class OpenItem:
         The place is such as "src/node.cpp:12". Both are empty if no line fits.
         """
         pattern = CODE[self.item.subject]
-        sources = self.out / "ws" / "src"
+        sources = self.out / "ws" / "src"  # folder with the student's packages, as they were built
         with suppress(UnreadableFileError):  # this error means that the build has made too many files
             for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):
                 lines = [line[:MAX_LINE] for line in text.splitlines()]

@@ -144,6 +144,7 @@ def starter(
     # The program is started by its path, and not as a module of our package, because a package of the
     # submission may have the name of our package.
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
+    # launch files that start our simulator in place of Gazebo; an <include> of such a file is left out
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
     # manifest and programs of this package; a node from there is left out, unless the list is empty
@@ -174,7 +175,7 @@ def read_events(path: Path) -> List[Event]:
 
 TOO_MANY = "too many events"
 # kinds of notes on the loading of the launch file; a kind that comes first is reported first
-EVENTS = [
+ORDER_OF_LOADING_NOTES = [
     Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
     Kind.SKIPPED,
 ]  # fmt: skip
@@ -199,7 +200,7 @@ def exceptions_in(output: str) -> List[Note]:
         text = f"{source} raises {match['error'][:200]}{line}"
         moments.setdefault(text, []).append(float(match["at"]) if match["at"] else None)
     notes = []
-    for text, (first, *later) in moments.items():  # each exception has one note, with its number
+    for text, (first, *later) in moments.items():  # each exception has one note
         moment = "" if first is None else f", first at {first:.2f} s"
         notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {1 + len(later)} times", first))
     return notes
@@ -212,7 +213,7 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
     """
     notes = [note for note in map(_note_on_loading, events) if note]
     # the fault that the student should repair first is reported first
-    notes.sort(key=lambda note: EVENTS.index(note.kind))
+    notes.sort(key=lambda note: ORDER_OF_LOADING_NOTES.index(note.kind))
     # the program that starts the nodes prints such a line if it cannot start one
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
@@ -272,6 +273,7 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
     if code == 0:
         kind = Kind.NODE_ENDED
     elif code is not None and code < 0:  # a signal has ended the process
+        # signals from 32 on have no names
         name = f", {signal.Signals(-code).name}" if -code < 32 else ""
         ending = f"signal {-code}{name}"
         # a node that ends by SIGABRT has printed the reason itself, so it does not count as NODE_CRASHED
@@ -279,5 +281,6 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
             kind = Kind.NODE_CRASHED
     if own and event.package and event.package not in own:
         kind = Kind.OTHERS_NODE
+    # a node that ends with exit code 0 has no error; the last error in the output is from something else
     why = f": {last_error}" if last_error and code else ""
     return Note(kind, f"node {event.node} ends during the run ({ending}){why}")

@@ -242,8 +242,8 @@ class MarkerWatch:
             # time [s] at which the marker is placed, and pose of its frame in base_link at this time
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:
-            # TF raises a ValueError if the name of the frame contains a NUL character. A student needs only the
-            # first sentence of an error.
+            # TF raises a ValueError if the name of the frame contains a NUL character. The student only gets
+            # the first sentence of an error.
             return replace(sample, problem=str(error).split(". ")[0].strip())
         # row of the first true pose that is not earlier than `moment`; 1e-6 is a tolerance for rounding
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)

@@ -82,7 +82,7 @@ def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: 
         for item in result.items
         if item.points is not None
     ]
-    # values of the fields above; a value is empty if its variable is not set
+    # fields that name the submission; a field is empty if the runner has not set its variable
     fields = {field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()}
     # if there is no page for reviews, `review` has the address of the commit's page
     fields["review"] = fields["review"] or fields["commit"]

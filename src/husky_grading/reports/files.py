@@ -32,7 +32,8 @@ from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
-PICTURES = ("drive.png", "moment.png")
+RUNS_PICTURE, MOMENT_PICTURE = "drive.png", "moment.png"  # all runs from above; one moment of a run
+PICTURES = (RUNS_PICTURE, MOMENT_PICTURE)
 # file with a hash of everything that the result depends on. It is written last, so a result is complete if
 # this file exists.
 FINGERPRINT = "fingerprint"
@@ -121,15 +122,15 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
     from husky_grading.reports import plots
 
     if estimate is not None:
-        (out / PICTURES[0]).write_bytes(plots.draw_estimate(first, estimate, name))
+        (out / RUNS_PICTURE).write_bytes(plots.draw_estimate(first, estimate, name))
     else:
-        (out / PICTURES[0]).write_bytes(plots.draw_drives(recordings, name))
+        (out / RUNS_PICTURE).write_bytes(plots.draw_drives(recordings, name))
         # run and simulated time [s] that the second picture shows: the middle of the first run, or the moment
         # of `cause`
         shown, at = first, float(first.times[-1]) / 2.0
         if cause is not None and cause.at is not None and cause.drive <= len(recordings):
-            shown, at = recordings[cause.drive - 1], cause.at
-        (out / PICTURES[1]).write_bytes(plots.draw_moment(shown, at))
+            shown, at = recordings[cause.drive - 1], cause.at  # the first run has the number 1
+        (out / MOMENT_PICTURE).write_bytes(plots.draw_moment(shown, at))
     for number, recording in enumerate(recordings, 1):
         if len(recording.times):
             _write_replay(recording, f"{name}, run {number}", out / f"drive_{number}")

@@ -89,7 +89,8 @@ def class_page(
         lack_rviz_files=sum(result.lacks_rviz_file_only for result in ordered),
         median=round(100.0 * statistics.median(shares), 1) if shares else None,
         bars=histogram(shares),
-        grade=_grade,
+        # functions that the template calls
+        grade=_colour_of_points,
         moment_of=moment_of,
     )
 
@@ -112,7 +113,7 @@ def feedback_page(
         for number, replay in (replays or {}).items()
     )
     row = Row(result, (), tuple(pictures), replays=shown)  # only the page of a class has cells
-    return render("feedback.html", row=row, logs=logs or {}, grade=_grade, moment_of=moment_of)
+    return render("feedback.html", row=row, logs=logs or {}, grade=_colour_of_points, moment_of=moment_of)
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
@@ -153,7 +154,7 @@ def _course_robot(results: Sequence[MarkingResult]) -> str:
     return statistics.mode(simulated) if robot == AUTO and simulated else robot
 
 
-def _grade(points: float, max_points: float) -> str:
+def _colour_of_points(points: float, max_points: float) -> str:
     """Return the CSS class of points: full, some or none; empty for an item without points."""
     if not max_points:
         return "none" if points < 0.0 else ""  # a penalty has negative points

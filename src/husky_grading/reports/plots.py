@@ -129,7 +129,8 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     # index and values of the true pose at the moment
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
-    # (M, 3) [s, m, m] time, x and y of the points that the lidar measured up to this moment
+    # (M, 3) [s, m, m] time, x and y of the points that the lidar measured up to this moment; 1e-6 is a
+    # tolerance for rounding
     hits_before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
     latest = hits_before[:, 0].max(initial=0.0)  # [s] time of the last scan before the moment
     # (K, 2) [m] points of the last scan

@@ -100,7 +100,7 @@ def find_fault(
     if _are_mostly_true([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
         # true if most of these markers came after a scan in which no beam measured a range
         is_blind = _are_mostly_true([_smallest_range(recording, marker) == np.inf for marker in drawn])
-        # without this fault, the markers after all other scans would be right, so some markers must be right
+        # NO_RETURN means that only the markers after such scans are wrong, so other markers must be right
         return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, share, rules)
     if fault:
@@ -180,6 +180,7 @@ def _is_on_another_beam(seen: Seen, radius: float) -> bool:
     distance_error = max(abs(distance - seen.distance) - radius, 0.0)
     # [m] distance of the marker from the line between the robot and the pillar
     across = abs(seen.y * cos(seen.bearing) - seen.x * sin(seen.bearing))
+    # the distance is right, and the direction is clearly more wrong than the distance
     return distance_error <= THERE and across > 2.0 * distance_error
 
 

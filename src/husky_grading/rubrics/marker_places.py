@@ -231,7 +231,7 @@ def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules)
     ahead: List[Moment] = []
     for moment in moments:
         _, bearing = pillar_from_robot(recording, moment.at)
-        # a pillar behind the robot is also on the robot's x axis, but the moment is added to `aside`
+        # a pillar behind the robot is also on the robot's x axis, but it is not ahead, so it counts as aside
         if abs(bearing) > 0.5 * pi or is_off_axis(recording, moment.at, rules):
             aside.append(moment)
         else:
