@@ -139,7 +139,12 @@ def starter(
 ) -> List[str]:
     """Return the command that reads launch files (`describe`), or starts a single one (`run`, `memcheck`).
 
-    Unless `own` is ALL, nodes of this package are left out, because they are not part of any submission.
+    Args:
+        events: file into which the program writes its events.
+        action: describe, run, or memcheck, which runs compiled nodes in valgrind.
+        launchables: launch files or nodes.
+        parts: packages of the robot whose nodes the submission or marking starts.
+        own: nodes of this package are left out unless it is ALL, because they are not part of any submission.
     """
     # The program is started by its path, and not as a module of our package, because a package of the
     # submission may have the name of our package.
@@ -149,7 +154,7 @@ def starter(
     manifest = (share_folder() / "package.xml").resolve()
     # manifest and programs of this package; a node from there is left out, unless the list is empty
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
-    # facts about this package for the program, which cannot import it
+    # facts about this package and the robot's packages for the program, which cannot import our modules
     ours = {
         "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places, **vars(parts)
     }  # fmt: skip

@@ -17,7 +17,7 @@ from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import (
     MEMBER,
-    behind,
+    as_ending,
     cause_of_silence,
     cause_of_stop,
     causes,
@@ -181,7 +181,7 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
     # finding that explains why the robot stopped, such as an exception in the node; None if there is none
     cause = cause_of_stop(recording)
     if cause:
-        ending, hint = behind(cause), hint_on(cause)
+        ending, hint = as_ending(cause), hint_on(cause)
     elif _stands_since(recording) is not None and recording.driving.any():
         ending, hint = "", STOPS  # the robot has driven, and then has stood until the end
     else:
@@ -192,16 +192,17 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
 def _explain_steering(recording: Recording) -> Explanation:
     """Return the probable mistake of a robot that moves, but misses the pillar.
 
-    The signs of the turns are compared with the side on which the pillar is.
+    The signs of the turns are compared with the side on which the pillar is. The ending is the end of a
+    sentence in the report; it is empty if the hint says all.
     """
     if moves_nothing(recording.fastest):
-        return Explanation("; linear.x is 0 in all commands", NO_SPEED)
+        return Explanation(ending="; linear.x is 0 in all commands", hint=NO_SPEED)
     # speeds (M,) [m/s] and rates of turn (M,) [rad/s], positive to the left, while the robot moves
     speeds, turns = recording.speeds[recording.moving].T
     if float(np.median(speeds)) < -STANDS:
-        return Explanation("; it drives backwards", BACKWARDS)
+        return Explanation(ending="; it drives backwards", hint=BACKWARDS)
     if moves_nothing(recording.sharpest):
-        return Explanation("; it never turns: angular.z is 0 in all commands", NO_TURN)
+        return Explanation(ending="; it never turns: angular.z is 0 in all commands", hint=NO_TURN)
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
     # (M,) [rad] direction of the pillar seen from the robot, positive to the left
     bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
@@ -213,15 +214,15 @@ def _explain_steering(recording: Recording) -> Explanation:
     if right_fraction > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
         hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
-        return Explanation("", hint + "while the angle is large")
+        return Explanation(ending="", hint=f"{hint}while the angle is large")
     # if most turns lead away from the pillar, the sign of angular.z is wrong
     if right_fraction <= 1.0 - MOSTLY:
-        return Explanation("", TURNS)
+        return Explanation(ending="", hint=TURNS)
     large_turns = turns[np.abs(turns) > TURNS_ON]
     if len(large_turns) and max(np.mean(large_turns > 0.0), np.mean(large_turns < 0.0)) >= ONE_WAY:
         side = "left" if large_turns[0] > 0.0 else "right"
-        return Explanation(f"; it turns {side} all the time", SWERVES)
-    return Explanation("", SWERVES)
+        return Explanation(ending=f"; it turns {side} all the time", hint=SWERVES)
+    return Explanation(ending="", hint=SWERVES)
 
 
 def judge_arrival(
@@ -272,7 +273,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     elif approach is not None and not approach.full:
         ending, hint = "", approach.hint
     elif cause:
-        ending, hint = behind(cause), hint_on(cause)
+        ending, hint = as_ending(cause), hint_on(cause)
     elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:
         ending, hint = _explain_steering(recording)
     else:
@@ -319,13 +320,13 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     # finding that explains why no marker came; None if unknown
     cause = cause_of_silence(recording)
     if not recording.marker_topics:
-        evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{behind(cause)}"
+        evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{as_ending(cause)}"
         hint = hint_on(cause) if cause else f"make a publisher of visualization_msgs/Marker, and {MEMBER}"
         return replace(item, evidence=evidence, hint=hint)
     # only markers before the first touch count, because a push moves the pillar to an unknown position
     placements = judge_namespaces(recording, first_touch(recording), rules)
     if not placements:
-        evidence = f"nothing came on {', '.join(recording.marker_topics)}{behind(cause)}"
+        evidence = f"nothing came on {', '.join(recording.marker_topics)}{as_ending(cause)}"
         return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
     # the marker namespace with the most points counts, as docs/rubrics.md says
     best = max(placements, key=lambda placement: placement.score)

@@ -49,7 +49,7 @@ MAX_ESTIMATES = 50_000
 # before the end
 BAG_MARGIN = 0.1
 # [s] the path is complete if the stamp of its last estimate is at most this time before the bag's end
-LAST = 1.0
+LAST_MARGIN = 1.0
 SILENCE = 10.0  # [s] the run ends if, after the bag's end, no estimate has come for this wall time
 # a package that names smb_control or smb_description is for the SMB; /rslidar_points and smb_top_view are not
 # enough, because a package for the Husky may name them, too
@@ -57,10 +57,10 @@ FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
 # topics of the point cloud, in our bags and on the exercise sheet of 2018
 CLOUD_TOPICS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}
 MIN_ESTIMATES = 10
-# [s] the estimates must begin at most BEGIN after the bag's begin, and go on until at most END before the
-# bag's end
-BEGIN, END = 5.0, 2.0
-GAP = 5.0  # [s] longest allowed time between the stamps of two estimates
+# [s] the estimates must begin at most LATEST_BEGIN after the bag's begin, and go on until at most END_MARGIN
+# before the bag's end
+LATEST_BEGIN, END_MARGIN = 5.0, 2.0
+MAX_GAP = 5.0  # [s] longest allowed time between the stamps of two estimates
 # largest allowed error of the path: TOLERANCE [m], or this fraction of the path's length if that is more
 TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02
 # [m] required position of the frame smb_top_view in base_link; its tolerance
@@ -72,16 +72,16 @@ COLOURING, SIZE, SAME_SIZE = (
     0.005,
 )
 
-PLOT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
-INPUTS = (
+PLOT_HINT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
+INPUTS_HINT = (
     "compare the filter's inputs with `rosbag info`, and check that localization.yaml and use_sim_time are "
     "loaded"
 )
-TOP_VIEW = "publish it by static_transform_publisher: args=0 0 2 0 0 0 base_link smb_top_view"
+TOP_VIEW_HINT = "publish it by static_transform_publisher: args=0 0 2 0 0 0 base_link smb_top_view"
 CLOUD_HINT = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
-STYLE = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
-RENAME = "the frame {} is at the right place, but it must be called smb_top_view"
-PLAYS = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
+STYLE_HINT = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
+RENAME_HINT = "the frame {} is at the right place, but it must be called smb_top_view"
+PLAYS_HINT = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
 # pattern of the folders in a path, which are left out of the report
 _FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")
@@ -217,7 +217,7 @@ class FilterWatch(Watch):
 
     def _is_path_complete(self, end: float) -> bool:
         """Return whether the last estimate before the bag's end [s] has come, or none comes any more."""
-        if any(path and path[-1][0] >= end - LAST for path in self._paths.values()):
+        if any(path and path[-1][0] >= end - LAST_MARGIN for path in self._paths.values()):
             return True
         return not self._paths or time.monotonic() - self._came_at > SILENCE
 
@@ -240,15 +240,15 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
     Without a configuration of rqt_multiplot it is graded by hand.
     """
     if not playback.curves:
-        return Verdict(None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT)
+        return Verdict(None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT_HINT)
     # a curve shows the path if it draws y of a topic's position over x of the same topic's position
     matches = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
     topics = [match["topic"] for match in matches if match]
     shown_curves = playback.curves[:3]  # more curves would make the sentence too long
     evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in shown_curves)
     if FILTERED in topics:
-        return Verdict(1.0, evidence, PLOT)
-    return Verdict(0.5 if topics else 0.0, evidence, PLOT)
+        return Verdict(1.0, evidence, PLOT_HINT)
+    return Verdict(0.5 if topics else 0.0, evidence, PLOT_HINT)
 
 
 def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
@@ -263,7 +263,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
         # if no node subscribes to the bag's odometry, the inputs of the filter are wrong
-        return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS)
+        return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS_HINT)
     stamps, end = path[:, 0], float(recording.times[-1])
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
@@ -271,12 +271,12 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
     length = float(np.hypot(*np.diff(true_positions, axis=0).T).sum())
     largest_gap = float(np.diff(np.sort(stamps)).max())
-    is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and largest_gap <= GAP
+    is_whole = stamps[0] <= LATEST_BEGIN and stamps[-1] >= end - END_MARGIN and largest_gap <= MAX_GAP
     is_accurate = largest_error <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
     evidence = f"{estimate.topic}: estimates from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
     evidence += f"at most {largest_gap:.1f} s apart, up to {largest_error:.2f} m from the true path of "
     evidence += f"{length:.1f} m"
-    return Verdict(1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS)
+    return Verdict(1.0 if is_whole and is_accurate else 0.5, evidence, INPUTS_HINT)
 
 
 def _cause_of_no_estimate(recording: Recording) -> Note:
@@ -304,7 +304,7 @@ def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> V
         is_sized = abs(cloud.size - SIZE) <= SAME_SIZE
         styles.append((0.5 * is_coloured + 0.5 * is_sized, f"{cloud.colouring}, {cloud.size:g} m"))
     share, style = max(styles, default=(0.0, "no point cloud"))
-    return Verdict(share, f"{view.source}: {style}", STYLE)
+    return Verdict(share, f"{view.source}: {style}", STYLE_HINT)
 
 
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
@@ -317,14 +317,14 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
         evidence = "no transform from base_link to smb_top_view"
         if frames_above:
             evidence += f", but {frames_above[0]} is 2 m above it"
-            return Verdict(0.0, evidence, RENAME.format(frames_above[0]))
-        return Verdict(0.0, evidence, TOP_VIEW)
+            return Verdict(0.0, evidence, RENAME_HINT.format(frames_above[0]))
+        return Verdict(0.0, evidence, TOP_VIEW_HINT)
     # indices of the first row, of three rows in between, and of the last row
     quarters = np.linspace(0, len(rows) - 1, 5).astype(int)
     moments = rows[quarters[1:4]]  # the three rows in between
     is_there = all(_is_above(place) for place in moments[:, 1:])
     places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
-    return Verdict(float(is_there), f"in base_link: {places}", TOP_VIEW)
+    return Verdict(float(is_there), f"in base_link: {places}", TOP_VIEW_HINT)
 
 
 def _is_above(place: Sequence[float]) -> bool:
@@ -335,7 +335,7 @@ def _is_above(place: Sequence[float]) -> bool:
 def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the launch file plays a bag."""
     calls = "; ".join(_FOLDERS.sub("", player) for player in playback.players)
-    return Verdict(float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS)
+    return Verdict(float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS_HINT)
 
 
 def judge_half_speed(recording: Recording, playback: Playback, view: RvizView) -> Verdict:

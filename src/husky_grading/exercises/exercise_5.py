@@ -30,11 +30,12 @@ BONUSES = ("bonus: stops before a crash", "bonus: stops after a crash")
 ITEMS = (STOPS_ROBOT, STARTS_ROBOT, *BONUSES)
 BEFORE = 0.5  # [s] the speed before a call is the highest speed within this simulated time before the call
 # [s] the speed after a call is the highest speed between these two simulated times after the answer
-SETTLED, CALM = 1.5, 4.0
+EFFECT_BEGIN, EFFECT_END = 1.5, 4.0
 # a node that makes at least this number of lookups of the service calls it; a node that only waits for the
 # service makes fewer lookups
 MANY = 5
-SLOW, FAST = 0.05, 0.1  # [m/s] the robot stands up to the speed SLOW, and drives from the speed FAST on
+# [m/s] the robot stands up to the speed STANDING_SPEED, and drives from the speed DRIVING_SPEED on
+STANDING_SPEED, DRIVING_SPEED = 0.05, 0.1
 SET_BOOL = "std_srvs/SetBool"
 # values of the four calls; a submission may stop at False and start at True, or the other way round
 CALLS = (False, True, False, True)
@@ -97,9 +98,9 @@ class CallPlan:
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
-        # the effect of a call is watched until CALM after its answer, so the next call comes only then; while
-        # an answer is awaited, `answered_at` is inf, so no call is due
-        if self.made >= len(CALLS) or now < max(begin, self.answered_at + CALM):
+        # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only then.
+        # While an answer is awaited, `answered_at` is inf, so no call is due.
+        if self.made >= len(CALLS) or now < max(begin, self.answered_at + EFFECT_END):
             return None
         value = CALLS[self.made]
         self.made, self.answered_at = self.made + 1, inf
@@ -113,7 +114,7 @@ class CallPlan:
         """Return why the run is over, or None if it goes on."""
         if not offered and now > NO_SERVICE:
             return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
-        if self.made >= len(CALLS) and now >= self.answered_at + CALM:
+        if self.made >= len(CALLS) and now >= self.answered_at + EFFECT_END:
             return Note(Kind.PLAN_DONE, "all calls are made")
         return None
 
@@ -181,12 +182,12 @@ class Effect:
     @property
     def drove_before(self) -> bool:
         """Return whether the robot drove before the call."""
-        return self.before >= FAST
+        return self.before >= DRIVING_SPEED
 
     @property
     def stopped(self) -> bool:
         """Return whether the robot drove before the call and stands after it."""
-        return self.drove_before and self.after <= SLOW
+        return self.drove_before and self.after <= STANDING_SPEED
 
 
 def judge_calls(recording: Recording) -> List[Item]:
@@ -203,7 +204,7 @@ def judge_calls(recording: Recording) -> List[Item]:
         return _judge_no_calls([stop, start], recording, observed)
     # name of the service in the report
     service = observed.services[0] if observed.services else "its service"
-    effects = _effects(recording, observed.calls)  # speeds before and after each call
+    effects = _measure_effects(recording, observed.calls)  # speeds before and after each call
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
@@ -285,14 +286,14 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
     return bool(means[True] < means[False])
 
 
-def _effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
+def _measure_effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
     """Return the effect of each call for which the recording has moments before and after."""
     speeds, effects = np.abs(recording.speeds[:, 0]), []  # (N,) [m/s] speed at each recorded time
     for call in calls:
         # (N,) bool, true at the moments just before the call, and after it when the robot has reacted
         before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
         seconds_since_answer = recording.times - call.answered_at
-        after = (seconds_since_answer >= SETTLED) & (seconds_since_answer <= CALM)
+        after = (seconds_since_answer >= EFFECT_BEGIN) & (seconds_since_answer <= EFFECT_END)
         if before.any() and after.any():
             effects.append(Effect(call, float(speeds[before].max()), float(speeds[after].max())))
     return effects
@@ -324,7 +325,7 @@ def _judge_starts(item: Item, service: str, effects: Sequence[Effect]) -> Item:
     """
     if not effects:
         return replace(item, evidence=f"{service}: no call had stopped it, so none could start it again")
-    failures = [effect for effect in effects if effect.after < FAST]
+    failures = [effect for effect in effects if effect.after < DRIVING_SPEED]
     return _with_points(item, f"{service}: drives", effects, failures)
 
 
@@ -341,10 +342,10 @@ def _judge_starts_from_rest(
         recording: recording of the run.
         effects: effects of all calls.
     """
-    if any(effect.after >= FAST for effect in effects):
+    if any(effect.after >= DRIVING_SPEED for effect in effects):
         evidence = by_hand(f"{service}: it drives after a call, but no call had stopped it before")
         return replace(item, points=None, evidence=evidence)
-    if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
+    if not (np.abs(recording.speeds[:, 0]) >= DRIVING_SPEED).any():
         return with_cause(item, f"{service}: it never drives", first_cause(recording))
     evidence = by_hand(f"{service}: it had stopped by itself before the first call")
     return replace(item, points=None, evidence=evidence)
@@ -379,7 +380,7 @@ def judge_exercise_5(
     recording = recordings[0]  # this exercise has a single run
     items, observed = judge_calls(recording), recording.watched_as(ServiceCalls)
     # a robot that stands all the time cannot show that the service stops it, so it gets no points
-    drives = (np.abs(recording.speeds[:, 0]) > FAST).any()
+    drives = (np.abs(recording.speeds[:, 0]) > DRIVING_SPEED).any()
     # the teacher grades a submission by hand if its services have other types than std_srvs/SetBool
     has_only_other_types = bool(observed.other_services) and not observed.services
     if not drives and not has_only_other_types:

@@ -114,10 +114,10 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         try:
             return getattr(super(), f"_{tag_name}_tag")(*arguments, **options)
         except ResourceNotFound as error:
-            self._miss(tag_name, error)
+            self._report_missing(tag_name, error)
             return None
 
-    def _miss(self, tag_name: str, error: ResourceNotFound) -> str:
+    def _report_missing(self, tag_name: str, error: ResourceNotFound) -> str:
         """Write an event on a tag that needs a missing package, and return the package's name."""
         match = re.search(r"\$\(find +([^)]+)\)", str(error))
         package = match.group(1).strip() if match else str(error).split()[0].strip("':,")
@@ -146,8 +146,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))
         # package of the included file, and its path in the package; without $(find ...), no package is known
         package, place = match.groups() if match else ("", tag.getAttribute("file"))
-        is_simulators = package in SIMULATION  # the file belongs to a package of the simulator or robot
-        if is_simulators and place in self._simulator_files:
+        is_of_simulator = package in SIMULATION  # the file belongs to a package of the simulator or robot
+        if is_of_simulator and place in self._simulator_files:  # our simulator takes its place
             self._reporter.write("left_out", package=package, tag="include")
             return None
         # name of the file for the student, without folders of this machine
@@ -159,7 +159,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         except Exception as error:
             # a fault in a launch file of the simulator does no harm, because `grade` starts the simulator
             # itself
-            if is_simulators:
+            if is_of_simulator:
                 self._reporter.write("skipped", path=shown, error=_one_line(error))
                 return None
             if self._is_missing(tag, context):
@@ -189,7 +189,9 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         try:
             return super()._arg_tag(tag, context, *arguments, **options)
         except ResourceNotFound as error:
-            context.add_arg(tag.getAttribute("name"), default=f"/missing/{self._miss('arg', error)}")
+            context.add_arg(
+                tag.getAttribute("name"), default=f"/missing/{self._report_missing('arg', error)}"
+            )
             return None
 
 

@@ -69,7 +69,7 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     if result.held:  # the teacher holds the feedback back
         feedback.unlink(missing_ok=True)
     else:
-        write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out, packages)))
+        write_whole(feedback, feedback_page(result, _read_pictures(out), pages, _ends_of_logs(out, packages)))
     write_exports(result, out)
     # other programs find the sums of points in result.json, too
     sums = {name: getattr(result, name) for name in SUMS}
@@ -98,8 +98,8 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
     """
     places = {result.name: Path(HAND_INS, folders[result.name]) for result in results}
     # one picture for each student, because the page of a class is long
-    pictures = {name: _pictures(out / place)[:1] for name, place in places.items()}
-    files = {name: _files(place, out) for name, place in places.items()}
+    pictures = {name: _read_pictures(out / place)[:1] for name, place in places.items()}
+    files = {name: _files_of_student(place, out) for name, place in places.items()}
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "results.csv", to_csv(results))
     write_whole(out / "moodle.csv", to_moodle(results))
@@ -166,7 +166,7 @@ def add_step_summary(results: Sequence[MarkingResult]) -> None:
             file.write(to_markdown(results))
 
 
-def _pictures(out: Path) -> List[bytes]:
+def _read_pictures(out: Path) -> List[bytes]:
     pictures = []
     for name in PICTURES:
         with suppress(UnreadableFileError):
@@ -180,7 +180,7 @@ def replays(out: Path) -> Dict[int, Path]:
     return {number: path for number, path in paths.items() if path.is_file()}
 
 
-def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
+def _ends_of_logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
     """Return the ends of the output of the build and the nodes, by title."""
     logs = {"Output of the build": out / "build.log"}
     for number, folder in drive_folders(out).items():
@@ -194,7 +194,7 @@ def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
     return texts
 
 
-def _files(place: Path, out: Path) -> List[Tuple[str, str]]:
+def _files_of_student(place: Path, out: Path) -> List[Tuple[str, str]]:
     """Return titles and addresses, relative to the class's page, of the files in a student's folder."""
     # title and path in the student's folder of each file that may exist
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]

@@ -24,7 +24,7 @@ from husky_highlevel_controller.robot import load_robot
 COLORS = "viridis"  # colour map; the colour of a position shows its time
 # [m] a marker that is farther from the robot's start is left out, because it would make the rest of the plot
 # too small
-REACH = 40.0
+MAX_DISTANCE_FROM_START = 40.0
 MAX_MARKERS, MAX_RAYS = 500, 120
 SCAN = "#c2185b"
 
@@ -65,7 +65,7 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
     if len(recording.poses):
         for row in (0, -1):  # the robot at the start and at the end
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
-        _label(axis, "start", (x[0], y[0]), recording.pillar, gap=18)
+        _write_label(axis, "start", (x[0], y[0]), recording.pillar, gap=18)
     start = recording.start.x, recording.start.y
     _name_pillar(axis, recording, start)
     # about MAX_MARKERS markers, evenly distributed
@@ -79,11 +79,11 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
         name = "marker" if len(markers) == 1 else "markers"
         arrow = {"arrowstyle": "-", "color": MARKER}
         # a thin line leads from the text to one of the markers
-        _label(axis, name, places[len(places) // 2], start, gap=30, color=MARKER, arrowprops=arrow)
+        _write_label(axis, name, places[len(places) // 2], start, gap=30, color=MARKER, arrowprops=arrow)
     return dots
 
 
-def _label(
+def _write_label(
     axis: Any, text: str, at: Sequence[float], seen_from: Sequence[float], gap: float, **more: Any
 ) -> None:
     """Write a text beside a position [m], next to the line on which it is seen from another position [m].
@@ -106,7 +106,7 @@ def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) ->
     (x, y), radius = recording.pillar, recording.pillar_size.radius
     # [rad] direction from the pillar's centre to its right edge
     angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
-    _label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, gap=-10)
+    _write_label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, gap=-10)
 
 
 def _near_start(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
@@ -117,7 +117,7 @@ def _near_start(recording: Recording, markers: Sequence[MarkerSample]) -> List[M
         for marker in markers
         if marker.action == ADD
         and all(map(isfinite, marker.position))
-        and hypot(marker.position[0] - start.x, marker.position[1] - start.y) < REACH
+        and hypot(marker.position[0] - start.x, marker.position[1] - start.y) < MAX_DISTANCE_FROM_START
     ]
 
 

@@ -137,7 +137,7 @@ def first_cause(recording: Recording) -> Note:
 
 def cause_of_stop(recording: Recording) -> Optional[Note]:
     """Return why a robot stops on its way: its node ends, raises, or is silent; None if unknown."""
-    reasons = causes(recording)
+    reasons = causes(recording)  # findings that explain it, such as the end of a node
     if reasons:
         return reasons[0]
     # the cause is known only if commands came, but stopped long before the end of the run
@@ -151,6 +151,6 @@ def cause_of_stop(recording: Recording) -> Optional[Note]:
     return Note(Kind.COMMANDS_CEASE, text, last)
 
 
-def behind(cause: Optional[Note]) -> str:
+def as_ending(cause: Optional[Note]) -> str:
     """Return a cause as the end of a sentence; empty if it is unknown."""
     return f"; {cause.text}" if cause else ""

@@ -19,8 +19,8 @@ MOSTLY = 0.8
 # for each metre between robot and pillar, a marker may be off a mirrored or swapped position by this distance
 # more [m]
 IMAGE_SLOPE = 0.1
-EXACT = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
-THERE = 0.15  # [m] a marker counts as being at a position up to this distance from it
+COORDINATE_TOLERANCE = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
+POSITION_TOLERANCE = 0.15  # [m] a marker counts as being at a position up to this distance from it
 OUT_OF_THE_WORLD = 1e6  # [m] a larger coordinate probably comes from a variable that was never set
 # [m] a marker loses no points if it is up to this height above the pillar or below the ground
 HEIGHT_MARGIN = 0.3
@@ -135,9 +135,11 @@ def _find_direction_fault(
     # subtracted, because the student has computed whole metres in the marker's frame.
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
     tests: Dict[Kind, Callable[[Seen], bool]] = {
-        Kind.Y_IS_ZERO: lambda seen: turns_with_robot and abs(seen.y) <= EXACT and seen.x > 0.0,
+        Kind.Y_IS_ZERO: lambda seen: (
+            turns_with_robot and abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
+        ),
         Kind.WHOLE_METRES: lambda seen: (
-            turns_with_robot and max(_fraction(seen.x - origin_x), _fraction(seen.y)) <= EXACT
+            turns_with_robot and _is_whole(seen.x - origin_x) and _is_whole(seen.y)
         ),
         Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
         # the second position has both signs changed, because the lidar may be mounted upside down
@@ -181,7 +183,7 @@ def _is_on_another_beam(seen: Seen, radius: float) -> bool:
     # [m] distance of the marker from the line between the robot and the pillar
     across = abs(seen.y * cos(seen.bearing) - seen.x * sin(seen.bearing))
     # the distance is right, and the direction is clearly more wrong than the distance
-    return distance_error <= THERE and across > 2.0 * distance_error
+    return distance_error <= POSITION_TOLERANCE and across > 2.0 * distance_error
 
 
 def _are_mostly_true(tests: Sequence[bool]) -> bool:
@@ -193,13 +195,13 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> b
     """Return whether a marker is on the lidar, `mount` [m] ahead of base_link, or at its frame's origin."""
     start = recording.start  # origin of odom
     from_start = hypot(marker.position[0] - start.x, marker.position[1] - start.y)
-    if marker.frame == "odom" and from_start <= THERE:
+    if marker.frame == "odom" and from_start <= POSITION_TOLERANCE:
         return True
     x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
     # [m] x in base_link of each origin to compare with: the lidar, and base_link itself if it is the marker's
     # frame
     origins = (0.0, mount) if marker.frame == "base_link" else (mount,)
-    return min(hypot(x - ahead, y) for ahead in origins) <= THERE
+    return min(hypot(x - ahead, y) for ahead in origins) <= POSITION_TOLERANCE
 
 
 def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
@@ -210,7 +212,7 @@ def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
 
 def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
     """Return whether a marker in base_link would be right in the frame of the lidar, `mount` [m] ahead."""
-    if marker.frame != "base_link" or abs(mount) <= EXACT:
+    if marker.frame != "base_link" or abs(mount) <= COORDINATE_TOLERANCE:
         return False
     at = marker.stamp or marker.at
     distance, bearing = pillar_from_robot(recording, at)
@@ -228,9 +230,9 @@ def _from_robot(recording: Recording, position: Sequence[float], at: float) -> T
     return dx * cos(yaw) + dy * sin(yaw), dy * cos(yaw) - dx * sin(yaw)
 
 
-def _fraction(coordinate: float) -> float:
-    """Return the distance of a coordinate from the nearest whole metre [m]."""
-    return abs(coordinate - round(coordinate))
+def _is_whole(coordinate: float) -> bool:
+    """Return whether a coordinate [m] is a whole number of metres, up to COORDINATE_TOLERANCE."""
+    return abs(coordinate - round(coordinate)) <= COORDINATE_TOLERANCE
 
 
 def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:

@@ -34,7 +34,7 @@ from husky_highlevel_controller.robot import load_robot
 
 # [m] a marker that touches the pillar gets the score TOUCHING only if its position is at most this far from
 # the pillar's axis
-LARGEST = 1.0
+MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
 # a moment gets a score if at least this fraction of the drawn markers has this score or a higher score
@@ -108,7 +108,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
         return Placement(0.0, evidence, invisible[0].at, kind)
     # score of each marker; the key is `id()`, because several markers may be equal
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
-    moments = _moments(markers, scores)
+    moments = _score_moments(markers, scores)
     if not moments:  # RViz draws no marker at any moment
         return Placement(0.0, f"{title}: deleted as soon as it has come", first.at, Kind.DELETED)
     # moments with the pillar to the side of the robot, and moments with the pillar ahead
@@ -173,7 +173,7 @@ def _with_fault(
     return Placement(score, evidence, placement.at, fault)
 
 
-def _moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
+def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
     """Return each moment at which a marker came and a marker is drawn.
 
     A moment counts for its time, because a busy machine loses some markers and delays others.
@@ -202,7 +202,7 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     """Return begin [s], end [s] and score of each marker that RViz draws, (3, N), the lowest score first.
 
     A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
-    topic, namespace and id. The arguments are those of `_moments`.
+    topic, namespace and id. The arguments are those of `_score_moments`.
     """
     rows: List[List[float]] = []  # begin [s], end [s] and score of each marker that RViz draws
     # rows of the markers that RViz draws at this point of the loop; keys are the topic, then (namespace, id)
@@ -292,6 +292,6 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     touches = marker.reach <= size.radius  # a part of the marker's shape is inside the pillar
     # a huge marker touches the pillar from anywhere, so its position must also be near the pillar; for a
     # thicker pillar than the course's, the limit is larger
-    if touches and distance <= LARGEST + size.radius - PILLAR_RADIUS:
+    if touches and distance <= MAX_TOUCH_DISTANCE + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
     return min(max(score, 0.0), 1.0) * height_score(marker, size.height)
