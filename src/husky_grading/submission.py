@@ -171,7 +171,7 @@ def read_events(path: Path) -> List[Event]:
     with contextlib.suppress(UnreadableFileError):
         for line in read_text(path).splitlines():
             if len(events) == MAX_EVENTS:
-                return [*events[:-1], Event(TOO_MANY)]
+                return [*events[:-1], Event(TOO_MANY)]  # at most MAX_EVENTS in all
             # a submission can write any line into the file
             with contextlib.suppress(ValueError, RecursionError, ConfigError):
                 events.append(from_plain(Event, json.loads(line), ""))

@@ -204,6 +204,7 @@ class FilterWatch(Watch):
     def look(self, state: DriveState) -> Optional[Note]:
         """Keep the position of the top view, and return why the run is over, or None if it goes on."""
         place = self._ros.place(TOP_VIEW_FRAME)  # position in base_link [m]; None if there is no such frame
+        # [s] simulated time of the last position, which is kept only once for each time
         latest = self._top_view[-1][0] if self._top_view else 0.0
         if place is not None and state.now > latest:
             self._top_view.append((state.now, *place))

@@ -98,8 +98,8 @@ class CallPlan:
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
-        # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only then.
-        # While an answer is awaited, `answered_at` is inf, so no call is due.
+        # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only
+        # then. While an answer is awaited, `answered_at` is inf, so no call is due.
         if self.made >= len(CALLS) or now < max(begin, self.answered_at + EFFECT_END):
             return None
         value = CALLS[self.made]

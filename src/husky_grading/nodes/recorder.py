@@ -315,8 +315,8 @@ class DriveRecorder:
 
         In lockstep, simulated time begins only when a node subscribes to the scans and a node sends commands.
         So the recorder subscribes to the scans only now, because otherwise time could begin too early. If the
-        submission is not ready, the recorder sends commands in its place, because otherwise time would never
-        begin.
+        submission is not ready, the recorder advertises commands in its place, because otherwise time would
+        never begin.
         """
         is_ready = self._watch.takes_part(self._state)
         has_joined = self._joined_at < inf
