@@ -125,7 +125,7 @@ def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
     for share in shares:
         # 1e-9 is a tolerance for rounding; a fraction above 100 % counts in the last bar
         counts[min(int(BARS * share + 1e-9), BARS)] += 1
-    highest = max([*counts, 1])
+    highest = max([*counts, 1])  # at least 1, because the heights are divided by it
     step = 100 // BARS
     return [
         {

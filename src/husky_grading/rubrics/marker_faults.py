@@ -120,9 +120,10 @@ def find_fault(
 def _find_direction_fault(
     recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
 ) -> Optional[Kind]:
-    """Return the fault in the coordinates of most wrong markers off the axis; None if unknown.
+    """Return the fault in the coordinates of most wrong markers; None if unknown.
 
-    The arguments are those of `find_fault`.
+    Only markers count that are drawn while the pillar is off the robot's axis, because on the axis a mirrored
+    marker is right, too. The arguments are those of `find_fault`.
     """
     seen_markers = off_axis(recording, wrong, rules)
     if not seen_markers:
@@ -134,6 +135,7 @@ def _find_direction_fault(
     # x of the origin of the marker's frame in base_link; any other frame is taken as the lidar's. It is
     # subtracted, because the student has computed whole metres in the marker's frame.
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
+    # test of each fault on one marker, seen from base_link; the first fault that most markers have counts
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: (
             turns_with_robot and abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
