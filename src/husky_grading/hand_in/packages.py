@@ -109,7 +109,9 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
                     notes.append(str(error))
                 places[unpacked] = places[folder] / archive.relative_to(folder).as_posix()
                 folders.append(unpacked)
-        packages = [each for folder, place in places.items() for each in _packages(folder, place, notes)]
+        packages = [
+            each for folder, place in places.items() for each in _packages_below(folder, place, notes)
+        ]
     except (ArchiveError, UnreadableFileError, OSError) as error:
         raise NotMarkableError(f"the submission cannot be read: {error}") from error
     if len(packages) > MAX_PACKAGES:
@@ -119,8 +121,11 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
     return Contents(tuple(packages), places, tuple(notes))
 
 
-def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
-    """Return the packages below a folder, outer ones first, without packages inside of another one."""
+def _packages_below(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
+    """Return the packages below a folder, outer ones first, without packages inside of another one.
+
+    `notes` gets a note on each package.xml that cannot be read.
+    """
     manifests = [path for path in walk(folder, skipped=BUILT) if path.name == "package.xml"]
     packages: Dict[Path, Package] = {}
     # outer folders first, so that a package inside of another one is noticed

@@ -105,7 +105,7 @@ def plans(
     for own_events in events.values():
         # normally one of the events has the nodes; none has them if the launch file cannot be loaded
         read_plan = next((event.plan for event in own_events if event.plan), None)
-        notes = notes_on(own_events, "")
+        notes = notes_on(own_events, output="")
         if read_plan is None:  # the events normally give the reason
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
         elif not read_plan.nodes:

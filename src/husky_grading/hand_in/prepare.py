@@ -129,7 +129,7 @@ def _prepare_launchable(
 
 
 def _check_sandbox_works(workspace: Workspace, folder: Path) -> None:
-    """Start the program that reads launch files without a launch file, to find faults of this machine.
+    """Start the program that reads launch files, but without a launch file, to find faults of this machine.
 
     Raises:
         MarkingError: no program can be started here.

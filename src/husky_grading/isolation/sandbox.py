@@ -165,20 +165,20 @@ def _secrets(folder: str) -> List[Path]:
     return secrets
 
 
+# purposes of mounts, in the order in which mounts at the same depth are made
+HIDE, SHOW, WRITE = 0, 1, 2
+
+
 class _Mount(NamedTuple):
     """Mount of a path in the sandbox."""
 
     path: Path
-    # order of mounts at the same depth: 0 to hide a folder, then 1 to show a path, then 2 to make a path
-    # writable
-    rank: int
+    rank: int  # HIDE, SHOW or WRITE
     options: List[str]  # options of bubblewrap
 
 
 def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
     """Return bubblewrap's options for all mounts: hidden folders, read-only files, and the writable folder.
-
-    Outer folders come first, because inner ones are mounted into them.
 
     Args:
         workspace: files that the program may read, and folders that it must not see.
@@ -199,12 +199,12 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     shown |= own.shown
     # home folders stay hidden, so a folder that contains a home folder is not shown either
     shown = {path for path in shown if not any(path in home.parents for home in homes)}
-    mounts = [_Mount(path, 0, ["--tmpfs", str(path)]) for path in hidden]
-    mounts += [_Mount(path, 1, ["--ro-bind", str(path), str(path)]) for path in shown]
+    mounts = [_Mount(path, HIDE, ["--tmpfs", str(path)]) for path in hidden]
+    mounts += [_Mount(path, SHOW, ["--ro-bind", str(path), str(path)]) for path in shown]
     visible = {*shown, *(Path("/", name) for name in SYSTEM)}  # the system's folders are always shown
     for link in _missing_links(needed, visible, hidden):
-        mounts.append(_Mount(link, 1, ["--symlink", os.readlink(link), str(link)]))
-    mounts.append(_Mount(writable, 2, ["--bind", str(writable), str(writable)]))
+        mounts.append(_Mount(link, SHOW, ["--symlink", os.readlink(link), str(link)]))
+    mounts.append(_Mount(writable, WRITE, ["--bind", str(writable), str(writable)]))
     # The mounts are made in this order. Outer folders come first, because inner paths are mounted into them.
     # At the same depth, hidden folders come first.
     mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
