@@ -58,13 +58,18 @@ def run_and_reap(parent: int, command: List[str]) -> int:
     child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before))
     while True:
         number = signal.sigwait(SIGNALS)
-        if number == signal.SIGTERM:
-            return STOPPED
-        if number != signal.SIGCHLD:
+        if number not in (signal.SIGCHLD, signal.SIGTERM):
             # the pid belongs to the child until waitpid is called, even if the child has ended, so the signal
             # reaches no other program
             os.kill(child.pid, number)
-            continue
+            # A program that gets signals without a pause does nothing else, and sigwait returns SIGINT before
+            # SIGCHLD. So the next signal is passed on after a pause, which only an end of a process shortens.
+            arrived = signal.sigtimedwait({signal.SIGCHLD, signal.SIGTERM}, POLL_PERIOD)
+            if arrived is None:
+                continue
+            number = arrived.si_signo
+        if number == signal.SIGTERM:
+            return STOPPED
         # One SIGCHLD may report the end of several processes, so the loop asks until no ended process is
         # left.
         pid, status = os.waitpid(-1, os.WNOHANG)

@@ -17,7 +17,10 @@ def reap(script):
     """Exit code and output of a script below the reaper, which is its parent."""
     command = [sys.executable, str(Path(reaper.__file__)), str(os.getpid()), "/bin/bash", "-c", script]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as program:
-        output, _ = program.communicate(timeout=DEADLINE)
+        try:
+            output, _ = program.communicate(timeout=DEADLINE)
+        finally:
+            program.kill()  # otherwise a program that hangs would be waited for without a deadline
     return program.returncode, output
 
 
