@@ -144,7 +144,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))
-        # package of the included file, and its path in the package; without $(find ...), no package is known
+        # Most files are given as $(find PACKAGE)/PATH: package of the included file, and its path in the
+        # package. Without $(find ...), no package is known.
         package, place = match.groups() if match else ("", tag.getAttribute("file"))
         is_of_simulator = package in SIMULATION  # the file belongs to a package of the simulator or robot
         if is_of_simulator and place in self._simulator_files:  # our simulator takes its place
@@ -238,6 +239,7 @@ def load_launchable(
     config = read_launchable(launchable, reporter, loader)
     nodes = sort_nodes(config.nodes, reporter, ours)
     config.nodes = nodes.to_start
+    # the event on the end of a node names its package
     reporter.packages = {node.name: node.package for node in nodes.to_start}
     config.tests = []  # drop the nodes in <test> tags, because only rostest starts them
     # `grade` sets these parameters itself

@@ -44,14 +44,14 @@ MAX_SERIES = 6
 # markers get all points if they are right for the fraction ALWAYS of the time or more, and none for NEVER or
 # less; linear in between
 ALWAYS, NEVER = 0.8, 0.2
-LONGEST = 0.2  # [s] one moment counts for at most this time, which is two periods of the slowest lidar
+MAX_DURATION = 0.2  # [s] one moment counts for at most this time, which is two periods of the slowest lidar
 
 
 class Moment(NamedTuple):
     """Moment at which a marker came."""
 
     at: float  # [s] simulated time
-    seconds: float  # [s] time from this moment to the next, at most LONGEST
+    seconds: float  # [s] time from this moment to the next, at most MAX_DURATION
     score: float  # score that at least the fraction MOST of the drawn markers reaches, 0 to 1
 
 
@@ -192,9 +192,11 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
             # score that at least the fraction MOST of the drawn markers reaches; `drawn_scores` begins with
             # the lowest score
             moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
-    durations = np.minimum(np.diff(times), LONGEST).tolist()
+    # [s] a moment counts until the next one, but at most MAX_DURATION, so the last marker before a pause does
+    # not count for the whole pause
+    durations = np.minimum(np.diff(times), MAX_DURATION).tolist()
     # no moment follows the last moment, so it counts as long as the moment before it
-    durations.append(durations[-1] if durations else LONGEST)
+    durations.append(durations[-1] if durations else MAX_DURATION)
     return list(map(Moment, times, durations, moment_scores))
 
 
