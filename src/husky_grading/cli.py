@@ -173,11 +173,11 @@ def grade(options: argparse.Namespace) -> int:
     package, name, *arguments = getattr(options, kind)
     launchable = Launchable(kind, package, name, tuple(arguments))
     job = Job(f"{package} {name}", str(out), config, launchable, setups=setups)
-    result = run_program(job, shows_errors=True)
-    add_step_summary([result])
-    print(to_result(result))
+    marking = run_program(job, shows_errors=True)
+    add_step_summary([marking])
+    print(to_result(marking))  # a table of the items, and the notes
     print(f"\npictures, JSON, JUnit XML and logs: {out}")
-    return 2 if result.problem else int(not result.full)
+    return 2 if marking.problem else int(not marking.full)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:

@@ -77,7 +77,7 @@ class Submission:
     rviz: RvizConfig = field(default_factory=RvizConfig)
     robot: NamedRobot = field(default_factory=NamedRobot)
     sandbox: str = ""  # kind of sandbox
-    network: str = ""
+    network: str = ""  # "loopback only", or "not kept apart" if the submission is in the machine's network
     own: Tuple[str, ...] = ()  # names of the packages that the student has delivered; empty if unknown
     # the chosen launch file, then the launch files that fit the exercise equally well but start other nodes;
     # empty if no other launch file fits

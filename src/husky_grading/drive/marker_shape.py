@@ -52,7 +52,7 @@ def draw(
         pose_in_world: pose of the marker.
         scale: sizes of the marker along its x, y and z [m].
         points: points of a list or an arrow, relative to the pose [m].
-        axis: vertical axis from which `reach` is measured, x and y in the world [m].
+        axis: vertical axis of the pillar, x and y in the world [m].
     """
     # points that can count as the marker's position; corners of the shape that the marker covers
     references, corners = _references_and_outline(kind, scale, points)
@@ -60,13 +60,14 @@ def draw(
     position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
     outline = np.array([transform_point(pose_in_world, corner) for corner in corners])
     low, high = float(outline[:, 2].min()), float(outline[:, 2].max())
-    return Drawn(position, hull_distance(outline[:, :2] - np.asarray(axis)), low, high)
+    reach = hull_distance(outline[:, :2] - np.asarray(axis))
+    return Drawn(position, reach, low, high)
 
 
 def _references_and_outline(
     kind: int, scale: Sequence[float], points: Sequence[Sequence[float]]
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
-    """Return the reference points of a shape, and the points whose convex hull it covers.
+    """Return the reference points of a shape, and the points whose convex hull counts as covered.
 
     The reference point that is nearest to the pillar counts as the position of the marker. All points are in
     the marker's frame [m].
@@ -83,6 +84,8 @@ def _references_and_outline(
         # too
         ends = [measured[0], measured[-1]] if kind in LINES else []
         middle = _middle(np.array(measured, dtype=float))
+        # the hull of all points is not taken, because points far away on all sides of the pillar would then
+        # cover the pillar
         return [middle, *ends], [middle, *ends]
     # a text turns with the camera, and the size of a mesh is only in its file, so only their origin counts
     if kind in (TEXT, MESH):

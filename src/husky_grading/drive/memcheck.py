@@ -133,6 +133,7 @@ def find_unwritten_variable(
         )
         heard = robot  # choice of the robot; it changes below if the submission listens to another robot
         if robot.is_guess:
+            # the choice stays if it is unknown to which robot's scans the submission subscribes
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
         if heard.config != robot.config:
             simulator.kill()

@@ -13,7 +13,7 @@ from husky_grading.isolation.process import Process, wait
 POLL_PERIOD = 0.1  # [s] wall time
 LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
 # [s] a program is idle if none of its threads has run for this wall time; IDLE applies after the program has
-# subscribed to a topic, IDLE_BEFORE applies before
+# subscribed to a topic, IDLE_BEFORE applies before, because some controllers first sleep for 10 s
 IDLE, IDLE_BEFORE = 2.0, 12.0
 # A program that publishes in a loop is never idle. It has settled, so nothing new is expected from it, if it
 # has computed or slept for SETTLED [s] since its last registration with the ROS master, and has computed for
@@ -41,9 +41,10 @@ def wait_while_active(
 
     Args:
         process: the program.
-        node_count: number of the nodes that it starts.
+        node_count: number of the nodes that it starts; as long as fewer nodes have registered, the program
+            settles later.
         condition: the condition.
-        read_graph: returns the registrations of its nodes; some sleep for 10 s before they do anything.
+        read_graph: returns the registrations of its nodes.
     """
     activity = _Activity(process, node_count, read_graph)
 
@@ -109,7 +110,7 @@ class _Activity:
 def state_of_tree(root: int) -> Tuple[bool, float]:
     """Return whether a thread below a process runs, and the CPU time [s] of all processes below it."""
     runs, ticks = False, 0
-    waiting = _children(root)
+    waiting = _children(root)  # the root itself does not count, because it is our reaper.py
     while waiting:
         pid = waiting.pop()
         for task in _tasks(pid):

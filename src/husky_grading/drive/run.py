@@ -74,7 +74,7 @@ def drive_submission(
         submission: submission to start.
         trial: start and pillar.
         robot: robot to simulate.
-        bring_up: function that starts the simulator, or the program in its place.
+        bring_up: function that starts the simulator, or a program in its place, such as the bag player.
         folder: folder for the recording and logs.
         unwritten_variable: sentence on a variable that is read before it is written; empty if there is none.
         on_time: function that is called with simulated times [s].
@@ -86,7 +86,8 @@ def drive_submission(
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket = f"{private}/truth"
         packages = tuple(map(str, submission.workspace.packages))
-        # recording with the facts from before the run, which the recorder completes
+        # recording with the facts from before the run; the recorder completes it, and adds the data that its
+        # exercise watches to the facts from the submission's files
         initial = replace(
             not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
         )

@@ -36,9 +36,9 @@ from husky_grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
 MAX_TEXT = 1_000_000  # [bytes] paths of another computer are replaced only in launch files up to this size
-# a build is repeated after a missing package, at most this often, because CMake reports only one in each
+# at most this number of builds look for missing packages; CMake reports only one missing package in each
 # build
-MAX_MISSING = 10
+MAX_BUILDS = 10
 # at most this number of missing packages get an empty replacement, because the output of a build can name any
 # number of packages
 MAX_STAND_INS = 50
@@ -279,7 +279,8 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         NotMarkableError: the build leads out of the workspace.
         MarkingError: nothing can be built here.
     """
-    import_early()  # load Python modules that are needed later, while the compiler waits for the disk
+    # another process loads Python modules that are needed later, while the compiler waits for the disk
+    import_early()
     first_outcome, missing = _make_with_stand_ins(folders, needed, underlay)
     (output, code), is_repaired = _make_again(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
@@ -289,6 +290,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     notes = _notes_on_missing(missing)
     if is_repaired:
         notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
+    # PLAIN_TYPES lets code such as publish(true) compile, so the student gets a note on such code
     if _publishes_plain_values(folders.root / "devel" / "lib"):
         notes.append(Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE))
     notes += _notes_on_outcome(output, code, folders.root)
@@ -304,7 +306,7 @@ def _make_with_stand_ins(
     """
     missing: Set[str] = set()
     outcome = BuildOutcome("", None)
-    for _ in range(MAX_MISSING):
+    for _ in range(MAX_BUILDS):
         outcome = _catkin_make(folders, needed, underlay, repair="")
         # packages that CMake did not find, without those that already have a stand-in or are handed in
         unknown = set(_NOT_FOUND.findall(outcome.output)) - missing - set(folders.packages)
@@ -380,7 +382,8 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
     if not all(is_below(place, folders.root) for place in places):
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
     setups = (*underlay.setups, *new_setups)
-    return Workspace(setups, (*underlay.packages, sources), underlay.hidden, Own.NOTHING)
+    packages = (*underlay.packages, sources)
+    return Workspace(setups, packages, hidden=underlay.hidden, own=Own.NOTHING)
 
 
 def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
@@ -419,6 +422,7 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
     `repair` is text that is compiled before each C++ source.
     """
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
+    # with PLAIN_TYPES, code such as publish(true) compiles
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
     # the stand-ins come last, so that a package that exists is found first
@@ -428,6 +432,7 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
     command = [
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
+        # with LESS_COLLECTION, GCC collects garbage less often, and compiles faster
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",  # saves CMake's test of the compilers
         # no option -l, because with -l make waits while other programs use the CPU

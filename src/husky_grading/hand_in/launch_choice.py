@@ -34,7 +34,7 @@ from husky_grading.records import Launchable, Override
 from husky_grading.submission import OWN_RVIZ, STUDENTS_OWN, Parts, Plan
 from husky_highlevel_controller.paths import share_folder
 
-MAX_LAUNCH = 1_000_000  # [bytes] larger files are not read
+MAX_TEXT_SIZE = 1_000_000  # [bytes] larger source files and templates are not read
 # package that `./dev new` copies as a student's first package
 TEMPLATE = share_folder() / "examples" / "first_node"
 TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
@@ -128,7 +128,10 @@ def read_launch_files(
         # true if one of the nodes is from a package whose code names messages of scans
         scans = not scanning.isdisjoint(map(_package_of, nodes))
         is_template = bool(holder) and _is_template(path, folders[holder], holder)
-        launch_files.append(LaunchFile(path, place, owner, plan, nodes, scans, driving, is_template))
+        launch_file = LaunchFile(
+            path, place, owner, plan, nodes, scans, driving_packages=driving, is_template=is_template
+        )
+        launch_files.append(launch_file)
     return launch_files
 
 
@@ -175,7 +178,7 @@ def _packages_by_messages(
     """
     # texts of source files that name messages of scans or velocities, by the name of the package
     texts = {
-        name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
+        name: [text for _, text in texts_in(folder, SOURCES, MAX_TEXT_SIZE) if MOTION.search(text)]
         for name, folder in folders.items()
     }
     scanning = {name for name in folders if any(map(SCAN.search, texts[name]))}
@@ -241,7 +244,7 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
 
     def is_written_by_us(path: Path, template: Path) -> bool:
         """Return whether a file is a template of ours with the name of the package in place of our name."""
-        if not (template.is_file() and path.is_file() and path.stat().st_size < MAX_LAUNCH):
+        if not (template.is_file() and path.is_file() and path.stat().st_size < MAX_TEXT_SIZE):
             return False
         return path.read_bytes() == template.read_bytes().replace(TEMPLATE.name.encode(), package.encode())
 
@@ -296,6 +299,8 @@ def _copy_launch_files_above(
         for folder in package.path.parents:  # the innermost folder comes first
             if folder != top and top not in folder.parents:
                 break  # the folder is outside of `top`
+            # both .launch and .launch.xml are launch files; `file_suffix` leaves out other names, such as
+            # .launch~
             for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
                 launch_place = place / path.relative_to(top).as_posix()
                 target = root / "src" / BESIDE / launch_place
@@ -315,6 +320,8 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     # False is better than True: a solution starts the course's world and reads scans, and its path often has
     # a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
+    # with `by_content`, the content comes first, because a launch file of this exercise names the world with
+    # the pillar
     fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
     has_other_use = bool(OTHER_USE.search(file.place.name))
     # in an exercise on a filter of the robot, words such as ekf are right, so the nodes decide instead of the

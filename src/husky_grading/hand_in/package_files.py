@@ -73,13 +73,15 @@ def _config_in_package(
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:MAX_CONFIGS] if folder else []
     if folder and launch_file:
-        # other launch files that name .rviz files; the key is the name of the .rviz file
+        # other launch files that name .rviz files; the key is the name of the .rviz file. If `launch_file`
+        # starts no RViz, launch files that only show something are not among them.
         owners = _owners_of_configs(folder, launch_file, skip_viewers=not planned.rviz)
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
             source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
             return _read_config(source, files[0], remaps)
+        # an only file without an owner stays, so it counts, too
         files = [path for path in files if path.name not in owners]
     configs = [_read_config(path.name, path, remaps) for path in files]
     return max(configs, key=_count_needed_displays, default=None)

@@ -244,9 +244,10 @@ def choose_packages(
 
 
 def copies_of_known(packages: Sequence[Package]) -> List[Package]:
-    """Return the known packages with files of the student, each name once, which are not built but are found.
+    """Return the known packages with files of the student, each name once.
 
     They are the packages of COPIED, and packages with a launch file that starts a node of the submission.
+    Nothing builds these packages, but launch files find the files in them.
     """
     students_own = {each.name for each in packages} - KNOWN
     copies = [

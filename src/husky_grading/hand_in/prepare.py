@@ -101,7 +101,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         rviz=rviz,
         robot=facts.robot(planned),
         sandbox=kind_of_sandbox(),
-        network=private_network.reach(),
+        network=private_network.reach(),  # says whether the network is kept apart from other networks
         parts=facts.parts,
         facts=facts.read(planned),  # facts that the exercise needs to give points
         made_of=job.made_of,  # hash by which a later marking knows that nothing has changed
@@ -352,6 +352,7 @@ def _build_candidates(
     needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:
+        # `best` is tested again in each turn, because a later build may have built it, too
         if best is None or _is_any_built(best, folders):
             break
         # packages of launch files that were tried before stay in `needed`, so each build continues the build

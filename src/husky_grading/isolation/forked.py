@@ -67,9 +67,9 @@ class _Child:
             folder: working directory.
             handed: arguments of the module's main().
         """
-        import_early()
+        import_early()  # starts the process that forks the program, if it does not run yet
         read_end, write_end = os.pipe()  # pipe from the program's output to this process
-        self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
+        self.stdout = open(read_end, "rb", buffering=0)  # noqa: SIM115 - `Process._read` closes it
         with Connection(write_end) as output:
             arguments = (command, env, folder, output, handed)
             self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)

@@ -34,6 +34,7 @@ NAME = MODULES.name
 BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # our other Python packages, in the same folder
 # files and folders that every submission sees, because its launch files and its build may need them
 DATA = ("package.xml", "cmake", "compat", "config", "launch", "msg", "rviz", "srv", "urdf", "worlds")
+# folders that a normal submission does not see; our own launch files and nodes see them
 CODE = ("cfg", "examples", "scripts", "src", "tools", "web")
 # program that starts the nodes of a submission
 STARTER = Path(__file__).resolve().parents[1] / "nodes" / "submission.py"
@@ -59,6 +60,7 @@ def own_files(own: Own) -> OwnFiles:
     # such as the source tree, so the folders of the link targets are hidden, too.
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
     shown |= {(share / name).resolve() for name in entries}
+    # folders of our Python packages, and folders of our programs
     code = {MODULES, *(MODULES.parent / name for name in BESIDE), *programs()}
     if own is Own.ALL:
         shown |= code

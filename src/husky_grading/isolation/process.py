@@ -68,7 +68,9 @@ class Process:
         self._stderr = None if shows_errors else subprocess.STDOUT
         self.popen = self._popen(command, env, folder)
         if workspace is not None:
-            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate, is_entered())
+            self._watch = SizeWatch(
+                self.popen.pid, folder, end_program=self.popen.terminate, is_network_own=is_entered()
+            )
         self._head, self._tail = bytearray(), bytearray()  # beginning and end of the output so far
         self._pump = threading.Thread(target=self._read, daemon=True)
         self._pump.start()
@@ -146,6 +148,7 @@ class Process:
         self.popen.terminate()  # reaper.py gets SIGTERM and kills all processes of the program
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
+        # processes can be left if reaper.py has not ended in time, or if another program has killed it
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.popen.pid, signal.SIGKILL)
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -195,6 +195,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     # a folder is not hidden if it is the writable folder or inside of it
     hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed_folders(workspace, env)
+    # folders such as /home are never shown as a whole, even if a search path names them
     shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
     shown |= own.shown
     # home folders stay hidden, so a folder that contains a home folder is not shown either
