@@ -23,6 +23,7 @@ import numpy as np
 from husky_highlevel_controller.datatypes import HuskyError
 
 Record = TypeVar("Record")
+# plain names of types, for errors about files; errors about parameters use Python's names, such as float
 _TYPE_NAMES = {str: "text", int: "whole number", float: "number", bool: "truth value"}
 
 
@@ -69,7 +70,8 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
 
     Args:
         record: a dataclass, which stays as it is.
-        values: new values by paths such as "lidar/noise", for fields of nested records.
+        values: new values by paths such as "lidar/noise", for fields of nested records. A path that is not a
+            field is ignored, so the caller must check the paths.
         source: origin of the values for error texts, such as a namespace ending in '/'.
 
     Raises:
@@ -220,6 +222,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         }
     if isinstance(kind, type) and issubclass(kind, Enum):
         choices = {"choices": [each.value for each in kind]}
+        # no parameter of a node has an Enum type, so the value comes from a file
         return kind(_plain_value(str, value, name, choices, parameters_only=False))
     if kind is np.ndarray:
         return _array(value, name, metadata["shape"])
@@ -283,6 +286,7 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
         return value
     # YAML reads 1 as an int; for a parameter of type float, an int is accepted
     if type(value) is not kind and not (kind is float and type(value) is int):
+        # parameters have Python's names of types, and files have plain names
         type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
         raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")
     if "min" in metadata and kind in (int, float):

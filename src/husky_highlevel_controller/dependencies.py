@@ -47,7 +47,7 @@ def unknown_dependencies(
     for name in dependencies:
         if name in known:
             continue
-        suggestion = nearest(name, known, "_", MIN_LIKENESS) or ""
+        suggestion = nearest(name, known, separator="_", least=MIN_LIKENESS) or ""
         # a name with an underscore and without a hyphen cannot be a library, so it is a missing package
         if suggestion or ("_" in name and "-" not in name):
             found.append(UnknownDependency(package, name, suggestion))

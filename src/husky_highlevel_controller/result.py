@@ -97,6 +97,7 @@ class Table:
             from pyarrow import parquet
         except ImportError:
             return files[:1]
+        # `values` has plain values and no `Cell`, as pyarrow needs
         columns = map(list, zip(*self.values))
         parquet.write_table(Columns.from_pydict(dict(zip(self.header, columns))), files[1])
         return files

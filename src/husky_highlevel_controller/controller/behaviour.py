@@ -157,7 +157,8 @@ def decide(
     moved = _moved(controller_state, observation)
     if moved:
         # the robot was put elsewhere, or odom was reset, so positions that were rejected before get a new
-        # chance; the remembered pillar stays until a scan shows that its position is empty
+        # chance, and so does the position of the last object that walked (`walked_to`); the remembered pillar
+        # stays until a scan shows that its position is empty
         track = controller_state.track._replace(rejected=(), walked_to=None)
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
@@ -236,6 +237,8 @@ def _look(controller_state: ControllerState, observation: Observation, pillars: 
     if laser_in_odom is None:
         nearest = pillars[0] if pillars else None
         return _Look(controller_state.track, nearest, None, Visibility.UNKNOWN)
+    # an arrived robot keeps a near pillar that something hides, so that the robot stays when somebody stands
+    # in front of the pillar
     keep_hidden = controller_state.state is State.ARRIVED
     track, sighting, visibility = follow(
         controller_state.track, pillars, observation.scan, laser_in_odom, keep_hidden
@@ -320,6 +323,8 @@ def _act(
     # without inf has no beams, or every return is too close to be valid
     if not measured and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
+    # a track is doubtful if the last tracked object walked and the present object is not confirmed, because
+    # it may be the same object
     if controller_state.track.doubtful and target is not None:
         return _wait("the pillar moves away; waiting until it stands")
 
@@ -376,7 +381,8 @@ def _search(
         observation.outline,
         control,
     )
-    # an empty world has no returns, but here an earlier scan showed walls, so this scan is a fault of the
+    # the search begins with a whole turn on the spot and then drives forwards; only this scan is checked. An
+    # empty world has no returns, but here an earlier scan showed walls, so this scan is a fault of the
     # lidar; the robot must not drive forwards, and the search keeps its old state
     if twist.linear > 0.0 and not measured and controller_state.in_room:
         problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"

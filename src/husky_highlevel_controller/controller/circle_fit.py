@@ -110,8 +110,9 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         e_i = |c - p_i| - r,    n_i = (c - p_i) / |c - p_i|,    cos_i = max(n_i . d_i, MIN_COSINE)
 
     is weighted by w_i = 1 / cos_i^2, because noise acts along the beam and e_i / cos_i is the change of range
-    that would remove the residual. The prior expects the centre at c_0 = (near + R, 0), behind the nearest
-    beam, and the radius R. The fit minimises
+    that would remove the residual. The lidar is the origin, and the x axis points to the middle of the
+    segment. The prior expects the centre at c_0 = (near + R, 0), behind the nearest beam, and the radius R.
+    The fit minimises
 
         sum_i w_i e_i^2 + 1e-6 (c_x - c_0x)^2 + 1e-3 c_y^2 + 0.6 (r - R)^2
 
@@ -152,7 +153,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         (x, y, r), step_length = _improved((x, y, r), products, radius)
         if step_length < _SETTLED:
             break
-    # `products` and `error` belong to the circle before the last step
+    # radius by the beams alone, without the prior, and its possible error `free_slack`; `products` and
+    # `error` belong to the circle before the last step
     free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
     *_, (*_, sum_squared_error) = products  # the last number of the matrix is sum_i w_i e_i^2

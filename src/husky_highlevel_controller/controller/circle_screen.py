@@ -33,6 +33,8 @@ LINE_ODDS = 4.0
 # a circle must fit better than a straight line by this lead (see LINE_ODDS) if another object hides a part of
 # the circle
 HIDDEN_ODDS = 2.0
+# a beam hits a circle if its range differs from the expected range by at most this many times `max_residual`
+HIT_SLACK = 4.0
 # [m] this coarse test allows each limit to be exceeded by this, because its fit is not exact
 _MARGIN = 0.005
 # this coarse test lets a line fit better than the circle by a lead (see LINE_ODDS) that is this much larger
@@ -89,7 +91,7 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     # only segments that pass the tests above are tested for hidden beams and for beams that pass through the
     # circle
     fits = _Fits(*(column[candidates] for column in fits))
-    missing, hidden = _silhouettes(scan, fits, slack=4.0 * config.max_residual)
+    missing, hidden = _silhouettes(scan, fits, slack=HIT_SLACK * config.max_residual)
     # the circle leads by HIDDEN_ODDS, which is a negative lead of the line
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
     # the results belong to the segments that are still candidates. Few beams may pass through the circle,
@@ -157,8 +159,9 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     _, _, error, weight = residuals()
     squares = error * error
     u, v = ranges * px, ranges * py
-    # `line_squared_error` fits r = a u + b v with u = r^2 cos and v = r^2 sin; these are the six products
-    # that it needs for each beam
+    # A straight line has the equation 1 / r = a cos + b sin in polar coordinates. Multiplied by r^2, this is
+    # r = a u + b v with u = r^2 cos and v = r^2 sin, whose errors are differences in range. These are the six
+    # products of each beam that `line_squared_error` needs for the fit of a and b.
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
     # (8, S) sums over the beams of each segment: squared distances from the circle, weighted squared errors
     # of the circle, and six sums for the line

@@ -51,8 +51,8 @@ LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between
 PATIENCE = 2.0  # [s] IMU samples are evaluated without odometry if no odometry has come for this time
 LONGEST_WAIT = 2.5  # [s] an IMU sample that has waited this long for its odometry is evaluated without it
 LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that come later than odometry
-# [m/s^2] a shock from below also causes horizontal force, so the part of a horizontal force above this limit
-# is reduced by the size of the vertical force
+# [m/s^2] a shock from below also causes horizontal force, so the part of the force ahead above this limit is
+# reduced by the size of the vertical force; the vertical force is cut off at this limit
 SHOCK_FORCE = 6.0
 # [m/s] the ground counts as rough if the vibration is larger than this; a real Husky A200 has 0.005 at rest,
 # 0.03 on flooring
@@ -157,7 +157,7 @@ class CrashDetector:
         if self._wheel_speeds and stamp < self._wheel_speeds[-1][0]:  # time goes back
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
-        self._odometry_silent_since = inf
+        self._odometry_silent_since = inf  # no IMU sample has come since this odometry
         # [s] stamp before which wheel speeds are not needed any more: the next sample needs those of MEMORY
         # before the last sample, but speeds are not kept longer than LONGEST_DELAY for samples that are late
         oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
@@ -207,8 +207,8 @@ class CrashDetector:
     def _has_odometry(self, stamp: float, now: float) -> bool:
         """Return whether odometry of a time [s] has come, or is no longer waited for.
 
-        `now` is the stamp of the newest sample [s]. The newest odometry may be up to one of its periods, and
-        LATENESS, before that time.
+        `now` is the stamp of the newest sample [s]. The change that a sample judges ends LATENESS before the
+        sample, and the newest odometry may be up to one of its periods before that end.
         """
         # odometry has stopped, or the sample has waited for too long
         if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
@@ -310,7 +310,9 @@ class CrashDetector:
         ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force
         vertical = dot(force, self._vertical) - GRAVITY
-        # forces of shocks from below are reduced or cut off, because the ground causes them and not a crash
+        # forces of shocks from below are limited, because the ground causes them and not a crash. A large
+        # force ahead is reduced by the size of the vertical force at the same time. The forces to the left
+        # and up are cut off at fixed limits.
         force_ahead = _damped(dot(force, ahead), vertical)
         force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
         return _Increment(
@@ -323,9 +325,10 @@ class CrashDetector:
     def _judge_change(self) -> Optional[float]:
         """Return the change of velocity [m/s] that ended LATENESS ago if it is a crash, otherwise None.
 
-        The increments before that time are summed, and compared with the vibration of the ground. `change`
-        gets the result. It stays None at the start, until the vertical has been learnt for LEARNING_TIME, or
-        up to LEARNING_ROUGH on rough ground.
+        The change is the mean velocity over the last AFTER, minus the mean velocity over a time of length
+        BEFORE, which ends `window` before AFTER begins. The change is compared with the vibration of the
+        ground. `change` gets the result. It stays None at the start, until the vertical has been learnt for
+        LEARNING_TIME, or up to LEARNING_ROUGH on rough ground.
         """
         window, end = self._config.window, self._last_stamp - LATENESS
         longest = AFTER + window + BEFORE
@@ -348,6 +351,7 @@ class CrashDetector:
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
+            # if `window` is longer than AFTER, an increment that counts as swung does not count as pushed
             if age < window - 1e-6:
                 swung_left += left_by
                 swung_up += up_by
@@ -400,7 +404,8 @@ class CrashDetector:
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # possible changes of the wheels' speed: 0, and the change by odometry for each of five shifts in time
+        # possible changes of the wheels' speed, which are the changes by odometry for five shifts in time,
+        # and 0, so that wheels that speed up do not make the loss larger
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0

@@ -49,4 +49,4 @@ class Obedience(NamedTuple):
             if not (moved > MOVED or turned > TURNED):
                 return self._replace(stamp=stamp)  # the robot still stands at the old pose
         # the robot has moved, this is the first command to move, or the time has run back
-        return Obedience(base_in_odom, stamp, stamp)
+        return Obedience(pose=base_in_odom, since=stamp, stamp=stamp)

@@ -23,6 +23,7 @@ from husky_highlevel_controller.controller.circle_fit import (
 )
 from husky_highlevel_controller.controller.circle_screen import (
     HIDDEN_ODDS,
+    HIT_SLACK,
     LINE_ODDS,
     PillarConfig,
     may_be_pillars,
@@ -226,7 +227,10 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
     # line wins unless the circle fits better than the line by HIDDEN_ODDS.
     if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
         return False
-    # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing
+    # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing. Its
+    # odds grow with the beams, so a corner of many beams wins only if its squared errors are smaller than
+    # those of the circle by the factor e or more. The line has fixed odds, so a line of many beams wins
+    # by a smaller factor.
     return beams <= 5 or not beats_circle(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
 
 
@@ -245,7 +249,7 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
     half_width = half_angle / step + 1.0  # number of beams that are checked on either side of `centre`
     # [m] a beam hits the circle if its range differs from the expected range by at most this
-    slack = 4.0 * config.max_residual
+    slack = HIT_SLACK * config.max_residual
     first, last = ceil(centre - half_width), floor(centre + half_width)
     # if even the root of the sum of all squared errors is below `slack`, then every beam of the segment is a
     # hit and need not be checked

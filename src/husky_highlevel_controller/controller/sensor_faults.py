@@ -83,6 +83,7 @@ class ClockOffset:
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
+        # if the clocks are equal, the smallest difference is at most `slack`, which is within the tolerance
         if self._smallest_difference > tolerance:
             return self._smallest_difference
         # if the clocks are equal, the largest difference is about one period, because some message comes

@@ -27,7 +27,9 @@ from husky_highlevel_controller.geometry import inverse, transform_point
 EMPTY_TIMEOUT = 0.5  # [s] a pillar is given up if its remembered position looks empty for longer than this
 # while a nearer object hides a near remembered position, only this fraction of the time counts as empty
 _HIDDEN_WEIGHT = 0.1
-_NEAR = 2.0  # [m] a remembered position counts as near if it is closer to the lidar than this
+# [m] a remembered position counts as near if it is closer to the lidar than this; the lidar should see a
+# pillar that is so near
+_NEAR = 2.0
 _MANY_BEAMS = 8  # a pillar with at least this many beams is accepted even at a rejected position
 _LONGEST_PERIOD = 0.1  # [s] a longer time between two scans counts as this time
 # [m/sqrt(s)] odom drifts, so the standard deviation of a remembered position grows by this times sqrt(time)
@@ -139,8 +141,10 @@ def follow(
             track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
             if track.missed_time <= EMPTY_TIMEOUT:
                 return track, None, visibility
-            # the position is rejected if it looks empty, or if its pillar was confirmed; otherwise the
-            # position was only hidden or out of view
+            # a confirmed pillar is given up only if its position looked empty, or if it stayed hidden
+            # although it is near; this speaks against the position, so the position is rejected. A pillar
+            # that is not confirmed may only have been hidden or out of view, which proves nothing about its
+            # position.
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
 
     # no pillar is tracked now, so the nearest one is taken; the object that walked comes last, because true
@@ -203,7 +207,8 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
     """Return how much of the time without a sighting counts against the pillar, 0 to 1.
 
     The time counts fully if the position looks empty or the track is not confirmed. It counts less if
-    something hides a near pillar, unless `keep_hidden`. Otherwise it does not count.
+    something hides a near pillar, because the lidar should see a pillar that is so near; with `keep_hidden`,
+    it does not count then. Otherwise the time does not count, for example if a far pillar is hidden.
     """
     estimate = track.estimate
     assert estimate is not None

@@ -54,7 +54,8 @@ def to_html(replay: Replay) -> str:
     # true, too
     stands_still = (pillars == pillars[:1]).all()
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
-    # every n-th mark is shown, so that there are at most MAX_MARKS; the division is rounded up
+    # marks are the markers that the controller has sent; every n-th mark is shown, so that there are at most
+    # MAX_MARKS; the division is rounded up
     every = max(-(-len(marks) // MAX_MARKS), 1)
     data = {
         "title": replay.title,
@@ -78,7 +79,7 @@ def _robot(name: str) -> Dict[str, Any]:
     body, wheel = robot_mesh(robot)
     wheels, drive, outline = robot.wheels, robot.drive, robot.footprint
     return {
-        "size": [outline.half_length, outline.half_width],
+        "size": [outline.half_length, outline.half_width],  # [m] half the length and half the width
         "height": drive.wheel_radius - wheels.height,  # [m] height of base_link above the ground
         # [m] x, y and z of the hub of the front left wheel in base_link, and radius
         "wheel": [wheels.base / 2.0, drive.wheel_separation / 2.0, wheels.height, drive.wheel_radius],

@@ -125,6 +125,7 @@ class MotionSensor:
         # `turn` is the rotation of the covariance and of the used variables to the axes of the result
         pose, turn = reading.pose, mounting.pose_frame_in_odom
         if self._is_imu:
+            # attitude of base_link, and rotation about z by the yaw of the mounting
             pose, turn = _level_attitude(pose, mounting.sensor_in_base)
         elif self._config.differential:
             turn = Pose()  # the result is a velocity along base_link's axes, so nothing must be rotated
@@ -198,7 +199,7 @@ def _numbers(pose: Pose) -> np.ndarray:
 
 
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
-    """Return the robot's attitude from an IMU's, and the turn about z between them.
+    """Return the attitude of base_link by an IMU's attitude, and the rotation about z by the mounting's yaw.
 
     As in robot_localization, the mounting's angles are subtracted one by one; roll and pitch then turn with
     its yaw.

@@ -61,7 +61,7 @@ class Chassis:
         self._bullet.move_robot(pose_base_in_world)
         self._reset_contacts()
 
-    def push(self, velocity: Vector3, spin: Vector3) -> None:
+    def set_velocity(self, velocity: Vector3, spin: Vector3) -> None:
         """Give the robot a velocity of base_link [m/s] and a spin [rad/s], in the world; its wheels stand."""
         self._bullet.set_velocity(ROBOT, velocity, spin)
         self.observe()

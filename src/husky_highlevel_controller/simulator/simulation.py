@@ -307,7 +307,8 @@ class Simulation:
     def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
         """Put a model, or the robot's base_link, somewhere else, with a velocity.
 
-        The robot falls to the floor from up to MAX_DROP above it; otherwise it stands on the floor.
+        A robot that is put up to MAX_DROP above the floor falls from there. A robot that is put higher, or
+        below the floor, is put on the floor instead.
 
         Raises:
             PlacementError: no model has this name, or another object is in the way; then nothing changes.
@@ -316,7 +317,7 @@ class Simulation:
             self._objects.place_model(model, motion_in_world)
             return
         self._move_robot(self._landing(motion_in_world.pose))
-        self._chassis.push(motion_in_world.velocity, motion_in_world.angular_velocity)
+        self._chassis.set_velocity(motion_in_world.velocity, motion_in_world.angular_velocity)
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
         """Put base_link at a pose, at rest; the odometry goes along."""

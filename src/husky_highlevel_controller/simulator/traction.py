@@ -131,9 +131,11 @@ def ground_forces(
             e += kdt * grip
             px += kdt * speed
             pw -= kdt * speed * y
-        # eliminate vx and vy, solve for the yaw rate, and put it back
-        c_by_e = c * (a / e)  # exactly c if a == e, which means equal grip in all directions
-        yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
+        # put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the third equation, solve it for
+        # the yaw rate, and compute vx and vy from the yaw rate. c / e is used as `c_a_by_e` / a, so that both
+        # terms are divided by a. If the grip is equal in all directions, a == e, and `c_a_by_e` is exactly c.
+        c_a_by_e = c * (a / e)
+        yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
         # this round has hardly changed the velocity, so no other round is needed
         if hypot(vx - last[0], vy - last[1], yaw_rate - last[2]) < SETTLED * config.slip_speed:
