@@ -72,7 +72,10 @@ def header(stamp: float, frame: str) -> Header:
 
 
 def scan_to_msg(scan: Scan) -> ArrayScan:
-    """LaserScan message as the lidar's driver fills it; Gazebo's driver leaves times and intensities at 0."""
+    """LaserScan message of a scan.
+
+    A scan of Gazebo's driver has times of 0 and no intensities; its message has zeros as intensities.
+    """
     return ArrayScan(
         header=header(scan.stamp, scan.frame),
         angle_min=scan.angle_min,

@@ -103,7 +103,7 @@ class Display:
             self._show(*self._last_shown)
 
     @property
-    def listeners(self) -> List[str]:
+    def viewers(self) -> List[str]:
         """Names of the nodes that show the markers."""
         return [link.endpoint_id for link in self._marker_publisher.impl.connections]
 
@@ -253,7 +253,10 @@ def _height_in_laser(observation: Observation, height: float) -> float:
 
 
 def how_to_drive_again(viewers: Sequence[str]) -> str:
-    """Sentence on how to drive again, by the names of the nodes that show the robot."""
+    """Sentence on how to drive again. It names RViz and the web page only if they are viewers.
+
+    `viewers` are the names of the nodes that show the markers.
+    """
     actions = []
     if any("husky_web" in name for name in viewers):
         actions.append("press Drive again in the page")

@@ -143,6 +143,8 @@ class ControllerNode:
         transforms = tf2_ros.Buffer()
         # holds a scan until TF has the pose of its stamp, and then calls `_answer`
         self._placement = ScanPlacement(transforms, self._answer, footprint)
+        # fills `transforms`, and calls the placement after each message, because a scan may wait for the pose
+        # in this message
         self._listener = Listener(transforms, self._placement)
         rospy.on_shutdown(self._stop)
         rospy.Service(service, SetBool, self._on_start_stop)
@@ -344,7 +346,7 @@ class ControllerNode:
                 f"arrived after {duration:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
                 f"(stop_distance {control.stop_distance:g} m)"
             )
-            rospy.loginfo(how_to_drive_again(self._display.listeners))
+            rospy.loginfo(how_to_drive_again(self._display.viewers))
         elif state is State.DRIVING:
             rospy.loginfo(f"{output.reason}; {_scan_summary(scan, pillar)}{_to_go(output)}")
         elif state is State.SEARCHING:

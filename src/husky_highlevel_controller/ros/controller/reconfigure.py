@@ -28,7 +28,10 @@ class ReconfigureServer:
     def _apply(self, config: Dict[str, Any], _level: int) -> Dict[str, Any]:
         """Put new values into the records, and return the whole configuration: all values by name.
 
-        It does not raise, because an error would end the thread of rqt_reconfigure.
+        dynamic_reconfigure calls it to answer a request of rqt_reconfigure. An error would make the request
+        fail, and would end the thread of rqt_reconfigure that sends requests. But no value causes an error,
+        because the node has checked the start values, and `_Server.update_configuration` has put all later
+        values into their limits.
         """
         changed = []
         for record in self._records:

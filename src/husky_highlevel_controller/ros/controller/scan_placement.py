@@ -103,6 +103,8 @@ class ScanPlacement:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
             if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed
                 self._clock_offset.add_reference(odometry_stamp)
+            # the stamp is compared with the newest stamp of odometry; the wall time tells how long scans have
+            # been compared
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
             # a smaller stamp means that the simulator was started again
@@ -201,7 +203,9 @@ class ScanPlacement:
         # (otherwise `ahead` is 0), or if odometry has stopped, so that a scan has waited too long already
         if overdue:
             self._stamp_when_overdue = newest_stamp
-        must_wait = not self.ahead and newest_stamp != self._stamp_when_overdue
+        # an overdue scan has just set the stamp, so the next line is true for this scan, too
+        odometry_has_stopped = newest_stamp == self._stamp_when_overdue
+        must_wait = not self.ahead and not odometry_has_stopped
         # the last pose of odometry that has stopped is not used after MAX_AGE, because the robot would drive
         # blindly; a fixed transform, with stamp 0, does not age
         age = (stamp - newest_stamp).to_sec() - self.ahead  # [s] age of the pose by odometry's clock
@@ -210,7 +214,8 @@ class ScanPlacement:
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Pose of the lidar, None if unknown; warn if many scans in a row had none."""
-        mount = self._static_mount  # read only once, because another thread may set it to None
+        # read only once, because a message on /tf_static sets it to None in another thread (`forget_mount`)
+        mount = self._static_mount
         if mount is not None:
             static_frame, static_pose = mount
             if static_frame == frame:

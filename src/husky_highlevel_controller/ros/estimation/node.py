@@ -76,7 +76,9 @@ class LocalizationNode:
         for name, item in self._config.inputs.items():
             # the name of an input, such as imu0, gives the type of its messages
             kind = Imu if name.startswith("imu") else Odometry
-            rospy.Subscriber(item.topic, kind, self._on_message, name, max(item.queue_size, QUEUE))
+            # a shorter queue could lose messages, so the configured size only counts if it is larger
+            queue_size = max(item.queue_size, QUEUE)
+            rospy.Subscriber(item.topic, kind, self._on_message, name, queue_size)
         # this timer runs once, and then logs which inputs have sent nothing; it begins again if the clock
         # goes back
         rospy.Timer(rospy.Duration(REPORT_PERIOD), self._report_silence, oneshot=True, reset=True)
@@ -86,7 +88,7 @@ class LocalizationNode:
         rospy.spin()
 
     def _start_filter(self) -> None:
-        """Make a new filter, and forget all messages."""
+        """Make a new filter, forget all messages, and begin again at time 0."""
         self._last_time, self._filter = 0.0, Localization(self._config)
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
         self._first_heard_at = 0.0  # [s] wall time of the first message
@@ -113,7 +115,7 @@ class LocalizationNode:
                 rospy.logwarn(
                     f"clock from {self._last_time:.3f} back to {now:.3f} s; the filter starts again"
                 )
-                self._start_filter()
+                self._start_filter()  # `_last_time` is 0 after this call
             self._last_time = max(now, self._last_time)
             self._heard_at[name] = time.monotonic()
             self._first_heard_at = self._first_heard_at or self._heard_at[name]

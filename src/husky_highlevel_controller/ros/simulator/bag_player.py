@@ -53,7 +53,7 @@ class BagPlayer:
         clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         publish(clock, Clock(time_to_msg(now)))
         # wait until the reader of the true poses lets simulated time begin
-        self._truth.wait_to_begin(lambda: None)
+        self._truth.wait_to_begin(meanwhile=lambda: None)
         begun = time.monotonic()  # [s] wall time that belongs to simulated time 0; each delay makes it later
         for snapshot, topic, msg in chain(first_messages, self._messages):
             if snapshot.stamp > now:

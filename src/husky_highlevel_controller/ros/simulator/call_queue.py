@@ -32,8 +32,8 @@ class CallQueue:
     def call(self, work: Callable[[], Any], between_steps: bool = False) -> Any:
         """Let the owner do `work`, and return its result or raise its error; not for the owner's thread.
 
-        Work `between_steps` is not done in the middle of a step, while lockstep waits. A node that ends
-        before it is done raises ROSInterruptException.
+        The owner also does work in the middle of a step, while lockstep waits there. But work `between_steps`
+        waits for the end of the step. A node that ends before the work is done raises ROSInterruptException.
         """
         future: Future = Future()
         calls = self._calls_between_steps if between_steps else self._calls

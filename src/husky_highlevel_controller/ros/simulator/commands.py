@@ -57,7 +57,8 @@ class Commands:
         self._senders: Dict[str, Tuple[str, float]] = {}
         # nodes that have already sent more than one command for one scan
         self._double_senders: Set[str] = set()
-        self.driver = ""  # name of the last node whose command moved the robot
+        # name of the node that sent the last command that is not zero and that no stronger topic blocks
+        self.driver = ""
         self._mux = CommandMux(topics.velocity)  # decides by priority which command topic the robot obeys
         self._is_refusing = False  # true after a call of `refuse`; from then on, the robot obeys no command
         # publishes the commands that the mux has passed; the twist_mux of a real Husky publishes them, too
@@ -113,14 +114,15 @@ class Commands:
     ) -> None:
         """Log each habit of a command's sender, such as commands that come too slowly, once.
 
-        The sender of an obeyed command that is not zero becomes the driver.
+        The sender of a command becomes the driver if the command is not zero and no topic of higher priority
+        blocks it. This also holds for a command that only the emergency stop rejects.
 
         Args:
             stamp: simulated time at which the command is taken [s].
             topic: topic of the command.
             msg: the command, with the name of its sender.
             twist: its velocity.
-            stronger: topic of higher priority that is obeyed in place of this one; None if there is none.
+            stronger: topic of higher priority that blocks this command; None if there is none.
         """
         sender = msg._connection_header["callerid"]
         if stronger is None and twist != STOP:

@@ -53,7 +53,13 @@ class Partners:
         """Set up; the partners have joined if the scans have a subscriber and a command topic has a sender.
 
         All nodes that subscribe to the scans or to the `others` must be connected, too, because a transform
-        that is lost at the beginning would change the run. `scans` is None for a robot without a lidar.
+        that is lost at the beginning would change the run.
+
+        Args:
+            scans: publisher of the scans; None for a robot without a lidar.
+            others: other publishers whose subscribers must be connected.
+            command_topics: names of the topics of commands, as a text for the log.
+            has_sender: returns whether a node that sends commands is connected to this node.
         """
         self._scans, self._publishers = scans, [*others, scans] if scans else others
         self.command_topics, self._has_sender = command_topics, has_sender
@@ -102,7 +108,7 @@ def launched_together(name: str) -> Set[str]:
 
 
 class SecondFilter:
-    """Finds a filter that was launched with the simulator, because TF may have one source of a transform."""
+    """Finds a filter that was launched with the simulator, because a transform may have only one source."""
 
     def __init__(self, topic: str, leave: Callable[[str], None]) -> None:
         """Set up; `leave` is called once with the name of another node that publishes `topic`."""
@@ -116,6 +122,7 @@ class SecondFilter:
 
         A node that was started in another way is a mistake, which `second_publishers` finds.
         """
+        # `_seen_publishers` has this node from the beginning, so this node is never a new publisher
         for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen_publishers):
             self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
@@ -141,10 +148,11 @@ class GraphWatch:
 
         Args:
             simulated_time: returns the simulated time [s].
-            warn: gets a sentence about each mistake.
+            warn: gets a sentence about each mistake in the graph.
             filter_watch: finds another node that estimates the pose; None to look for none.
-            markers: finds markers in unknown frames; None if other nodes get no hints.
-            findings: sends its sentences to the master at each look; None for none.
+            markers: finds markers in unknown frames; None in a graded run, because nodes get no hints then.
+            findings: mistakes that other parts of this node have found, such as `markers`. At each look, the
+                watch sends new findings to the master, for ./dev doctor. None to send nothing.
         """
         self._simulated_time, self._warn = simulated_time, warn
         self._filter_watch, self._markers, self._findings = filter_watch, markers, findings

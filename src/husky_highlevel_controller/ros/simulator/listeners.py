@@ -26,6 +26,7 @@ LOOK_PERIOD = 0.002  # [s] wall time between two checks whether the processes sl
 # kernel supports this
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
+COUNTS_TURNS = SCHEDULE != STAT  # whether the kernel counts the turns of each thread
 READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state of the thread
 # largest number of threads of a process that are checked; their files stay open, because opening files takes
 # most of the time of a check
@@ -51,6 +52,7 @@ class Listeners:
         self._publisher, self._clock = publisher, clock
         # ports of the connections to all subscribers of the topic or of /clock
         self._ports: Set[Ports] = set()
+        # threads of this process; a thread that runs may be about to send a message to the listeners
         self._own_threads = _Threads(os.getpid())
         # threads of each process that receives the topic of `publisher` or the clock, by the id of this
         # process
@@ -74,7 +76,7 @@ class Listeners:
             return False
         end, last_turns = time.monotonic() + ASLEEP_FOR, None
         while True:
-            # None means that a thread of this process works, and may be about to send a message
+            # None means that a thread of this process works
             if self._own_threads.turns() is None:
                 return False
             # turns on a CPU by process; None for a process with a running thread
@@ -82,9 +84,11 @@ class Listeners:
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
             # Python processes are asleep if no thread has run between two checks, and if each process that
-            # receives /clock has run since the last tick. Other processes are asleep if no thread has run for
-            # ASLEEP_FOR
+            # receives /clock has run since the last tick
             is_certain = self._all_in_python and turns == last_turns and self._have_run(turns)
+            # Otherwise the processes are asleep, Python or not, if no check within ASLEEP_FOR has found a
+            # running thread in a process that receives the topic. A process that receives only the clock does
+            # not count here.
             if is_certain or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
@@ -105,9 +109,8 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # the short check of Python processes needs a kernel that counts the turns of each thread (file
-        # SCHEDULE)
-        self._all_in_python = SCHEDULE != STAT and all(map(_in_python, process_by_ports.values()))
+        # the short check of Python processes compares the turns of each thread
+        self._all_in_python = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
         self._processes = {process: _Threads(process) for process in process_by_ports.values()}
@@ -204,6 +207,7 @@ def _receiving_processes(ports: Set[Ports]) -> Dict[Ports, int]:
         fields = line.split()
         local, remote, inode = fields[1], fields[2], fields[9]
         pair = int(local.split(":")[1], 16), int(remote.split(":")[1], 16)
+        # this is the socket of the subscriber; the line of this process's socket has the two ports in reverse
         if pair in ports:
             ports_by_socket[f"socket:[{inode}]"] = pair
     # the folder /proc/PROCESS/fd has a link to each socket of the process

@@ -157,7 +157,8 @@ class Lockstep:
             return
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
-        # this call returns at once in the modes ANSWERING and FREE
+        # A controller may begin a sleep after its command, and the clock must not go on before the sleep has
+        # begun. This call returns at once in the modes ANSWERING and FREE.
         self._wait_until_idle(meanwhile)
         # a controller that has never sent a command may be waiting for a call of its start service, so it is
         # not reported as asleep
@@ -186,8 +187,9 @@ class Lockstep:
         if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # At this tick, the new scan is not sent yet. So a command that is already here was caused by the
-        # tick. The controller works at ticks of /clock, so from now on the simulator always waits at ticks.
+        # `begin_scan` is called before the tick of a scan, so `_answer_is_due` means that this tick belongs
+        # to a scan. The scan is not sent yet. So a command that is already here was caused by the tick. The
+        # controller works at ticks of /clock, so from now on the simulator always waits at ticks.
         if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
@@ -205,22 +207,22 @@ class Lockstep:
         waits_for_first = not self._has_commanded  # true before the very first command
         # [s] wall time at which the wait began; it begins again with the resend or the nudge
         waiting_since = time.monotonic()
-        has_helped = False  # true after the resend or the nudge; each wait has only one of them
+        has_retried = False  # true after the resend or the nudge; each wait has only one of them
 
         def is_over() -> bool:
             """Serve calls, resend or nudge if due, and return whether the wait is over."""
-            nonlocal waiting_since, has_helped
+            nonlocal waiting_since, has_retried
             meanwhile()
             waited = time.monotonic() - waiting_since
-            if waits_for_first and not has_helped:
+            if waits_for_first and not has_retried:
                 if waited > RESEND_TIMEOUT and not self._has_commanded:
-                    waiting_since, has_helped = time.monotonic(), True
+                    waiting_since, has_retried = time.monotonic(), True
                     resend()
             elif waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if has_helped:
+                if has_retried:  # the listeners are idle again, and still no command has come
                     self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
-                waiting_since, has_helped = time.monotonic(), True
+                waiting_since, has_retried = time.monotonic(), True
                 nudge()
             return self._answered.wait(POLL_PERIOD)
 
@@ -231,7 +233,7 @@ class Lockstep:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
         # the command came only after a nudge, so the controller sleeps in simulated time; from now on, the
         # simulator waits after each tick
-        elif has_helped and not waits_for_first and self._mode is not Mode.FREE:
+        elif has_retried and not waits_for_first and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:

@@ -19,7 +19,7 @@ KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": 
 FRAME_TOPICS = ("/tf", "/tf_static")
 MESSAGES = 50  # number of messages of each topic that are checked; later messages are ignored
 # besides the simulator, only this node may publish frames; if any other node does, no markers are checked
-OTHER_FRAMES = "robot_state_publisher"
+ALLOWED_SOURCE = "robot_state_publisher"
 
 
 class MarkerFrames:
@@ -42,7 +42,7 @@ class MarkerFrames:
         """Subscribe to new topics of markers, unless another node publishes frames of its own."""
         sources_of_frames = {node for topic in FRAME_TOPICS for node in graph.publishers.get(topic, ())}
         sources_of_frames.discard(rospy.get_name())
-        if any(not node.endswith(OTHER_FRAMES) for node in sources_of_frames):
+        if any(not node.endswith(ALLOWED_SOURCE) for node in sources_of_frames):
             return  # the frames of such a node are not in `_frames`, so they would cause false alarms
         for topic, nodes in graph.publishers.items():
             kind = KINDS.get(graph.types.get(topic, ""))  # None if the topic has no markers

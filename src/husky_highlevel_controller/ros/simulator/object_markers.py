@@ -78,7 +78,7 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
     """Marker of one visual part of a body.
 
     A plane, and a box that is lower than PAINT_HEIGHT, become sheets, which RViz draws without shadow. A
-    cylinder is drawn with DRAWN_RADIUS_FRACTION of its radius.
+    cylinder is drawn with DRAWN_RADIUS_FRACTION of its radius, inside the marker of a found pillar.
     """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):

@@ -45,7 +45,10 @@ def why_not_two(name: str, master_uri: str) -> str:
 
 
 def has_own_master(command_line: Sequence[str]) -> bool:
-    """Return whether a program that reads a launch file starts its own master despite $ROS_MASTER_URI."""
+    """Return whether a program that reads a launch file starts its own master despite $ROS_MASTER_URI.
+
+    Only rostest does so, unless it has the option --reuse-master.
+    """
     is_rostest = "rostest" in (Path(argument).name for argument in command_line)
     return is_rostest and not {"-r", "--reuse-master"} & set(command_line)
 
@@ -60,6 +63,7 @@ def main() -> None:
     graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ
     # command line of the program that reads the launch file and calls this program, such as roslaunch
     reader = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
+    # a new master has no simulator yet, so a simulator on $ROS_MASTER_URI does not matter
     name = None if graded or has_own_master(reader) else running_simulator(master_uri)
     if name is not None:
         print(why_not_two(name, master_uri), file=sys.stderr)

@@ -126,7 +126,8 @@ class Publishers:
             """Advertise a topic; `make` makes its message of the snapshot's field, and of `args`."""
             self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
 
-        # the last argument of each call is the frame of the message
+        # the last argument of each call is the frame of the message; `config.gps.drift` gives the
+        # covariance of the fix
         advertise(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
         if config.real:  # the IMU of a real Husky also publishes raw samples and the magnetic field
             advertise("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
@@ -210,7 +211,10 @@ class Publishers:
 
     @staticmethod
     def _send_to_new(publisher: Any, message: Any) -> None:
-        """Send a message to subscribers that have had none, because TF warns of a repeated transform."""
+        """Send a message to subscribers that have had none, because TF warns of a repeated transform.
+
+        rospy counts the messages of each connection, so a subscriber without a message is new.
+        """
         for connection in publisher.connections:
             if connection.stat_num_msg == 0:
                 publish(publisher, message, connection_override=connection)
