@@ -29,7 +29,7 @@ HULL_FRICTION = 0.25
 HULL_SLIP_SPEED = 0.1
 
 # contact on the hull in base_link: point [m], unit normal, and force along the normal [N]
-Drag = Tuple[Vector3, Vector3, float]
+HullContact = Tuple[Vector3, Vector3, float]
 
 
 class Chassis:
@@ -79,7 +79,8 @@ class Chassis:
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
         # sum of the normal forces under the wheels, in base_link [N]
         self._ground_force: Vector3 = (0.0, 0.0, 0.0)
-        self._hull_contacts: List[Drag] = []
+        # contacts of the last step that carry no wheel
+        self._hull_contacts: List[HullContact] = []
         self._wheel_speeds: Sequence[float] = (0.0,) * len(wheels)  # [rad/s]
         self.torques = [0.0] * len(wheels)  # [N m] torques of the wheels' motors
         self.observe()
@@ -176,7 +177,10 @@ class Chassis:
         return gx - multiple * nx, gy - multiple * ny
 
     def _hull_friction(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
-        """Friction on the robot at a contact without a tyre, in base_link [N]; the other body gets no force.
+        """Friction on the robot at a contact without a tyre, in base_link [N].
+
+        Bullet's friction of the robot is switched off, so the chassis pushes the robot with this force. The
+        other body gets no friction in return, which is a simplification; it gets only Bullet's normal force.
 
         Args:
             point: contact in base_link [m].

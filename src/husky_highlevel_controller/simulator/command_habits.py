@@ -50,7 +50,8 @@ class _Sender:
     first: float  # [s] stamp of the sender's first command
     last: float  # [s] stamp of the sender's last command
     count: int = 0
-    # [s] stamp of the sender's first command that is not zero; None if all are zero
+    # [s] stamp of the command at which the count for the rate began; None if no command has moved the robot
+    # since the last long gap
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands since `moves_since`
     # [s] the last gaps between commands; a gap that is not longer than the timeout empties the list
@@ -124,7 +125,8 @@ class CommandHabits:
         """
         stamp = memory.last
         # DRIVES: the rate is counted from the first command that moves the robot, and again after a long gap;
-        # a command moves the robot if it is not zero and no stronger topic overrules it
+        # a command moves the robot if it is not zero and no stronger topic overrules it. The first command
+        # after a long gap starts the count if it is not zero, even if a stronger topic overrules it.
         begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
         if begins_to_move or gap > LONGEST_GAP:
             memory.moves_since, memory.moves_count = (None if is_zero else stamp), 0
@@ -142,7 +144,8 @@ class CommandHabits:
             yield Finding(Habit.SLOW, sender, topic, len(memory.gaps) / sum(memory.gaps), self._timeout)
             memory.gaps = ()
 
-        # ZEROS: the sender has sent commands for some time, but none of them has moved the robot
+        # ZEROS: the sender has sent commands for some time, but none since the last long gap has moved the
+        # robot
         lasts = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
         if lasts and is_zero and memory.moves_since is None and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)

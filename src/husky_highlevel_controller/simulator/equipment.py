@@ -22,7 +22,8 @@ from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 # Each sensor has a random stream of its own, so that no sensor changes the noise of another sensor. A number
-# is a spawn key of numpy's SeedSequence; None means the seed without a key.
+# is a spawn key of numpy's SeedSequence; None means the seed without a key. The lidar was the first sensor
+# and has no key, so its noise for a seed did not change when other sensors came.
 LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
 
 
@@ -67,7 +68,8 @@ def equip(
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
     ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
     # [m] distance between the wheels that odometry uses for turns; the wheels skid, so it is not the real
-    # distance
+    # distance. The IMU gets it because vibration grows with the speeds of the wheels, which follow from the
+    # yaw rate and this distance.
     effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]

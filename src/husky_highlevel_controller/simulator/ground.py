@@ -50,7 +50,13 @@ log = logging.getLogger("rosout.world")
 
 
 def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
-    """Return the world, with a plane at z = 0 if nothing is within FALL_DEPTH below `start` and `height`."""
+    """Return the world, with a plane at z = 0 if nothing is within FALL_DEPTH below the robot's start.
+
+    Args:
+        world: the world.
+        start: pose in the world at which the robot starts.
+        height: height of the start in the world [m].
+    """
     parts = [(body.pose_in_world, part) for body in world.bodies for part in body.collisions]
     scene = make_scene([(part.shape, compose(pose, part.pose_in_body)) for pose, part in parts])
     # the search begins above any slab on which the robot may start; inf means that there is no ground
@@ -72,9 +78,11 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
     # The floor is searched downwards, from a height above any slab. A drop is the distance down to the first
-    # body. It is 0 if the search begins inside a solid body, and inf if there is no body below.
+    # body. It is 0 if the search begins inside a solid body, and inf if there is no body below. `_drops` has
+    # the drops at the four corners of a square, which with _WHEEL_REACH are about under the wheels.
     top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
-    # if the drops are 0 at all corners, near and far, then all corners are inside a wide body
+    # if the drops are 0 at the corners near the wheels and at the corners of the larger square with
+    # _FLOOR_REACH, then all corners are inside a wide body
     is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
     if is_in_wide_body:
         for step in range(1, round(MAX_RISE / _RISE_STEP)):
@@ -83,6 +91,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
             if all(drops_above):  # no drop is 0, so this height is above the wide body
                 top, drops = height_above, drops_above
                 break
+        # if the wide body is higher than MAX_RISE, the drops stay 0, and no floor is found
     # [m] height of the floor under the first corner; it counts only if the floor is level
     height = top - drops[0]
     if height < 0.0:

@@ -59,6 +59,7 @@ class HuskyBase(Drive):
 
     def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
         """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        # `dt` is not used here, because the constructor has computed `steps` and `_lag_fraction` from it
         if self._step_count % self.steps == 0:  # a new period of the control loop begins
             self._command_in_force = self.update(now, 1.0 / self._base.control_rate)
             limit = self._base.max_wheel_speed / self._config.wheel_radius

@@ -38,9 +38,15 @@ class Odometer:
         self.filtered = Odometry(pose_base_in_odom)
 
     def sample(self, wheels: Optional[WheelState], yaw_rate: float, step: int) -> OdometrySample:
-        """Advance to a physics step since the reset, by the gyro's yaw rate [rad/s].
+        """Advance both odometries to a physics step, and return them.
 
-        Between two readings of the encoders `wheels` is None, and the last speed continues.
+        Between two readings of the encoders, the wheel odometry stays as it is. The filtered odometry
+        continues with the last speed of the wheels.
+
+        Args:
+            wheels: reading of the encoders; None between two readings.
+            yaw_rate: yaw rate of the gyro [rad/s].
+            step: number of physics steps since the reset.
         """
         if wheels is not None:
             turned_for = (step - self._last_wheel_step) * self._dt  # [s] time since the last reading

@@ -120,8 +120,8 @@ class Simulation:
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
             devices.append((self._equipment.points, POINTS_STREAM))
-        # each device has random numbers of its own: its stream is the spawn key, and None means no key. A
-        # negative seed raises ValueError here, before anything changes.
+        # Each device has random numbers of its own, because its stream is the spawn key. None, the stream of
+        # the planar lidar, means no key. A negative seed raises ValueError here, before anything changes.
         spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
         seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed

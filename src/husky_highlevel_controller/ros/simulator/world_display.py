@@ -135,7 +135,8 @@ class WorldDisplay:
         marker, because a marker can be dragged only in the plane that was horizontal when it was made.
         """
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
-        # bodies are drawn in odom, so a drift of odom moves all markers
+        # bodies are drawn in odom, so a drift of odom moves all markers; a turn of odom counts as the motion
+        # of a point TURN_RADIUS away from the origin
         has_drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if has_drifted:
             self._world_in_odom = world_in_odom
@@ -171,7 +172,7 @@ class WorldDisplay:
         geometry, number = Geometry(Box(BOX_SIZE), rgba=BOX_COLOR), 1
         while f"box_{number}" in self._simulation.bodies:
             number += 1
-        box = Body(f"box_{number}", upright, (geometry,), (geometry,), BOX_MASS)
+        box = Body(f"box_{number}", upright, collisions=(geometry,), visuals=(geometry,), mass=BOX_MASS)
         self._simulation.spawn([checked(box)])
         return f"'{box.name}' was added"
 

@@ -125,7 +125,8 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
     for publishes, nodes_by_topic in ((True, graph.publishers), (False, graph.subscribers)):
         # the simulator subscribes to topics that the node publishes, and the other way round
         right_kinds = kinds_of(simulator, not publishes)
-        # the type of /tf has two names (of tf and of tf2_msgs), so a check of /tf would cause a false alarm
+        # Among others, SHARED has /tf and /tf_static. Their type has two names (of tf and of tf2_msgs), so a
+        # check of them would cause a false alarm.
         topics = set(right_kinds) - SHARED
         nodes_and_topics = {
             (node, topic) for topic in topics for node in nodes_by_topic.get(topic, ()) if node != simulator
@@ -187,6 +188,7 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
         WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
         for node, topic, publishes, others in _one_sided(graph)
         if graph.types.get(topic, "*") != "*"  # "*" means that the type is unknown
+        # no suggestion is yielded if the names differ only in the namespace or number of another robot
         for suggestion in _suggestions(topic, node, others, graph.types)
     ]
 
@@ -228,6 +230,7 @@ def mistake_sentence(finding: Mistake) -> str:
         )
     if isinstance(finding, AbsentService):
         namespace, _, name = finding.service.rpartition("/")
+        # `absent_services` finds every name in the namespace gazebo, also names that are not in the table
         remedy = ABSENT_SERVICES.get(name, ELSEWHERE).format(namespace)
         return (
             f"{finding.node} asks for the service {finding.service}, which this simulator does not have: "
@@ -236,6 +239,7 @@ def mistake_sentence(finding: Mistake) -> str:
     if isinstance(finding, AbsentTopic):
         namespace, _, name = finding.topic.rpartition("/")
         does = "publishes" if finding.publishes else "subscribes to"
+        # `absent_topics` finds only topics that are in the table
         remedy = ABSENT[name].format(namespace)
         return f"{finding.node} {does} {finding.topic}, which this simulator does not have: {remedy}"
     return _wrong_topic_sentence(finding)
@@ -256,6 +260,8 @@ def _wrong_topic_sentence(finding: WrongTopic) -> str:
 
 def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, str]) -> Iterator[str]:
     """Yield at most one topic: the topic whose name is nearest to a wrong topic, if any name is near.
+
+    This function is a generator, so that `wrong_topics` can use it as the last loop of its list.
 
     Args:
         topic: topic that no node of the other side uses.
@@ -292,7 +298,7 @@ def main() -> None:
     """Print a sentence for each mistake on $ROS_MASTER_URI."""
     master_uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
     graph = read_graph(master_uri)
-    if graph is None:
+    if graph is None:  # no master answers, so there is no graph to check
         return
     findings: List[Mistake] = [
         *wrong_topics(graph),

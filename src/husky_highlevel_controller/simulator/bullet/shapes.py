@@ -81,7 +81,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
             shapeTypes=[kinds[type(shape)] for shape in shapes],
             radii=[getattr(shape, "radius", 0.0) for shape in shapes],
             lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-            # Bullet uses these values only for boxes
+            # Bullet uses these values only for boxes; the `size` of another shape is the box around it
             halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],
             collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
             collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],

@@ -244,6 +244,8 @@ class BulletWorld:
         copies: Dict[str, int] = {}
         try:
             for other, pose in poses.items():
+                # a body with planes cannot move (`check_movable`), so one copy is the whole body; `_copy`
+                # gives it the name of the body
                 copies[other] = self._copy(other, pose)
             # the moving bodies do not count at their present poses, because they leave them; their copies
             # stand at the new poses and count
@@ -291,6 +293,8 @@ class BulletWorld:
             for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
+                    # x, y and z are the launch arguments of the robot's start; the position of another body
+                    # comes from a request
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
 
@@ -354,6 +358,7 @@ class BulletWorld:
             baseInertialFramePosition=inertial_in_body.position,
             baseInertialFrameOrientation=inertial_in_body.quat_xyzw,
         )
+        # `_create_body` raises an error for a negative id, so these entries have no effect then
         self._shape_ids[body_id] = shape
         self._inertial_in_body[body_id] = inertial_in_body
         return body_id

@@ -17,6 +17,7 @@ from husky_highlevel_controller.urdf import DescriptionError
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")
+_CALLER = "/robot_description"  # name by which this program calls the master
 CAMERA_FRAME = "camera_frame_optical"
 _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
@@ -99,7 +100,7 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     from husky_highlevel_controller.xml_rpc import ask
 
     master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
-    own = ask(master_uri, "getParam", "/robot_description", parameter)
+    own = ask(master_uri, "getParam", _CALLER, parameter)
     if not isinstance(own, str):
         raise DescriptionError(
             f"{VARIABLE} names the parameter {parameter}, which holds no robot description; set it to a URDF"

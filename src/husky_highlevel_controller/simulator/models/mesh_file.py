@@ -55,7 +55,8 @@ class MeshFiles:
             part: name of a <submesh>; empty for the whole file.
 
         Raises:
-            MeshError: the file is missing, not a mesh, or too large.
+            MeshError: the file is missing, not a mesh, or too large. The caller puts "a mesh" in front of the
+                text.
         """
         path = find_mesh(uri, source)
         if (path, part) in self.known:

@@ -55,8 +55,10 @@ def choose_description(
         frames: names of links that the simulator's sensors need.
     """
     try:
-        # links and joints that the user has added to the robot; optional equipment of the robot does not
-        # count. `robot_model` raises DescriptionError if the physics cannot use the user's description.
+        # Links and joints that the user has added to the robot; optional equipment of the robot does not
+        # count. `_parts` returns the canonical XML of each link and joint, so a link that the user has
+        # changed counts as added. `robot_model` raises DescriptionError if the physics cannot use the user's
+        # description.
         added_parts = _parts([own]) - _parts([given, *fully_equipped])
         fixed_links = robot_model(own, robot).fixed_poses
     except DescriptionError as error:

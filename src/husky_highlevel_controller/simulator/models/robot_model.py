@@ -86,7 +86,8 @@ def robot_model(
 ) -> RobotModel:
     """Read a URDF of base_link, four wheels and the links fixed to base_link.
 
-    Links without <inertial> weigh nothing here; PyBullet would give each 1 kg, so `physics_urdf` has none.
+    Links without <inertial> weigh nothing here. PyBullet would give each of them 1 kg, so `physics_urdf` has
+    only one link, base_link, with the mass and the collision shapes of all.
 
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
@@ -243,6 +244,7 @@ def _require_solid(inertial: Inertial, what: str) -> None:
     problem = ""
     if mass <= 0.0 or moments[0] <= 0.0:
         problem = "they must be positive"
+    # FLATNESS is slightly above 1, because the moments of a flat plate are rounded
     elif moments[-1] > FLATNESS * (moments[0] + moments[1]):
         # with such moments, the engine would set all three to zero
         problem = "no moment can be above the sum of the other two"

@@ -60,6 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
+        # a <visual> is counted, too; only whether the count is 0 has an effect
         node.load.missed_by_lidar += 1
     return None
 

@@ -31,7 +31,9 @@ _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</s
 </link></model></sdf>"""
 # addresses of the models ground plane and sun on Fuel (app.gazebosim.org); this program knows both models, so
 # it needs no network for them
-_FUEL = re.compile(r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE)
+_FUEL_GROUND_OR_SUN = re.compile(
+    r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE
+)
 
 
 class Model(NamedTuple):
@@ -84,7 +86,7 @@ def _included(include: Node) -> Optional[Node]:
         return None
     uri = uri_node.text
     # the ground plane and the sun on Fuel are the same as in Gazebo, and this program needs no file for them
-    fuel_address = _FUEL.fullmatch(unquote(uri))
+    fuel_address = _FUEL_GROUND_OR_SUN.fullmatch(unquote(uri))
     if fuel_address:
         uri = "model://" + fuel_address.group(1).lower().replace(" ", "_")
     if uri == "model://sun":
@@ -148,7 +150,8 @@ def _newest_file(config: Path, plain: Path) -> Path:
         offers = []
     if not offers:
         return plain
-    # a file that is offered without a version of SDF counts as the oldest version
+    # VERSIONS has all versions that can be read; files up to SDF 1.NEWEST are read completely. A file that
+    # is offered without a version counts as the oldest version.
     readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
     # if no file has a readable version, all files are used, and `minor_version` raises the error about the
     # first one

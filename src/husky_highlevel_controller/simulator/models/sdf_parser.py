@@ -173,7 +173,7 @@ class Node:
             return IDENTITY
         if self.element.get("rotation_format") == "quat_xyzw":  # SDF 1.9
             return self._quaternion_pose()
-        # if there are no finite numbers, `numbers` raises the error
+        # `_finite_numbers` is empty if one of the numbers is not finite; then `numbers` raises the error
         values = self._finite_numbers() or self.numbers(6)
         if len(values) != 6:
             self.note(

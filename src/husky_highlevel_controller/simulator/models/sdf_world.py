@@ -190,7 +190,8 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
-    # a model that has only planes is a ground, and grounds are not counted
+    # `_warn_if_lidar_sees_nothing` uses the number of models; a model that has only planes is a ground, and
+    # grounds are not counted
     is_ground = bool(shapes) and all(isinstance(shape, Plane) for shape in shapes)
     if not is_ground:
         model.node.load.model_count += 1
@@ -250,6 +251,7 @@ def _read_model(model: Model, parent: _Place) -> None:
         if body:
             assembly.links[link_name] = body
         if place.self_collides or _is_set(link.child("self_collide")):
+            # this is the name in the file, without the number that `_claim_link` may give
             assembly.self_colliding.add(place.scoped(link.named()))
     for frame in node.children("frame"):
         assembly.frames[place.scoped(frame.named())] = place.scoped(frame.element.get("attached_to", ""))
@@ -265,6 +267,7 @@ def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")
     return _Place(
+        # a <pose> names a model as the file does, so the frames get that name and not the free name
         frames=FrameScope(model.node, model.name, parent.frames, pose),
         state=state,
         full_name=parent.scoped(name),
@@ -425,7 +428,7 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
         node.note("a movable mesh collides by its convex hull, but the lidar sees its triangles")
     if not _is_near(pose):
         node.note(f"a shape farther than {FARTHEST:g} m from its link is left out")
-        return None
+        return None  # such a shape is not counted in `missed_by_lidar`
     shape = scaled(shape, model.state.scale)
     if isinstance(shape, Plane):
         return Geometry(shape, pose, rgba)

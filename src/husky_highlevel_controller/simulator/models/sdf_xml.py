@@ -65,8 +65,8 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
         # a str was encoded as UTF-8 above, whatever its declaration says; None lets the parser find the
         # encoding of bytes
         encoding = "utf-8" if isinstance(data, str) else None
-        # UTF-16 is not changed, because most of its characters contain a NUL byte, at which `_strict` would
-        # stop
+        # `_strict` replaces what TinyXML reads and Python's parser rejects. UTF-16 stays as it is, because
+        # most of its characters contain a NUL byte, at which `_strict` would stop.
         if not _UTF_16.match(content):
             content = _strict(content)
             encoding = encoding or _encoding_of(content)

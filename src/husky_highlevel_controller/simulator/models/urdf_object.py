@@ -101,7 +101,9 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
     # the shape is a mesh, whose sizes are its scale
     uri = element.get("filename", "")
     try:
-        return scaled_mesh(files.read(uri, ""), (x, y, z))
+        # the text of a spawned URDF comes from no file, so it has no source in whose folder a relative path
+        # could start
+        return scaled_mesh(files.read(uri, source=""), (x, y, z))
     except MeshError as error:
         log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
         return None

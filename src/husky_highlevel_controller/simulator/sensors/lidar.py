@@ -52,7 +52,11 @@ class Lidar:
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> Scan:
-        """The scan at one instant: misses are +inf and too close is -inf, both without noise (REP 117)."""
+        """Return the scan at one instant.
+
+        A miss is +inf, and a range that is too short is -inf, both without noise (REP 117). If `hides_near`
+        is set, a range that is too short is +inf, as in pointcloud_to_laserscan.
+        """
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
         # true distances; inf if a beam meets nothing within `range_max`

@@ -46,14 +46,14 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
     """Rows and numbers of a cylinder for `_enter_cylinder`, with the centre c and the axis e = (u, v, w).
 
     A beam d meets the side of the cylinder at the distances t with |(t d - c) x e| = radius. With m = c x e =
-    (i, j, k) and s = d x e, this is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. Each row gives a number for
-    each d = (d_x, d_y, 0).
+    (i, j, k) and s = d x e, this is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. `_flank` solves it as
+    t = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s. Each row gives a number for each d = (d_x, d_y, 0).
     """
     (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size  # `half` is half the length
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # m
     middle, square = x * u + y * v + z * w, radius * radius
     rows = (
-        (i, j),  # d.m, with which the root has no difference of large numbers
+        (i, j),  # d.m; the root uses it instead of m.m - radius^2, so that it keeps its digits far away
         (v * k - w * j, w * i - u * k),  # s.m, which is d.(e x m)
         (v, -u),  # z of s; for a unit vector d, s.s is w^2 plus its square
         (u, v),  # d.e, for the ends
