@@ -134,12 +134,12 @@ class Recording:
 
     @property
     def moving(self) -> np.ndarray:
-        """Return the rows in which the robot drives or turns, (N,) bool."""
+        """Return the rows in which the robot drives, or turns on the spot, (N,) bool."""
         return (np.abs(self.speeds[:, 0]) > STANDS) | (np.abs(self.speeds[:, 1]) > STANDS)
 
     @property
     def driving(self) -> np.ndarray:
-        """Return the rows in which the robot drives, (N,) bool; trembling on the spot does not count."""
+        """Return the rows in which the robot drives ahead or back, and not only turns, (N,) bool."""
         return np.abs(self.speeds[:, 0]) > STANDS
 
 

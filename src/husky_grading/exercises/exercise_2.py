@@ -70,7 +70,7 @@ class StraightDrive(Watch):
         super().__init__(initial, ros)
         ros.advertise_commands()
 
-    def takes_part(self, state: DriveState) -> bool:
+    def is_submission_ready(self, state: DriveState) -> bool:
         """Return whether the submission subscribes to the scans; it sends no command."""
         return state.subscribed
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import List, NamedTuple, Optional, Sequence, Set
+from typing import List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import (
-    MEMBER,
+    KEEP_AS_MEMBER,
     as_ending,
     cause_of_silence,
     cause_of_stop,
@@ -114,7 +114,8 @@ class PillarWatch(Watch):
         # no node runs any more, and none has ever sent a command, so the robot will never move
         if state.abandoned and not state.commands:
             return NO_COMMAND
-        # the reason by the robot's motion, such as an arrival at the pillar
+        # The reason by the robot's motion, such as an arrival at the pillar. If no node runs any more, a
+        # robot that stands can no longer start, so the run then ends earlier.
         return self._end.reason(state.abandoned)
 
 
@@ -209,7 +210,8 @@ def _explain_steering(recording: Recording) -> Explanation:
     is_aside = np.abs(np.sin(bearings)) > ASIDE
     turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
     # fraction of moments at which the robot turns towards the pillar, among moments with the pillar to the
-    # side; 0 if there is no such moment
+    # side. It is 0 if there is no such moment, for example because the robot drives straight away from the
+    # pillar; the hint is then the same as for a wrong sign.
     right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
     if right_fraction > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
@@ -259,6 +261,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     at = float(recording.times[nearest])
     if _runs_out_of_time(recording):
+        # this robot still comes nearer, so it is normally nearest at the end of the run, at the deadline
         why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
@@ -321,7 +324,9 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     cause = cause_of_silence(recording)
     if not recording.marker_topics:
         evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{as_ending(cause)}"
-        hint = hint_on(cause) if cause else f"make a publisher of visualization_msgs/Marker, and {MEMBER}"
+        hint = f"make a publisher of visualization_msgs/Marker, and {KEEP_AS_MEMBER}"
+        if cause:
+            hint = hint_on(cause)
         return replace(item, evidence=evidence, hint=hint)
     # only markers before the first touch count, because a push moves the pillar to an unknown position
     placements = judge_namespaces(recording, first_touch(recording), rules)
@@ -430,22 +435,25 @@ def judge_shown(
     return replace(item, evidence=evidence, hint=hint)
 
 
-def _explain_no_display(view: RvizView, topics: Set[str]) -> Explanation:
-    """Return why no display of RViz subscribes to one of the markers' topics, as a sentence, and the hint."""
-    ending = f"RViz does not subscribe to {', '.join(sorted(topics))}"
+def _explain_no_display(view: RvizView, topics: Set[str]) -> Tuple[str, str]:
+    """Return why no display of RViz subscribes to one of the markers' topics, and the hint.
+
+    If there are two reasons, the evidence names both, and the hint is on the first one.
+    """
+    evidence = f"RViz does not subscribe to {', '.join(sorted(topics))}"
     # topics whose display is switched off or invisible
     switched_off = topics & {display.source for display in view.off if display.kind in MARKERS}
     if view.problem:
-        ending += f": {view.problem}"
+        evidence += f": {view.problem}"
     if switched_off:
-        ending += f": the display of {', '.join(sorted(switched_off))} is switched off"
+        evidence += f": the display of {', '.join(sorted(switched_off))} is switched off"
     if view.problem:
-        return Explanation(ending, hint_on_view(view))
+        return evidence, hint_on_view(view)
     if switched_off:
-        return Explanation(ending, f"tick the display Marker, {SAVED}")
+        return evidence, f"tick the display Marker, {SAVED}"
     if any(display.kind in MARKERS for display in view.displays):
-        return Explanation(ending, f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}")
-    return Explanation(ending, f"add a display Marker of this topic, {SAVED}")
+        return evidence, f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}"
+    return evidence, f"add a display Marker of this topic, {SAVED}"
 
 
 def judge_exercise_3(

@@ -189,7 +189,7 @@ class FilterWatch(Watch):
         """Return the topic of the bag's wheel odometry."""
         return f"/{load_robot(self._initial.robot).topics.wheel_odometry}"
 
-    def takes_part(self, state: DriveState) -> bool:
+    def is_submission_ready(self, state: DriveState) -> bool:
         """Return whether the submission subscribes to the bag's odometry; it sends no command."""
         return state.subscribed
 
@@ -217,7 +217,11 @@ class FilterWatch(Watch):
         return Note(Kind.PLAN_DONE, "the bag was played")
 
     def _is_path_complete(self, end: float) -> bool:
-        """Return whether the last estimate before the bag's end [s] has come, or none comes any more."""
+        """Return whether the last estimate before the bag's end [s] has come, or none comes any more.
+
+        No estimate comes any more if none has come for SILENCE. If a filter goes on with older stamps,
+        `drive/run.py` cuts the run off, because simulated time does not advance after the bag's end.
+        """
         if any(path and path[-1][0] >= end - LAST_MARGIN for path in self._paths.values()):
             return True
         return not self._paths or time.monotonic() - self._came_at > SILENCE
@@ -269,6 +273,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
     true_at_stamps = [np.interp(stamps, recording.times, column) for column in true_positions.T]
+    # the robot of the bag starts at the origin of the world, so the frame odom of the estimates is the world
     largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
     length = float(np.hypot(*np.diff(true_positions, axis=0).T).sum())
     largest_gap = float(np.diff(np.sort(stamps)).max())

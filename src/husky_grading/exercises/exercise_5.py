@@ -15,7 +15,7 @@ from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import (
-    MEMBER,
+    KEEP_AS_MEMBER,
     causes,
     first_cause,
     hint_on,
@@ -48,7 +48,7 @@ FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
 OBEYED = 0.5
 NO_SERVICE = 25.0  # [s] the run is over if the submission has offered no service by this simulated time
 # hints
-SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {MEMBER}"
+SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {KEEP_AS_MEMBER}"
 STOP = (
     "keep the request in a member, and let each callback of the scans send a zero twist while it means stop"
 )
@@ -252,7 +252,8 @@ def _judge_no_stop(
         start: item on starts, without evidence.
         service: name of the service.
         effects: effects of the calls to a driving robot, at least one.
-        callers: lookups of the service by each node; a node with MANY of them also calls the service.
+        callers: number of times that each node has asked the ROS master for the address of the service. A
+            node does this at each call, so a node with MANY lookups calls the service.
     """
     # two calls are enough for the sentence, because they most often have both values
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
@@ -387,6 +388,7 @@ def judge_exercise_5(
         stop, start = (replace(item, points=0.0) for item in items)
         stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recording))
         items = [stop, replace(start, hint=stop.hint)]
+    # the exercise sheet requires a separate node for each bonus; the text reminds the teacher of this
     items += [
         Item(name, None, 25.0, by_hand("it is done by a node of its own"), subject=Subject.SERVICE)
         for name in BONUSES

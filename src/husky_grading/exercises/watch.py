@@ -81,7 +81,7 @@ class Watch:
         """Return the topic to which the submission has to subscribe."""
         return self._initial.scan_topic
 
-    def takes_part(self, state: DriveState) -> bool:
+    def is_submission_ready(self, state: DriveState) -> bool:
         """Return whether the submission is ready, because simulated time begins only then."""
         return state.subscribed and state.advertises
 

@@ -205,13 +205,15 @@ class DriveRecorder:
     def _on_event(self, kind: str, text: str) -> None:
         """Take an event of the simulator: a call that changed the world, or a scan without an answer.
 
-        An unanswered scan does not count while the exercise's watch has stopped the submission on purpose.
+        An event "asleep" does not count while the exercise's watch has stopped the submission on purpose,
+        because a stopped controller may sleep. An event "unanswered" always counts, because lockstep ends
+        with it.
         """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
         elif kind == "unanswered":  # the simulator no longer waits for answers, once in a run
             self._unanswered = text
-        elif kind == "asleep":  # one scan without an answer
+        elif kind == "asleep":  # a sleeping controller does not answer one scan
             last_command = self._commands[-1] if self._commands else -inf
             if not self._watch.has_silenced(last_command):
                 self._unanswered = text
@@ -273,6 +275,7 @@ class DriveRecorder:
         listeners: Set[str] = set(subscribers.get(self._watch.input_topic, ()))
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
+        # so a topic stays silent here if its publisher comes after this look
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         # for unread topics only the latest look counts, because a subscriber may come after the publisher
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
@@ -318,7 +321,7 @@ class DriveRecorder:
         submission is not ready, the recorder advertises commands in its place, because otherwise time would
         never begin.
         """
-        is_ready = self._watch.takes_part(self._state)
+        is_ready = self._watch.is_submission_ready(self._state)
         has_joined = self._joined_at < inf
         if has_joined or not (is_ready or self._go_on.is_set()):
             return
@@ -336,7 +339,9 @@ class DriveRecorder:
         )
 
     def _begin_when_connected(self, joined_at: float) -> None:
-        """Let simulated time begin after all recorded topics have connected, so a run repeats from its start.
+        """Let simulated time begin after all recorded topics have connected.
+
+        So two runs of the same submission are recorded alike from their first moment.
 
         A topic that the submission advertises just after its commands is seen only at the next look at the
         graph. So time begins at a later look than the one at which the recorder joined.

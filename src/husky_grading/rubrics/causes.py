@@ -16,12 +16,12 @@ NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
 MOVES_NOTHING = 1e-3  # [m/s, rad/s] a command up to this size does not move the robot
 LOGS = "read the output of your node, and check that your launch file starts it"
 ENDS = "the last line of its output gives the reason"
-MEMBER = "keep it in a member, because in C++ a local one ends with its function"
+KEEP_AS_MEMBER = "keep it in a member, because in C++ a local one ends with its function"
 HINTS = {
     Kind.OWN_NODE: "start a node of your own package",
     Kind.SILENT_TOPIC: "compare your topic's name with `rostopic list`, and look for a missing remap",
-    Kind.NO_SCANS: f"subscribe to the scans in the constructor, and {MEMBER}",
-    Kind.NO_PUBLISHER: f"advertise geometry_msgs/Twist on /cmd_vel in the constructor, and {MEMBER}",
+    Kind.NO_SCANS: f"subscribe to the scans in the constructor, and {KEEP_AS_MEMBER}",
+    Kind.NO_PUBLISHER: f"advertise geometry_msgs/Twist on /cmd_vel in the constructor, and {KEEP_AS_MEMBER}",
     Kind.NO_COMMANDS: (
         "publish the velocity in each callback of the scans; look for a condition, a wait, an exception that "
         "is caught, or a service that must be called first"

@@ -126,5 +126,6 @@ def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
         elif item.points is not None and weight != item.max_points:
             item = replace(item, points=round(item.points * weight / item.max_points, 1))
         item = replace(item, max_points=weight)
+        # an item that is graded by hand counts as full, but it keeps its hint for the teacher
         judged.append(replace(item, hint="") if item.full and item.points is not None else item)
     return judged

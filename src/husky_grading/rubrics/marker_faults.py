@@ -109,7 +109,9 @@ def find_fault(
         return Kind.IN_BASE_LINK
     # a marker that is at the pillar, seen from above, can only be wrong because of its height; it is at the
     # pillar up to `tolerance` [m] from the pillar's axis
-    height, tolerance = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
+    height = recording.pillar_size.height
+    # a distance of 0 leaves out the slack that grows with it, so only markers close to the pillar count
+    tolerance = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
     has_wrong_height = [
         distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
         for each in drawn
@@ -144,7 +146,8 @@ def _find_direction_fault(
             turns_with_robot and _is_whole(seen.x - origin_x) and _is_whole(seen.y)
         ),
         Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
-        # the second position has both signs changed, because the lidar may be mounted upside down
+        # The second position is for a lidar that is mounted upside down. In its frame, the pillar is at
+        # (x, -y), which the student swaps to (-y, x). In base_link, this is (-y, -x).
         Kind.SWAPPED: lambda seen: (
             seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
         ),
@@ -167,7 +170,8 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
     """
     seen_markers = []
     for marker in wrong:
-        # a marker with a `problem` is not drawn, so it has no position
+        # A marker with a `problem` is not drawn, so it has no position. RViz draws a marker from `marker.at`
+        # on, but its position belongs to its stamp.
         if not marker.problem and is_off_axis(recording, marker.at, rules):
             at = marker.stamp or marker.at  # [s] a stamp of 0 means the time at which the marker came
             distance, bearing = pillar_from_robot(recording, at)
@@ -246,12 +250,12 @@ def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
     return mirror_error > zero_score_error + slack_of(recording, distance, rules)
 
 
-def slack_of(recording: Recording, distance: float, rules: Rules) -> float:
-    """Return the tolerance [m] that a robot's distance [m] and a thick pillar add.
+def slack_of(recording: Recording, robot_distance: float, rules: Rules) -> float:
+    """Return the tolerance [m] that the robot's distance from the pillar [m] and a thick pillar add.
 
     A marker on the pillar's near side is as right as one on its axis.
     """
-    return rules.marker_per_metre * distance + recording.pillar_size.radius - PILLAR_RADIUS
+    return rules.marker_per_metre * robot_distance + recording.pillar_size.radius - PILLAR_RADIUS
 
 
 def height_score(marker: MarkerSample, height: float) -> float:

@@ -37,7 +37,8 @@ from husky_highlevel_controller.robot import load_robot
 MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# a moment gets a score if at least this fraction of the drawn markers has this score or a higher score
+# a moment gets a score if at least this fraction of the drawn markers has this score or a higher score; the
+# evidence calls this fraction "half"
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
@@ -176,7 +177,8 @@ def _with_fault(
 def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
     """Return each moment at which a marker came and a marker is drawn.
 
-    A moment counts for its time, because a busy machine loses some markers and delays others.
+    A moment has the weight of its time. If moments were only counted, the markers that a busy machine loses
+    or delays would change the score.
 
     Args:
         markers: additions and deletions in the order of time.
@@ -201,12 +203,13 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
 
 
 def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> np.ndarray:
-    """Return begin [s], end [s] and score of each marker that RViz draws, (3, N), the lowest score first.
+    """Return begin [s], end [s] and score of each added marker, (3, N), the lowest score first.
 
     A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
-    topic, namespace and id. The arguments are those of `_score_moments`.
+    topic, namespace and id. A marker with a `problem` counts as drawn, too, with the score 0. The arguments
+    are those of `_score_moments`.
     """
-    rows: List[List[float]] = []  # begin [s], end [s] and score of each marker that RViz draws
+    rows: List[List[float]] = []  # begin [s], end [s] and score of each added marker
     # rows of the markers that RViz draws at this point of the loop; keys are the topic, then (namespace, id)
     drawn_by_topic: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
     for marker in markers:

@@ -55,11 +55,8 @@ def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str,
     # right settings of the displays that may show something wrong; a display of frames has no such setting
     wanted = {SCAN: f"the topic of the display {name} to {scan_topic}"}
     wanted[ROBOT] = f"the Robot Description of the display {name} to robot_description"
-    if (sources or (kind == SCAN and view.scan)) and kind in wanted:
-        return (
-            f"{what} not visible: its display shows {', '.join(sources) or 'another topic'}",
-            f"set {wanted[kind]}",
-        )
+    if sources and kind in wanted:
+        return f"{what} not visible: its display shows {', '.join(sources)}", f"set {wanted[kind]}"
     if kind in [display.kind for display in view.off]:
         evidence = f"{what} not visible: its display is switched off or transparent"
         return evidence, f"tick the display {name}, with an alpha and a size above 0"

@@ -111,7 +111,7 @@ def test_the_robot_drives_for_ten_seconds_and_the_drive_ends_where_it_stands():
     assert speeds == [0.0, 0.5, 0.0]
     assert watch.look(DriveState(12.0, 0.5)) is None
     assert watch.look(DriveState(13.5, 0.0)).kind is Kind.PLAN_DONE
-    assert watch.takes_part(DriveState(0.0, 0.0, subscribed=True)), "it sends no command"
+    assert watch.is_submission_ready(DriveState(0.0, 0.0, subscribed=True)), "it sends no command"
 
 
 def test_topic_and_queue_size_are_known_among_all_parameters():
