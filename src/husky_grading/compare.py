@@ -57,7 +57,13 @@ class LaunchContestant:
         config = MarkingConfig(robot="husky", deadline=DRIVE_SECONDS, pace=PACE)
         # the run happens in a ROS network of its own, and its recorder writes the file RECORDING
         with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-            drive_submission(Submission(self.launch), trial, RobotChoice(config), simulate, Path(folder))
+            drive_submission(
+                Submission(self.launch),
+                trial,
+                robot=RobotChoice(config),
+                bring_up=simulate,
+                folder=Path(folder),
+            )
             recording: Recording = load(Recording, Path(folder, RECORDING))
         if not len(recording.times):  # simulated time has never begun
             why = "; ".join(texts(recording.notes)) or "its node sent and received nothing"

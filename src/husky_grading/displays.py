@@ -137,7 +137,7 @@ def _display_entries(displays: Any) -> Iterator[Tuple[Dict[str, Any], bool]]:
 
 
 def _read_display(entry: Mapping[str, Any]) -> RvizDisplay:
-    """Return the display that an entry of an .rviz file describes; a missing value gets RViz's default."""
+    """Return the display that an entry of an .rviz file describes; a missing topic gets RViz's default."""
     kind = str(entry.get("Class"))[:MAX_TEXT]
     # key of the display's topic, or of the parameter with the URDF
     key = {ROBOT: "Robot Description", **dict.fromkeys(MARKERS, "Marker Topic")}.get(kind, "Topic")
@@ -147,6 +147,7 @@ def _read_display(entry: Mapping[str, Any]) -> RvizDisplay:
     display = RvizDisplay(kind, _full_name(str(entry.get(key, default))), hidden)
     if kind != CLOUD:  # colours and size are graded only for point clouds
         return display
+    # a missing value becomes the text "None", or the size 1 m; no exercise requires this colouring or size
     colouring = f"{entry.get('Color Transformer')} {entry.get('Axis')}"[:MAX_TEXT]
     return replace(display, colouring=colouring, size=_number(entry.get("Size (m)")))
 

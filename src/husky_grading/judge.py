@@ -67,6 +67,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         **settings_of(job.config),
         "sandbox": submission.sandbox,
         "network": submission.network,
+        # name of the simulated robot, a key of ROBOT_VERSIONS; the setting "robot" may be "auto"
         "simulated": first.simulated,
     }
     result = MarkingResult(

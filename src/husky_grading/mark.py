@@ -46,7 +46,9 @@ LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 def mark(job: Job) -> MarkingResult:
     """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
-    A result that is the fault of this machine, such as a full disk, has no fingerprint, so it is not kept.
+    After a fault of this machine before the end of the runs, such as a full disk, there is no fingerprint, so
+    the next `grade` marks the submission again. After an error that comes later, there is a fingerprint, so
+    the runs are kept.
 
     Raises:
         StoppedError: marking was interrupted.
@@ -82,7 +84,9 @@ def mark(job: Job) -> MarkingResult:
     # a fault that marking again would not repair, such as a broken archive
     except NotMarkableError as error:
         problem, fingerprint = _text_of(error), job.fingerprint
-    except HuskyError as error:  # a fault of this machine, or an error in the teacher's points
+    # A fault of this machine, or an error in the teacher's points. After an error in the points, the next
+    # `grade` judges the kept runs again if the points have changed.
+    except HuskyError as error:
         problem = _text_of(error)
     except OSError as error:
         problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
@@ -134,7 +138,8 @@ def main(arguments: Optional[List[str]] = None) -> None:
     """Mark the job of the command line, in a network of its own, within limits of memory and descriptors."""
     private_network.enter_network()
     for limit, value in LIMITS.items():
-        # a limit that is already lower stays, because a program can only lower its hard limit
+        # The soft limit becomes `value`, or the hard limit if the hard limit is lower. The hard limit stays,
+        # because a program cannot raise it again.
         _, hard = resource.getrlimit(limit)
         resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
     stop_on_signals()

@@ -156,7 +156,8 @@ def starter(
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
     # facts about this package and the robot's packages for the program, which cannot import our modules
     ours = {
-        "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places, **vars(parts)
+        "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places,
+        "by_submission": parts.by_submission, "by_marking": parts.by_marking,
     }  # fmt: skip
     commands = [json.dumps(launchable.command) for launchable in launchables]
     return [sys.executable, "-c", code, str(STARTER), str(events), action, json.dumps(ours), *commands]

@@ -126,8 +126,8 @@ class MarkerWatch:
         """
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
-            # An invisible marker takes the place of the large message. The namespace of this marker tells the
-            # student the reason.
+            # A marker without frame_id, which RViz does not draw, takes the place of the large message. The
+            # namespace of this marker gives the reason in the recording.
             large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)
             self.add([large], topic)
             return
@@ -260,8 +260,9 @@ class MarkerWatch:
         """Return the moment [s] that counts for a marker, and the pose of its frame in base_link then.
 
         The moment is the stamp. With stamp 0 it is the time of sending, or up to RETRY_END later if the frame
-        is known only then. The pose is relative to base_link, because the true pose of base_link in the world
-        is known, so errors of odometry do not count.
+        is known only then. If no transform came after the marker, the moment is the time of the latest
+        transform, which is earlier. The pose is relative to base_link, because the true pose of base_link in
+        the world is known, so errors of odometry do not count.
 
         Raises:
             TransformException: no transform connects the two frames.

@@ -416,7 +416,8 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
     reporter.write("launchable")  # all events up to the next one of this kind are about this launchable
-    # rospkg reads each package.xml by this function, so a broken package.xml does not hide other packages
+    # In the module `rospack`, `ElementTree` is the class that rospkg calls with the path of each package.xml.
+    # Our function takes its place, so a broken package.xml does not hide other packages.
     rospack.ElementTree = tolerant_manifest
     signal.alarm(LOAD_DEADLINE)  # `_out_of_time` raises a TimeoutError after this time
     try:

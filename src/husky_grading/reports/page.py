@@ -84,6 +84,7 @@ def class_page(
         # `possible` has all items
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
+        # a submission with another robot than the robot of the course is coloured
         course_robot=_course_robot(ordered),
         # number of students that are graded by hand only because of a missing RViz configuration
         lack_rviz_files=sum(result.lacks_rviz_file_only for result in ordered),

@@ -69,7 +69,7 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
     start = recording.start.x, recording.start.y
     _name_pillar(axis, recording, start)
     # about MAX_MARKERS markers, evenly distributed
-    markers = _near_start(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
+    markers = _markers_in_plot(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
         times = [marker.at for marker in markers]
@@ -86,9 +86,17 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
 def _write_label(
     axis: Any, text: str, at: Sequence[float], seen_from: Sequence[float], gap: float, **more: Any
 ) -> None:
-    """Write a text beside a position [m], next to the line on which it is seen from another position [m].
+    """Write a text next to a position.
 
-    `gap` is the distance from the line in points: to the left if it is positive, to the right if negative.
+    The text is moved at right angles to the line from `seen_from` to `at`, so it does not cover this line.
+
+    Args:
+        axis: axes of the plot.
+        text: text.
+        at: position that the text names, x and y [m].
+        seen_from: position from which the line comes, x and y [m].
+        gap: distance between the text and the line [points]; positive is left of the line, negative is right.
+        more: further arguments of `annotate`.
     """
     # [rad] direction to the left of the line
     angle = atan2(at[1] - seen_from[1], at[0] - seen_from[0]) + pi / 2.0
@@ -109,8 +117,11 @@ def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) ->
     _write_label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, gap=-10)
 
 
-def _near_start(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
-    """Return the markers with a known position near the robot's start, so without deletions."""
+def _markers_in_plot(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
+    """Return the markers that a picture shows, without deletions.
+
+    Their positions are known, and are less than MAX_DISTANCE_FROM_START from the robot's start.
+    """
     start = recording.start
     return [
         marker
@@ -144,8 +155,8 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
     axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")
     draw_robot(axis, (x, y, yaw), robot.footprint)
-    # only the last marker before the moment; empty if none has come yet
-    latest_marker = _near_start(recording, [each for each in recording.markers if each.at <= at])[-1:]
+    # only the last marker before the moment; empty if no marker has come yet that a picture shows
+    latest_marker = _markers_in_plot(recording, [each for each in recording.markers if each.at <= at])[-1:]
     for marker in latest_marker:
         axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
                   label=f"marker on {plain(marker.topic)}")  # fmt: skip

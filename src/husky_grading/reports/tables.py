@@ -56,6 +56,7 @@ def to_junit(results: Sequence[MarkingResult]) -> str:
             # a submission that could not be marked has one more test case, for its problem
             root, "testsuite", name=result.name, tests=str(len(items) + bool(result.problem)),
             errors=str(int(bool(result.problem))),
+            # an item that is graded by hand counts as full, so it is skipped and not a failure
             failures=str(sum(not item.full for item in items)),
             skipped=str(sum(item.points is None for item in items)),
         )  # fmt: skip
