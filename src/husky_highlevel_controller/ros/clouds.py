@@ -60,7 +60,10 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
 
 
 def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
-    """Cloud of points (height, width, 3) [m], a row for each row of the image; NaN for a miss."""
+    """Cloud of points (height, width, 3) [m]; NaN for a miss.
+
+    A row has the points of one row of the depth camera's image, or of one ring of the 3D lidar.
+    """
     height, width, _ = points.shape
     return PointCloud2(
         header=header(stamp, frame),

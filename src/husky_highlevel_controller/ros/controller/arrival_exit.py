@@ -72,7 +72,11 @@ class ArrivalExit:
         rospy.Subscriber(self._robot.topics.odometry, Odometry, self._on_odometry, queue_size=1)
 
     def run(self) -> None:
-        """Return at arrival; HuskyError at the deadline, or if the controller is stopped on its way."""
+        """Return at arrival, or at a shutdown, which is an end without an error (exit code 0).
+
+        Raises:
+            HuskyError: the deadline is over, or the controller is stopped on its way.
+        """
         while not (self._arrived or rospy.is_shutdown()):
             if self._starts_enabled and self._controller_state == State.STOPPED.value:
                 raise HuskyError(

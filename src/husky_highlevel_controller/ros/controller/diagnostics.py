@@ -97,7 +97,9 @@ def _error(health: Health) -> Optional[str]:
         return "no transform from odom to base_link; check that odometry is running"
     if health.ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.ahead, 'odometry')}"
-    # a stamp of 0 is a missing stamp, which causes only a warning; a negative time means "behind"
+    # Scans still come, because `scan_silence` was tested above. So a very old stamp is taken as a stamp of
+    # another clock. A stamp of 0 is a missing stamp, which causes only a warning. A negative time means
+    # "behind".
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:
         return clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.tf_age > TOO_OLD:
