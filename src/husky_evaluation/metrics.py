@@ -24,7 +24,9 @@ from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 GOOD = "arrived, within 2 cm, no touch"  # text of `DriveResult.good`
-BOUND = "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
+MEANING_OF_BOUND = (
+    "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
+)
 # [m] a found pillar counts as the true pillar if their centres are nearer to each other than this
 SAME_PILLAR = 0.2
 # in a scan without a pillar, a found pillar counts as an error if it has at least this number of beams; with

@@ -76,7 +76,8 @@ def random_starts(count: int, seed: int) -> List[Scenario]:
         rng = np.random.default_rng([seed, number])
         distance, bearing = rng.uniform(_NEAREST_START, _FARTHEST_START), rng.uniform(-pi, pi)
         start = Pose2D(x + distance * cos(bearing), y + distance * sin(bearing), rng.uniform(-pi, pi))
-        scenarios.append(Scenario(f"start {number}", course.world, start, int(rng.integers(2**31))))
+        noise_seed = int(rng.integers(2**31))
+        scenarios.append(Scenario(f"start {number}", course.world, start, seed=noise_seed))
     return scenarios
 
 
@@ -145,7 +146,7 @@ def _box(x: float, y: float, yaw: float, length: float, width: float = _THIN) ->
 
 
 def _clutter(rng: np.random.Generator) -> List[Solid]:
-    """Return one to three random objects, 0.8-18 m away."""
+    """Return one to three random objects: objects 0.8-18 m away, or rooms 4-40 m wide around the lidar."""
     solids: List[Solid] = []
     for _ in range(rng.integers(1, 4)):
         distance, bearing = rng.uniform(0.8, 18.0), rng.uniform(-_SIDE, _SIDE)

@@ -98,7 +98,7 @@ def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky"
         file = share_folder() / "config" / f"{robot}.yaml"
         setup = Setup(simulator=simulator)
         return load_setup(file, setup) if file.is_file() else setup
-    # the profile of a real robot
+    # the profile of a real robot; only the Husky has it, so gains and detector are those of the real Husky
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))
 
 

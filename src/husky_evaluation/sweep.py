@@ -142,7 +142,8 @@ def sweep(
 def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
     """Return points to mark in a picture of these axes: known setups that are within the picture.
 
-    The key is the text in the legend, and the list has the value of the setup on each axis.
+    The key is the text in the legend, and the list has the value of the setup on each axis. The setups are
+    those of the Husky, whichever robot is swept.
     """
     setups = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
@@ -169,7 +170,9 @@ def write_sweep(
         marked: points that are marked in the picture, see `marks`.
         out: folder for the files.
     """
-    files, pictures, panels = swept.every_drive.write(out / "sweep"), {}, swept.panels()
+    # table with a row for each run, as sweep.csv and, if pyarrow is installed, also as sweep.parquet
+    files = swept.every_drive.write(out / "sweep")
+    pictures, panels = {}, swept.panels()
     if len(swept.axes) <= 2:  # a grid of more axes cannot be drawn
         pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))

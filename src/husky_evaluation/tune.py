@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from husky_evaluation.metrics import BOUND, GOOD, Drive, DriveResult, run_scene
+from husky_evaluation.metrics import GOOD, MEANING_OF_BOUND, Drive, DriveResult, run_scene
 from husky_evaluation.plots import draw_costs
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import (
@@ -262,7 +262,7 @@ def result_of_tuning(
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     header = ("", *HEADER[:2])  # a parameter has no column for the difference
     tables = [Table("Parameters", header, values), fresh, every_row("Every setup", tuned.trials)]
-    lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {BOUND}"
+    lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {MEANING_OF_BOUND}"
     verdict = ""
     if all(value == defaults[name] for name, value in tuned.values.items()):
         verdict = f"nothing better than the defaults was found in {len(tuned.trials)} setups"

@@ -405,6 +405,8 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     finally:
         process.kill()
     try:
+        # after success, `mark` in the marking program has written the result, and its fingerprint if the
+        # result may be kept
         return load_result(out / RESULT)
     except HuskyError:
         # the last 500 characters of the log; with `shows_errors` the log is empty, because the errors are on

@@ -174,6 +174,8 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     rings.append((RADIUS * circle, look.haze))
     # elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring;
     # the numbers are chosen by eye
+    # the ring at elevation 0 has the place of the ring before it, but the colour of the sky, so the colour
+    # changes abruptly at the horizon
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
         ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))

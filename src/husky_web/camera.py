@@ -101,6 +101,8 @@ class Camera:
         w, x, y, z = camera.wxyz.tolist()
         # direction from the target to the camera, because a camera looks along its own z axis
         from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))
+        # the target may be newer than the position, so the distance may be wrong by the short way that the
+        # robot has driven between the two; the direction comes from the rotation, so it has no such error
         distance = dist(position, camera.look_at.tolist())
         # the same direction in the frame that turns with the robot
         x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), from_target)

@@ -81,7 +81,8 @@ _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.C
 def appearance(marker: Marker) -> Tuple[Any, ...]:
     """Return all that `primitives` depends on, with the scale in whole millimetres.
 
-    A marker whose appearance has not changed is not drawn again.
+    A marker whose appearance has not changed is not drawn again. The scale is rounded, because the controller
+    measures the width of its pillar's cylinder, so the width changes a little with each scan.
     """
     scale, color = marker.scale, marker.color
     return (

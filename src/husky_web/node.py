@@ -104,7 +104,8 @@ class WebNode:
         self._reason = StopReason()  # warning that came when the controller stopped, for the state bar
         self._world_name = ""  # name of the simulator's world
         self._was_master_silent = False  # true if the ROS master did not answer at the last query
-        # rosout.log is read after the subscription to /rosout_agg, so that no line is lost between the two
+        # rosout.log is read after the subscription to /rosout_agg, so that no line is lost between the two;
+        # `add_earlier` leaves out the lines that have come on the topic, too
         self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
         # an address with a token is only printed in this terminal and not logged, because everybody can read
@@ -247,7 +248,8 @@ class WebNode:
             self._description = description
             self._scene.draw_robot(description)
             self._recorder.robot_name = self._scene.robot_name
-            self._mouse.bind_robot()  # the drawing has new nodes, which do not react to the mouse yet
+            # `draw_robot` has made new nodes in the scene, which do not react to the mouse yet
+            self._mouse.bind_robot()
 
     def _published_topics(self) -> Optional[List[Tuple[str, str]]]:
         """Ask the master for all published topics, as (name, type); None if it does not answer.
@@ -261,8 +263,11 @@ class WebNode:
             self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return None
-        is_lost = self._registration.is_lost  # stays true until the node ends
-        # a master that answers after a silence may be a new one, and a master that has lost this node is one
+        # once true, this stays true until the node ends, and the page asks for a restart: the subscriptions
+        # are opened again, but a new master never learns of the publishers of this node
+        is_lost = self._registration.is_lost
+        # a master that answers after a silence may be a new master; a master that does not know this node is
+        # a new master
         if self._was_master_silent or (is_lost and not was_lost):
             self._topics.close()  # `_follow_network` opens them again
         self._is_master_gone, self._was_master_silent = is_lost, False

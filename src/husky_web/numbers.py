@@ -24,8 +24,11 @@ class Numbers:
     def __init__(self, curves: Dict[str, Curve]) -> None:
         """Begin without numbers; `curves` has the names of `plots.CHARTS`."""
         self._curves = curves
-        self.scans = Curve(1, RATE_WINDOW)  # number of scans so far, for the rate of the scans
-        self.clock = Curve(1, RATE_WINDOW)  # [s] simulated time over wall time, for the real-time factor
+        # these two curves are not drawn; only their rates are used.
+        # number of scans so far over their stamps, for the rate of the scans
+        self.scans = Curve(series=1, window=RATE_WINDOW)
+        # [s] simulated time over wall time, for the real-time factor
+        self.clock = Curve(series=1, window=RATE_WINDOW)
         self._heard_at = -inf  # [s] wall time of the last odometry
         # [m/s], [rad/s] forward and turning speed, for "commanded" and for "measured"
         self._speeds: Dict[str, Tuple[float, float]] = {}
@@ -36,7 +39,7 @@ class Numbers:
         self.pillar: Optional[Vector3] = None  # [m] position of the pillar in the fixed frame
 
     def take(self, topics: Topics, scene: Scene, now: float) -> None:
-        """Take in new messages of the topics; `now` [s] is the time of any clock.
+        """Take in new messages of the topics; `now` is wall time [s].
 
         The scene has the TF frames, and the stamp of its newest scan.
         """

@@ -175,6 +175,7 @@ class Gate:
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
         self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind
+        # set when the last connection ends; no thread waits for it, but `last_has_gone` reads and clears it
         self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:
@@ -214,7 +215,7 @@ class Gate:
             finally:
                 self._connections[kind] -= 1
                 if not any(self._connections.values()):
-                    self._is_empty_again.set()
+                    self._is_empty_again.set()  # the node asks for it by `last_has_gone`
 
         return handle
 

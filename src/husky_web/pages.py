@@ -153,7 +153,8 @@ class Pages:
         while self._arrivals:
             client, is_dark = self._arrivals.popleft()
             if client.client_id not in clients:
-                continue  # the page was closed while its storage was read
+                # the page was closed while `wants_dark` read its choice of colours from the browser
+                continue
             with on_error_log_and_skip("a page that comes"):
                 self.open[client.client_id] = Page(client, self._tabs, self._log, self.on_tool, is_dark)
         for number in leavers:

@@ -88,18 +88,21 @@ class Parameter(NamedTuple):
         return value
 
 
-def parameters(description: Mapping[str, Any], server_group: str = "") -> List[Parameter]:
-    """Return the parameters of a description and of the groups in it; each name only once.
+def parameters(description: Mapping[str, Any], group_name: str = "") -> List[Parameter]:
+    """Return the parameters of a description and of the groups in it.
+
+    If the same name is in several lists, such as in the list of a group and in the list of its subgroup, only
+    the first parameter with this name is returned.
 
     Args:
         description: decoded description of a server, or of one of its groups.
-        server_group: name of this group; empty for the whole description.
+        group_name: name of this group; empty for the whole description.
     """
     result = []
     for entry in description.get("parameters", ()):
         name, kind, default, low, high = (entry[key] for key in ("name", "type", "default", "min", "max"))
         text, choices = str(entry.get("description", "")), _choices(entry.get("edit_method"))
-        result.append(Parameter(name, kind, default, low, high, text, choices, server_group))
+        result.append(Parameter(name, kind, default, low, high, text, choices, group_name))
     groups = description.get("groups", {})  # groups by name, or a list of groups
     for group in groups.values() if isinstance(groups, Mapping) else groups:
         names = {parameter.name for parameter in result}

@@ -276,7 +276,7 @@ class Scene:
                 return
             if step > TRAIL_JUMP:  # a service has moved the robot
                 self._trail.clear()
-        self._draw_trail([*self._trail[-TRAIL_POINTS:], point])
+        self._replace_trail([*self._trail[-TRAIL_POINTS:], point])
 
     def _begin_trail(self, path: Marker) -> None:
         """Begin the trail with the controller's path, which the robot drove before a page was open."""
@@ -284,9 +284,9 @@ class Scene:
         has_path = len(points) >= 2 and np.isfinite(points).all()
         if len(self._trail) < 2 and has_path and frame is not None:
             height = self.ground + LINE_HEIGHT
-            self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
+            self._replace_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
 
-    def _draw_trail(self, trail: List[Tuple[float, float, float]]) -> None:
+    def _replace_trail(self, trail: List[Tuple[float, float, float]]) -> None:
         """Replace the trail by these points [m] in the fixed frame, the oldest first, and draw it."""
         self._trail = trail
         line = np.array(trail, np.float32)
@@ -324,7 +324,8 @@ class Scene:
             with on_error_log_and_skip(topic):
                 for marker in markers_of(msg):
                     # the controller's markers PATH and STATE are not drawn, because the page draws its own
-                    # trail, and the state bar shows the state
+                    # trail, and the state bar shows the state; but the points of PATH are the beginning of
+                    # the trail, because the robot drove there before a page was open
                     is_of_controller = topic.startswith(self._controller)
                     if is_of_controller and marker.ns == PATH:
                         self._begin_trail(marker)
@@ -351,7 +352,9 @@ class Scene:
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
-            return  # an unlocked marker keeps the pose that it got when it came
+            # an unlocked marker keeps the pose that it got when it came; an invisible node has no pose yet,
+            # for example because its frame was unknown, so it is tried again
+            return
         drawing.placed = marker
         # a locked marker moves with its frame, so it needs the newest pose of the frame; another marker needs
         # the frame's pose at the marker's stamp, or the newest pose if the stamp is 0
@@ -398,7 +401,8 @@ def _thinned(points: np.ndarray, count: int) -> np.ndarray:
 def trail_colors(trail: np.ndarray) -> np.ndarray:
     """Return colours (N, 3) of the points of a trail (N, 3) [m], the oldest first; far points have faded.
 
-    The colours are linear, because the browser shows colours of single points brighter than a line's colour.
+    The browser takes the colours of a line's points as linear, but TRAIL_COLOR and FADED_COLOR are colours of
+    a screen (sRGB). So they are made linear here, otherwise the browser would draw them too bright.
     """
     steps = np.linalg.norm(np.diff(trail, axis=0), axis=1)
     # (N,) [m] length of the trail from each point to the robot, summed from the newest point backwards

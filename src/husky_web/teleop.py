@@ -139,6 +139,8 @@ class Teleop:
         """Publish the commands of the page that drives, every PERIOD, and sleep while none drives."""
         while not rospy.is_shutdown():
             with self._turn:
+                # None while no page drives; after the last page has let go, one STOP comes before None, and
+                # `is_active` is already false then
                 twist = self._hold.command(time.monotonic())
                 is_active = self._hold.is_active
                 if not is_active:

@@ -44,7 +44,8 @@ class Topics:
         """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
         self.scan_count = 0  # number of scans that have come so far
-        # [s] end of the last pause of each thread; rospy has a thread for each publisher
+        # the attribute `at` has, in each thread, the time [s] at which the thread's last pause in `_push`
+        # ended; rospy has a thread for each publisher
         self._pause_ended = threading.local()
         # messages that wait for the thread that draws: the newest one of each topic in `names`, because an
         # older one is of no use, and all messages of these other uses
@@ -86,8 +87,15 @@ class Topics:
                 self._subscribers[full] = self._subscriber(full, InteractiveMarkerInit, "objects")
 
     def listen(self, use: str, kind: Any, is_wanted: bool) -> None:
-        """Subscribe to a topic that is shown on demand, or unsubscribe."""
+        """Subscribe to a topic that is shown on demand, or unsubscribe.
+
+        Args:
+            use: use of the topic, a key of `names`, such as "scan" or "odometry".
+            kind: class of the messages.
+            is_wanted: true to subscribe, false to unsubscribe.
+        """
         if is_wanted and use not in self._subscribers:
+            # scan and cloud are drawn in the view, and the other topics are only shown as numbers
             pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
             self._subscribers[use] = self._subscriber(self.names[use], kind, use, pause)
         elif not is_wanted and use in self._subscribers:
@@ -125,6 +133,8 @@ class Topics:
         self._queues[use].append((topic, msg))
         if use == "scan":
             self.scan_count += 1
+        # the messages that came during the pause follow at once when it has ended, so a message that comes
+        # later than BURST_SHARE of the pause is a new one
         if time.monotonic() - getattr(self._pause_ended, "at", -inf) > BURST_SHARE * pause:
             time.sleep(pause)
             self._pause_ended.at = time.monotonic()

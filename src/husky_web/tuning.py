@@ -41,7 +41,7 @@ class Tuning:
             "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
         )
         buttons.on_click(self._on_button)
-        self._gui.add_html(SMALL)
+        self._gui.add_html(SMALL)  # makes the upload button after it small
         upload = self._gui.add_upload_button("Load YAML", mime_type=".yaml,.yml")
         upload.on_upload(self._on_upload)
 
@@ -81,6 +81,7 @@ class Tuning:
                 changes = from_yaml(text.decode(), servers)
             except UnicodeDecodeError:
                 raise HuskyError("the file is not a text file in UTF-8") from None
+            # `follow` runs in another thread, so it may have removed a server since `servers` was made
             for name in changes.keys() - self._servers.keys():
                 raise HuskyError(f"node '{name}' has gone; load the file again")
             for name, values in changes.items():

@@ -50,7 +50,7 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
     """Let a server that is started in this block check each request, and wrap its handler.
 
     viser has no hook for a check of its requests, so the function of `websockets` that starts its server is
-    replaced, and so is its message buffer.
+    replaced. Viser's message buffer is replaced, too, by `MessageBuffer`, which is safe in several threads.
 
     Args:
         process_request: argument of `websockets.asyncio.server.serve`.

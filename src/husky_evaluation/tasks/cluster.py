@@ -102,6 +102,7 @@ class Cluster:
                         yield number, error
                         continue
                     running[self._submit(payload, workers, starts_programs)] = _Run(number, workers)
+                # waits at most POLL_PERIOD, so that the list of workers is updated even if no group ends
                 for future in self._ended(running):
                     number = running.pop(future).number
                     failure = future.exception() if future.status == "error" else None
@@ -201,7 +202,7 @@ class Cluster:
         # major and minor version must agree; `python` is a text such as 3.11.2.final.0
         if python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
             return f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
-        version = self._version_of(address)  # version, or why there is none
+        version = self._version_of(address)  # version, or why there is none; empty if the worker has gone
         if not version:
             return None
         return "" if version == code_version() else f"{version}; here it is {code_version()}"

@@ -91,7 +91,9 @@ class Workers:
         """Yield the results of `map`, with the number of each item, in the order in which they come.
 
         `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
-        worker. It returns the result of that item. Without `on_error` the exception is raised.
+        worker. It returns the result of that item. This result is kept like other results, so a later run
+        with the same file does not try the item again. The exception of one item is the exception of its
+        whole group of `chunk` items. Without `on_error` the exception is raised.
         """
         # the key of a kept result depends on the code and the item, so that a result is computed again if the
         # code has changed

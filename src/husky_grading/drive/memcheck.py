@@ -131,7 +131,9 @@ def find_unwritten_variable(
             subscribes,
             lambda: read_registrations(network.uri, SIMULATOR_NODES),
         )
-        heard = robot  # choice of the robot; it changes below if the submission listens to another robot
+        # choice that the function returns: the given choice, but if this is a guess, the robot to whose scans
+        # the submission has subscribed
+        heard = robot
         if robot.is_guess:
             # the choice stays if it is unknown to which robot's scans the submission subscribes
             heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))

@@ -168,7 +168,7 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
     yaws = np.unwrap(recording.poses[:, 2])
     full_turns = float(np.abs(np.diff(yaws)).sum()) / (2.0 * np.pi)
     if covered >= FIRST_STEPS * first_gap:
-        points = 10.0
+        points = 10.0  # half of the item's 20 points
         evidence = (
             f"covers {covered:.2f} m of the {first_gap:.2f} m to the pillar, less than half, by {at:.2f} s"
         )
@@ -186,6 +186,8 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
     elif _stands_since(recording) is not None and recording.driving.any():
         ending, hint = "", STOPS  # the robot has driven, and then has stood until the end
     else:
+        # the robot has moved, but perhaps it has only turned; if no command had a forward speed,
+        # `_explain_steering` says so
         ending, hint = _explain_steering(recording)
     return replace(item, points=points, evidence=evidence + ending, at=at, hint=hint)
 

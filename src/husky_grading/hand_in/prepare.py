@@ -66,8 +66,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    # a job that names a launch file or node makes no FOLDERS; a folder `ws` may then belong to the teacher,
-    # so it stays
+    # the loop below deletes the results of an earlier call. A job that names a launch file or node makes no
+    # FOLDERS, so the loop then keeps folders with these names: a folder `ws` may belong to the teacher.
     names = FILES if job.launchable else (*FILES, *FOLDERS)
     for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(old_path)

@@ -48,5 +48,6 @@ class Obedience(NamedTuple):
             turned = abs(wrap_angle(base_in_odom.yaw - self.pose.yaw))
             if not (moved > MOVED or turned > TURNED):
                 return self._replace(stamp=stamp)  # the robot still stands at the old pose
-        # the robot has moved, this is the first command to move, or the time has run back
+        # the robot has moved, this is the first command to move, or the time has run back; in all three cases
+        # the memory begins again with the present pose
         return Obedience(pose=base_in_odom, since=stamp, stamp=stamp)

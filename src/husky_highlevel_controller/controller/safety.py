@@ -82,7 +82,8 @@ def too_close(
     smallest_clearance = clearance_now  # smallest clearance on the path, for each point
     for pose in path:
         smallest_clearance = np.minimum(smallest_clearance, _clearance(points_in_base, pose, outline))
-    # a point is a danger if it comes too close, and if the robot moves towards it
+    # a point is a danger if it comes too close, and if the robot moves towards it; a point inside the
+    # footprint is the robot itself, and it never counts, because its clearance of 0 cannot become smaller
     is_threat = (smallest_clearance < config.margin) & (smallest_clearance < clearance_now - APPROACH)
     return float(clearance_now[is_threat].min()) if is_threat.any() else None
 

@@ -78,6 +78,8 @@ def equip(
         lidar = _lidar(config, model, cast, scan_steps * dt)
         sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))
         if config.points_rate:
+            # not in `sensors`, because the steps of the simulation do not sample it; `Simulation.points`
+            # samples it when a point cloud is wanted
             points = PointLidar(config.points, cast, model.fixed_poses[frame])
     if config.gps_rate:
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")

@@ -77,7 +77,7 @@ class Assembly:
         is_whole = len(links_by_group) == 1
         for group, names in links_by_group.items():
             body = self._rigid_body(names, is_whole)
-            # a joint, or a chain of joints, ties the links of this group to the world
+            # true if a joint, or a chain of joints, ties the links of this group to the world
             is_fixed = group == group_of[_WORLD]
             # bodies of one model pass through one another, except if the model has only this body, or if a
             # link in the body has <self_collide>

@@ -188,8 +188,9 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     for _ in range(MAX_ECHOES):
         if not len(beams):
             break
-        # the nearest echo of a beam consists of all its rays that end at most `echo_length` behind its
-        # nearest ray; FARTHEST keeps rays that miss (inf) out of the echo, if a beam has only such rays left
+        # true for the rays of each beam's nearest echo: the shortest ray of the beam, and its other rays that
+        # are longer by at most `echo_length`; FARTHEST keeps rays that miss (inf) out of the echo, if a beam
+        # has only such rays left
         in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
         light = np.where(in_echo, weights, 0.0)
         fraction = light.sum(axis=1)

@@ -80,7 +80,8 @@ def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
     inside = (z >= config.min_height) & (z <= config.max_height)
     inside &= (distance >= config.range_min) & (distance <= config.range_max)
     inside &= (angle >= config.angle_min) & (angle <= config.angle_max)
-    index = ((angle[inside] - config.angle_min) / config.angle_increment).astype(int)  # direction of a point
+    # for each point inside, index in `ranges` of the direction in which the point lies
+    index = ((angle[inside] - config.angle_min) / config.angle_increment).astype(int)
     # the nearest point counts; an angle at the very end belongs to the last direction
     np.minimum.at(ranges, np.minimum(index, count - 1), distance[inside])
     return ranges
