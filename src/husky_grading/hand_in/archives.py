@@ -135,7 +135,7 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
     except Exception as error:
         # a broken archive may raise any error of zipfile, tarfile, zlib, lzma, bz2 and struct
-        raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
+        raise ArchiveError(f"{archive.name} is broken: {str(error) or type(error).__name__}") from error
     return links, large
 
 

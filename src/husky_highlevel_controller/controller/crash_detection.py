@@ -351,11 +351,10 @@ class CrashDetector:
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
-            # if `window` is longer than AFTER, an increment that counts as swung does not count as pushed
             if age < window - 1e-6:
                 swung_left += left_by
                 swung_up += up_by
-            elif AFTER - 1e-6 < age < AFTER + window - 1e-6:
+            if AFTER - 1e-6 < age < AFTER + window - 1e-6:
                 pushed_left += left_by
         vibration, vibration_before = self._add_vibration(swung_left * swung_left + swung_up * swung_up, end)
         learning = LEARNING_TIME + min(vibration / ROUGH_VIBRATION, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)

@@ -50,6 +50,7 @@ class _Sender:
     first: float  # [s] stamp of the sender's first command
     last: float  # [s] stamp of the sender's last command
     count: int = 0
+    has_commanded_motion: bool = False  # true after the sender's first command that is not zero
     # [s] stamp of the command at which the count for the rate began; None if no command has moved the robot
     # since the last long gap
     moves_since: Optional[float] = None
@@ -94,6 +95,7 @@ class CommandHabits:
         memory = self._senders.setdefault((topic, sender), _Sender(first=stamp, last=stamp))
         gap, memory.last = stamp - memory.last, stamp
         memory.count += 1
+        memory.has_commanded_motion |= not is_zero
         # `_zero_senders` has a topic only if the last command on it was zero
         self._zero_senders.pop(topic, None)
         if is_zero:
@@ -144,10 +146,9 @@ class CommandHabits:
             yield Finding(Habit.SLOW, sender, topic, len(memory.gaps) / sum(memory.gaps), self._timeout)
             memory.gaps = ()
 
-        # ZEROS: the sender has sent commands for some time, but none since the last long gap has moved the
-        # robot
+        # ZEROS: the sender has sent commands for some time, and each of them was zero
         lasts = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
-        if lasts and is_zero and memory.moves_since is None and not self._may_stand(sender):
+        if lasts and not memory.has_commanded_motion and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)
 
         # OVERRULED: a zero command of another node on the stronger topic keeps the sender from moving the

@@ -122,6 +122,12 @@ def test_which_losses_of_speed_on_smooth_ground_are_a_crash(felt, how):
     assert bool(bump(**how)) is felt
 
 
+@pytest.mark.parametrize("window", [0.1, 0.3, 0.5])
+def test_a_longer_window_does_not_delay_a_push_from_the_side(window):
+    (stamp, _), *_ = bump(0.0, LOSS, more=1.5, config=CrashConfig(window=window))
+    assert stamp == pytest.approx(2.23)
+
+
 def knock(ahead):
     """What a bump from below is felt as, with one ahead."""
     return driven().go(np.concatenate([push(0.03), push(0.03, ahead, up=30.0), push(0.5)]))

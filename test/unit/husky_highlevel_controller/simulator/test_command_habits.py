@@ -57,6 +57,11 @@ def test_a_node_that_never_commands_motion_is_told_after_ten_seconds(seconds, se
     ] * count
 
 
+def test_a_node_that_has_driven_and_stands_after_a_pause_is_not_told_that_it_sent_zeros_only():
+    drive_and_stand = [*commands(20.0, 5.0), *commands(20.0, 12.0, is_zero=True, begin=12.0)]
+    assert [finding.habit for finding in found(drive_and_stand)] == [Habit.DRIVES]
+
+
 def test_a_gamepad_that_holds_the_robot_with_zeros_is_told_and_one_that_drives_it_is_not():
     for pad_is_zero, count in ((True, 1), (False, 0)):
         habits = CommandHabits(TIMEOUT, may_stand=lambda _: True)
