@@ -84,10 +84,10 @@ def run_here(
             # loop makes another pool
             losses = sorted(running.values())
             deaths.update(losses)
-            # group with the most deaths; the default avoids an error of `max` if no group is lost, because a
-            # process has ended before it got a group. The next pool then gets the waiting groups.
-            worst = max(losses, key=lambda number: deaths[number], default=0)
-            if deaths[worst] >= MAX_DEATHS:
+            # group with the most deaths; None if no group is lost, because a process has ended before it got a
+            # group. The next pool then gets the waiting groups.
+            worst = max(losses, key=lambda number: deaths[number], default=None)
+            if worst is not None and deaths[worst] >= MAX_DEATHS:
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 yield worst, HuskyError(sentence)
                 losses.remove(worst)
