@@ -84,8 +84,8 @@ def run_here(
             # loop makes another pool
             losses = sorted(running.values())
             deaths.update(losses)
-            # group with the most deaths; None if no group is lost, because a process has ended before it got a
-            # group. The next pool then gets the waiting groups.
+            # group with the most deaths; None if no group is lost, because a process has ended before it got
+            # a group. The next pool then gets the waiting groups.
             worst = max(losses, key=lambda number: deaths[number], default=None)
             if worst is not None and deaths[worst] >= MAX_DEATHS:
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
