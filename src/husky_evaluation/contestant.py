@@ -43,7 +43,11 @@ class Contestant(Protocol):
 
     @property
     def starts_programs(self) -> bool:
-        """Return whether a run starts other programs. If so, a kept result could come from older code."""
+        """Return whether a run starts other programs, such as ROS nodes.
+
+        Results of runs are kept under a hash of this package's code. The hash does not cover other programs,
+        so the results of their runs are not kept.
+        """
 
     def drive(self, scenario: Scenario) -> Outcome:
         """Drive a scene.

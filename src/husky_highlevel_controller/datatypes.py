@@ -213,7 +213,10 @@ class Scan:
 
     @cached_property
     def valid(self) -> np.ndarray:
-        """Mask of the beams that measured something, (N,) bool: range_min <= range < range_max."""
+        """Mask of the beams that measured something, (N,) bool: range_min <= range < range_max.
+
+        In `returns`, a range of range_max or more is inf.
+        """
         mask: np.ndarray = (self.returns >= self.range_min) & (self.returns < np.inf)
         return mask
 

@@ -112,7 +112,7 @@ class Scene:
         self._shadow: Any = None  # node of the shadow below the robot; None without a robot
         self.robot_shapes: List[Any] = []  # nodes of the robot that the mouse can grasp
         self._drawn: Dict[Key, DrawnMarker] = {}  # markers that have a node in the scene
-        self._axes: Dict[str, Any] = {}  # viser's node of the axes of each TF frame
+        self._axes: Dict[str, Any] = {}  # object of viser that draws the axes of each TF frame
         self._trail: List[Tuple[float, float, float]] = []  # [m] points in the fixed frame, the oldest first
         self._backdrop = Backdrop(self._scene)
         # nodes of points and lines are made once, empty, and get their points later

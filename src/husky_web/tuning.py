@@ -100,7 +100,8 @@ class _Server:
         self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
         self.parameters: List[Parameter] = []  # empty until the server has sent its description
         self.values: Dict[str, Any] = {}  # last value of each parameter that the server has sent
-        self._description: Dict[str, Any] = {}  # the server's description, decoded
+        # names, types and limits of the parameters, as the dynamic_reconfigure server has sent them
+        self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}  # field of each parameter in the page
         # requested value of each parameter; removed as soon as the value is sent
         self._waiting: Dict[str, Any] = {}

@@ -179,8 +179,9 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
         # in a wall
         circle.x > segment.near
         and circle.residual <= config.max_residual
+        # `radius` was fitted with the expected radius as one more measurement; `free_radius` comes from the
+        # beams alone, and may be wrong by `free_slack`
         and abs(circle.radius - radius) <= tolerance
-        # the radius from the beams alone may be wrong by `free_slack`
         and abs(circle.free_radius - radius) <= tolerance + circle.free_slack
         and _explains_best(scan, config, segment, circle)
     ):

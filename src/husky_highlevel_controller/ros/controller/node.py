@@ -259,9 +259,12 @@ class ControllerNode:
         Args:
             observation: the scan, and the poses of lidar and robot at its stamp.
         """
+        # the services that stop the robot run in other threads; the lock keeps their zero command from coming
+        # between the decision and its command
         with self._decision_lock:
             control, detector_config = self._tuning.records
             before = self._controller_state
+            # a node that the ROS master has lost must not drive, because no new program can stop it
             enabled = self._enabled and not self._registration.is_lost
             try:
                 self._controller_state, output = decide(

@@ -199,18 +199,26 @@ class ScanPlacement:
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None or has_passed:
                 return False, exact or latest
-        # TF has not reached the stamp yet. A wait is in vain if the scans' clock is ahead of odometry's
-        # (otherwise `ahead` is 0), or if odometry has stopped, so that a scan has waited too long already
-        if overdue:
-            self._stamp_when_overdue = newest_stamp
-        # an overdue scan has just set the stamp, so the next line is true for this scan, too
-        odometry_has_stopped = newest_stamp == self._stamp_when_overdue
-        must_wait = not self.ahead and not odometry_has_stopped
+        # TF has not reached the stamp yet. A wait is in vain if odometry has stopped, or if the scans' clock
+        # is ahead of odometry's (otherwise `ahead` is 0)
+        has_stopped = self._has_odometry_stopped(newest_stamp, overdue)
+        must_wait = not has_stopped and not self.ahead
         # the last pose of odometry that has stopped is not used after MAX_AGE, because the robot would drive
         # blindly; a fixed transform, with stamp 0, does not age
         age = (stamp - newest_stamp).to_sec() - self.ahead  # [s] age of the pose by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
         return must_wait, None if is_old else latest
+
+    def _has_odometry_stopped(self, newest_stamp: rospy.Time, overdue: bool) -> bool:
+        """Return whether a scan, this one or an earlier one, has waited in vain for a newer transform.
+
+        Args:
+            newest_stamp: stamp of the newest transform of odometry.
+            overdue: whether this scan has waited for too long.
+        """
+        if overdue:
+            self._stamp_when_overdue = newest_stamp
+        return newest_stamp == self._stamp_when_overdue
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Pose of the lidar, None if unknown; warn if many scans in a row had none."""

@@ -144,7 +144,9 @@ class _Threads:
             threads = []
         for ended in self._files.keys() - threads:
             self._forget(ended)
-        turns = {}  # content of the file SCHEDULE by thread; it is only compared, so it stays text
+        # for each thread, the text of its file SCHEDULE; the text changes whenever the thread has run, and is
+        # only compared with the text of the next check
+        turns = {}
         own_thread = str(threading.get_native_id())
         for thread in threads:
             if thread == own_thread:  # this thread makes the check, so it is always running

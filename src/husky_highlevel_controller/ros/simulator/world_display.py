@@ -185,7 +185,8 @@ class WorldDisplay:
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         """Put a body where its marker was dragged, and return a sentence about it."""
         name = feedback.marker_name
-        # None lets the body be drawn again, because the drag has moved only the marker in RViz
+        # RViz has moved the marker by itself; None as the last pose that was shown lets this node publish the
+        # marker again, at the true pose of the body
         if name in self._shown_markers:
             self._shown_markers[name] = self._shown_markers[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position

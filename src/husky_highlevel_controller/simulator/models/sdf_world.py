@@ -210,7 +210,8 @@ def _read_included(model: Model, place: _Place) -> None:
         raise include.error(
             f"more than {MAX_INCLUDES} models are included; check whether each includes several others"
         )
-    load.open_files.append(file)  # while the file is on this list, no model in it may include the file
+    # while the file is on this list, its models may not include the file again, which would never end
+    load.open_files.append(file)
     _read_model(model, place)
     load.open_files.pop()
 

@@ -57,7 +57,8 @@ def meet_mesh(
         distances: distances of the beams.
 
     Returns:
-        An upper bound of the distances at which beams meet the mesh [m], which is 0 if it is out of reach.
+        0 if the mesh is out of reach of every beam, otherwise inf. The caller needs an upper bound of the
+        distances at which beams meet the mesh [m], and no closer bound is known.
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
@@ -81,7 +82,7 @@ def meet_mesh(
     if len(cut):
         ends = _segments(mesh, cut, heights, turned[:2], np.array(offset[:2]))
         _meet_segments(*ends, beams, distances)
-    return inf  # no closer bound is computed
+    return inf
 
 
 def _segments(
