@@ -116,7 +116,8 @@ class Robot:
     def footprint(self) -> Footprint:
         """Footprint from above: the hull, and the wheels of either side."""
         separation, width = self.drive.wheel_separation, self.wheels.width
-        # half the length and half the width of the hull; half the length, inner and outer edge of the wheels
+        # hull: half its length and half its width; wheels: half the length of both wheels of a side, and the
+        # distances of their inner and outer edges from the robot's middle line
         return Footprint(
             (self.hull.length / 2.0, self.hull.width / 2.0),
             (

@@ -269,7 +269,7 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
     """Return names of packages with the names of all packages of the submission on which they depend."""
     members, waiting = set(names), list(names)
     while waiting:
-        # packages of the submission that are not members yet
+        # packages of the submission that this package needs, and that are not in `members` yet
         needs = packages[waiting.pop()].needs & set(packages) - members
         members |= needs
         waiting += needs

@@ -92,7 +92,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
                 top, drops = height_above, drops_above
                 break
         # if the wide body is higher than MAX_RISE, the drops stay 0, and no floor is found
-    # [m] height of the floor under the first corner; it counts only if the floor is level
+    # [m] height of the floor under the first corner of the robot; used below only if the floor is level
     height = top - drops[0]
     if height < 0.0:
         # the floor is below the pose, so the hull might stand on an object between the wheels; the drops at

@@ -16,7 +16,7 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-# [m^3] smallest volume with which a mesh counts
+# [m^3] volume that replaces the volume 0 of a flat mesh, so that a body of this mesh has a centre of mass
 _FLATTEST = 1e-9
 
 

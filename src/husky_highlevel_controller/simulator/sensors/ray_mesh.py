@@ -149,8 +149,8 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     # of both sides with `along` removes s and gives t
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
     entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
-    # a beam along its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because a beam may be
-    # in several pairs
+    # a pair is a beam and a segment. A beam on the line of its segment gives 0 / 0 = nan, which `fmin`
+    # ignores. A beam may be in several pairs, and `at` then takes the smallest entry of all of them
     np.fmin.at(distances, beam, entries)
 
 
