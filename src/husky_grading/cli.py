@@ -184,6 +184,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
     if not options.cluster:
-        stop_on_signals()  # lets Ctrl-C end all programs that `grade` has started
+        # lets Ctrl-C end all programs that `grade` has started; with a cluster, its workers start them
+        stop_on_signals()
     with exit_codes("grade"):
         raise SystemExit(grade(options))

@@ -147,7 +147,8 @@ def starter(
         own: nodes of this package are left out unless it is ALL, because they are not part of any submission.
     """
     # The program is started by its path, and not as a module of our package, because a package of the
-    # submission may have the name of our package.
+    # submission may have the name of our package. With runpy, unlike `python STARTER`, the folder of the
+    # program is not searched for modules.
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     # launch files that start our simulator in place of Gazebo; an <include> of such a file is left out
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]

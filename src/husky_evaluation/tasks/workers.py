@@ -49,7 +49,10 @@ class Workers:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        """Leave the cluster and close the file."""
+        """Disconnect from the cluster, and close the file of kept results.
+
+        Processes of this machine have ended at the end of each `map`.
+        """
         if self._cluster:
             self._cluster.close()
         if self._store:

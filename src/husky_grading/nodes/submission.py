@@ -126,9 +126,11 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         return package
 
     def _include_tag(self, tag: Any, context: Any, *arguments: Any) -> Any:
-        """Load an <include>, unless it is a launch file of the simulator; roslaunch calls this.
+        """Load an <include>, or leave it out if marking starts the same; roslaunch calls this.
 
-        Marking starts the simulator itself, so a fault in one of its files does not matter.
+        A launch file that starts the simulator, such as that of husky_gazebo, is left out, because marking
+        starts the simulator itself. Other launch files of the simulator's packages are loaded, but a fault in
+        one of them is only reported.
 
         Raises:
             MissingIncludeError: the included file does not exist.

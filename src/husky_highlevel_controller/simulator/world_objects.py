@@ -84,14 +84,15 @@ class WorldObjects:
         """Put a body somewhere else, at rest.
 
         Raises:
-            PlacementError: no object has this name, or another object is in the way; then nothing changes.
+            PlacementError: no object has this name, the object is a plane or has no collision shape, so that
+                physics does not know it, or another object is in the way; then nothing changes.
         """
         if name not in self._bodies:
             raise self._unknown(name)
         if not self._bodies[name].collisions:
             raise PlacementError(f"'{name}' has no collision shape, so it cannot be moved")
         self._bullet.check_movable(name)
-        self._bullet.check_moves({name: pose_in_world}, name)
+        self._bullet.check_moves({name: pose_in_world}, name)  # only this body moves
         self._bullet.move_body(name, pose_in_world)
         self._scene_is_stale = True
 

@@ -94,7 +94,15 @@ class GazeboServices:
         return name
 
     def _frame_motion(self, name: str, field: str) -> ModelMotion:
-        """Motion of a reference frame in the world."""
+        """Return the motion of a reference frame in the world; a model is a frame, too.
+
+        Args:
+            name: name of the frame in a request of Gazebo.
+            field: field of the request that has the name, for the error.
+
+        Raises:
+            ObjectError: no model has this name.
+        """
         if name in FRAMES_OF_WORLD:
             return ModelMotion(IDENTITY)
         return self._simulation.motion_of(self._model_name(name, field))

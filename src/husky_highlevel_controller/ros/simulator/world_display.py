@@ -68,9 +68,10 @@ class _Server(InteractiveMarkerServer):
         return bool(self.update_pub.get_num_connections())
 
     def keepAlive(self, _event: Any) -> None:  # noqa: N802
-        """End the library's own timer, which calls this.
+        """End the library's own timer, which calls this; `send` sends the keep-alives.
 
-        It could overtake an update, so that RViz would restart, and it would wake at every tick of /clock.
+        A keep-alive of the timer could overtake an update, so that RViz would miss a number and ask for all
+        markers again. The timer would also wake at every tick of /clock.
         """
         timer = threading.current_thread()
         if isinstance(timer, rospy.Timer):

@@ -324,6 +324,7 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
         link.note(f"a link farther than {FARTHEST:g} m from the origin is left out", full_name)
+        # counted for the warning about a world in which nothing is left for the lidar
         link.load.missed_by_lidar += 1
         return None
     collisions, mass = tuple(_geometries(link, "collision", model)), _mass(link, model)

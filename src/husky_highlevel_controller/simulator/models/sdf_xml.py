@@ -107,7 +107,10 @@ def _strict_part(part: Match[bytes]) -> bytes:
 
 
 def _encoding_of(data: bytes) -> Optional[str]:
-    """Encoding for the parser: None for the declared one, Latin-1 for bytes that are not UTF-8."""
+    """Encoding for the parser: None for the declared one, Latin-1 for bytes that are not UTF-8.
+
+    The parser would take bytes without a declaration for UTF-8, and would reject Latin-1.
+    """
     try:
         data.decode()
         return None
