@@ -103,7 +103,11 @@ def test_keys_give_the_points_of_a_student_s_item_and_the_page_saves_them_as_mar
     shutil.rmtree(folder / "ann")
     (folder / "marking.yaml").unlink()
     page.goto(write_review(out).as_uri())
+    status = page.get_by_role("status").inner_text()
     save(page, folder)
+    saved = (folder / "marking.yaml").read_text()
+    # once, on a busy machine, the file had no points of bob; this tells whether the page had lost them
+    assert "bob" in saved, f"the page says '{status}', and saves: {saved}"
     given = read_overrides(folder, ["bob"])
     assert given["bob"].points[RVIZ].points == 20.0, "his own, not the first item's"
 
