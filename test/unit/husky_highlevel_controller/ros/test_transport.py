@@ -94,6 +94,8 @@ def test_a_subscriber_that_hangs_holds_nobody_up_and_gets_the_newest_afterwards(
 def test_a_subscriber_that_has_gone_is_an_error_that_rospy_knows(ends):
     transport, theirs = ends
     connection = PromptConnection(transport, queue_size=1)
+    # a process that is being forked at this moment has the socket, too, so closing it here may not end it
+    theirs.shutdown(socket.SHUT_RDWR)
     theirs.close()
     with pytest.raises(TransportTerminated):
         connection.write_data(b"scan")
