@@ -99,7 +99,7 @@ class Camera:
             self._is_settled |= is_sent
             return
         w, x, y, z = camera.wxyz.tolist()
-        # direction from the target to the camera, because a camera looks along its own z axis
+        # direction from the target to the camera; a camera looks along its own z axis, so -z points back
         from_target = rotate((x, y, z, w), (0.0, 0.0, -1.0))
         # the target may be newer than the position, so the distance may be wrong by the short way that the
         # robot has driven between the two; the direction comes from the rotation, so it has no such error

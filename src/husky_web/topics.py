@@ -23,8 +23,8 @@ from husky_highlevel_controller.robot import load_robot
 # [s] after a message, the thread that has read it pauses, so that the next messages are read together;
 # NUMBERS_PAUSE is for messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
-# if a message is read within this fraction of a pause after the pause has ended, it came during the pause, so
-# no other pause follows
+# The messages that came during a pause are read at once when the pause has ended. So a message that is read
+# within this share of the length of a pause came during the pause, and causes no pause of its own.
 BURST_SHARE = 0.2
 # largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
 # lost

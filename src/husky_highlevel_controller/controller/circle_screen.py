@@ -37,8 +37,8 @@ HIDDEN_ODDS = 2.0
 HIT_SLACK = 4.0
 # [m] this coarse test allows each limit to be exceeded by this, because its fit is not exact
 _MARGIN = 0.005
-# this coarse test lets a line fit better than the circle by a lead (see LINE_ODDS) that is this much larger
-# than the exact test allows
+# the exact test has a limit for the lead of a line over the circle (see LINE_ODDS); the limit of this coarse
+# test is larger by this
 _ODDS_MARGIN = 1.0
 _SAMPLES = 16  # up to this many of the beams that should meet a circle are checked
 
@@ -178,8 +178,10 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
 
     Args:
         scan: the scan.
-        fits: circles of S segments.
-        slack: difference from the expected range that still counts as a hit [m].
+        fits: circles of S segments, each in a frame of its own: the lidar is the origin, and x points to the
+            middle of the segment.
+        slack: difference from the expected range that still counts as a hit in the exact test [m]; here
+            _MARGIN is added.
 
     Returns:
         For each circle, the number of sampled beams that pass through it, and the number of sampled beams
@@ -194,7 +196,8 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
     low = np.maximum(np.ceil(centre - half_width), 0.0)
     high = np.minimum(centre + half_width, len(scan.ranges) - 1.0)
-    # (S, _SAMPLES) indices of up to _SAMPLES beams from `low` to `high`, at equal distances
+    # each of the S rows has indices of beams from `low` on, in equal steps of 1 or more; if there are fewer
+    # than _SAMPLES beams, the last indices of a row are above `high`
     stride = np.maximum((high - low) / _SAMPLES, 1.0)
     samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
     # [rad] angle between a beam and the direction of the circle's centre

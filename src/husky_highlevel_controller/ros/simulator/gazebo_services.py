@@ -58,8 +58,8 @@ class GazeboServices:
         self._simulation, self._calls = simulation, calls
         # a launch file may give the robot another name; the environment variable MODEL_VARIABLE has this name
         self._robot_name = os.environ.get(MODEL_VARIABLE) or robot
-        # `offer` is for services whose response has only success and a message; the responses of the other
-        # two services have more fields
+        # `offer` is for services whose response has only success and a message; the responses of
+        # get_model_state and get_world_properties have more fields
         calls.offer("gazebo/set_model_state", SetModelState, self._set_state)
         calls.offer("gazebo/spawn_sdf_model", SpawnModel, self._spawn)
         calls.offer("gazebo/spawn_urdf_model", SpawnModel, self._spawn)
