@@ -3,6 +3,7 @@
 import pytest
 import rosmaster.master
 import rosmaster.master_api
+from rosgraph_server import end
 
 from husky_grading.drive.ros_graph import MAX_CALLERS, callers
 from husky_grading.nodes import master
@@ -18,7 +19,7 @@ def uri(monkeypatch):
     running.start()
     ask(running.uri, "registerService", "/offers", "/go", "rosrpc://localhost:9", "http://localhost:9/")
     yield running.uri
-    running.stop()
+    end(running.master_node)
 
 
 def test_who_looks_a_service_up_is_counted_but_for_our_own_nodes(uri):

@@ -6,6 +6,7 @@ pytest.importorskip("rosmaster")
 
 import rosmaster.master
 import rosmaster.master_api
+from rosgraph_server import end
 
 from husky_highlevel_controller.ros import parameter_master
 from husky_highlevel_controller.ros.master_graph import read_unread_parameters
@@ -32,7 +33,7 @@ def master(monkeypatch):
         return running[0].uri
 
     yield start
-    running[0].stop()
+    end(running[0].master_node)
 
 
 HAS, GETS, SEARCHES, CACHES = "hasParam", "getParam", "searchParam", "subscribeParam"

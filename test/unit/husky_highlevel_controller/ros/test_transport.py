@@ -11,6 +11,7 @@ pytest.importorskip("rospy")
 import rospy.topics
 from rosgraph.network import encode_ros_handshake_header
 from rosgraph.xmlrpc import XmlRpcHandler, XmlRpcNode
+from rosgraph_server import end
 from rospy.exceptions import TransportTerminated
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_base import TCPROSTransport
@@ -181,4 +182,4 @@ def test_a_node_is_registered_when_its_server_has_started(replaced):
     node = XmlRpcNode(0, handler)
     node.start()
     assert (handler.looks, handler.uri) == (3, node.uri), "rospy's next look is a tenth of a second away"
-    node.shutdown("the test is over")
+    end(node)
