@@ -156,8 +156,9 @@ run_with_progress() {
   return "$code"
 }
 
-# pip of .dev/venv, with a log of its own. Not .dev/venv/bin/pip, which names the folder that it was made in.
-venv_pip() { "$venv/bin/python" -m pip "$1" --disable-pip-version-check --log "$state/pip.log" "${@:2}"; }
+# pip of .dev/venv, with a log of its own. Not .dev/venv/bin/pip, which names the folder that it was made in. It does not
+# see the packages of ROS, which use_ros puts into PYTHONPATH.
+venv_pip() { env -u PYTHONPATH "$venv/bin/python" -m pip "$1" --disable-pip-version-check --log "$state/pip.log" "${@:2}"; }
 
 # Install the lock files $2... into the virtual environment, except PyBullet; $1 says what they are.
 pip_install() {
@@ -329,12 +330,12 @@ set_up() {
   export CMAKE_POLICY_VERSION_MINIMUM=${CMAKE_POLICY_VERSION_MINIMUM:-3.5}
   install_debian_packages launch "$@"
   make_venv
+  use_ros
   # the build needs NumPy, but none of the other packages, and unpacking those takes as long as the build
-  (use_ros; build_workspace) &
+  build_workspace &
   local build=$!
   complete_venv "$@"
   wait "$build" || die "the workspace was not built; the whole log is $state/build.log"
-  use_ros
   exec 9>&-
   # shellcheck disable=SC1091
   source "$workspace/devel/setup.bash" 2>"$state/source.log" || { cat "$state/source.log" >&2; exit 1; }

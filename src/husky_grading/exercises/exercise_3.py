@@ -150,21 +150,24 @@ def judge_approach(recording: Recording) -> Item:
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
         return replace(item, points=20.0, evidence=evidence, at=half_time)
-    return _judge_short_way(item, recording)
+    return _judge_short_way(item, recording, first_gap, covered, float(times[nearest]))
 
 
-def _judge_short_way(item: Item, recording: Recording) -> Item:
+def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered: float, at: float) -> Item:
     """Return the item of a robot that covers less than HALF_WAY of the way to the pillar.
 
     It gets half of the points if it covers FIRST_STEPS, otherwise none. The evidence says what it does
-    instead. `item` has no evidence yet.
+    instead.
+
+    Args:
+        item: the item without evidence.
+        recording: the run.
+        first_gap: length of the way to the pillar [m], never 0.
+        covered: part of the way that the robot has covered [m].
+        at: time at which the robot is nearest to the pillar [s].
     """
-    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
-    gaps, times = recording.hull_gaps, recording.times
-    # [m] length of the way to the pillar, never 0; index of the moment at which the robot is nearest to it
-    first_gap, nearest = max(gaps[0], 1e-6), int(np.argmin(gaps))
-    covered = first_gap - gaps[nearest]  # [m] part of the way that the robot has covered
-    at, end, points = float(times[nearest]), float(times[-1]), 0.0
+    end, points = float(recording.times[-1]), 0.0
+    last_gap = recording.hull_gaps[-1]  # [m] gap to the pillar in the end
     yaws = np.unwrap(recording.poses[:, 2])
     full_turns = float(np.abs(np.diff(yaws)).sum()) / (2.0 * np.pi)
     if covered >= FIRST_STEPS * first_gap:
@@ -172,8 +175,8 @@ def _judge_short_way(item: Item, recording: Recording) -> Item:
         evidence = (
             f"covers {covered:.2f} m of the {first_gap:.2f} m to the pillar, less than half, by {at:.2f} s"
         )
-    elif gaps[-1] > first_gap + AWAY_FROM_START:
-        evidence = f"drives away: {gaps[-1] - first_gap:.2f} m farther from the pillar after {end:.2f} s"
+    elif last_gap > first_gap + AWAY_FROM_START:
+        evidence = f"drives away: {last_gap - first_gap:.2f} m farther from the pillar after {end:.2f} s"
         at = end
     elif full_turns > 1.0:
         evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
