@@ -17,6 +17,7 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.ros.rosout import remember_parameter
+from husky_highlevel_controller.ros.shared_receiver import receive_in_one_thread
 from husky_highlevel_controller.ros.transport import replace_transport
 
 LAUNCH_FILES = {  # launch file that loads the parameters of each node
@@ -111,11 +112,20 @@ class Runnable(Protocol):
         """Work until the node is shut down."""
 
 
-def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = True) -> None:
+def run_node(
+    name: str, make: Callable[[], Runnable], listen_to_clock: bool = True, callbacks_wait: bool = True
+) -> None:
     """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
 
     With the argument --debug it logs at DEBUG level, and shows a stack trace if a crash, such as one of the
-    physics engine, ends Python itself. A node that sets its own time does not listen to the clock.
+    physics engine, ends Python itself.
+
+    Args:
+        name: name of the node, unless the launch file gives it another.
+        make: makes the node.
+        listen_to_clock: false for a node that sets its own time.
+        callbacks_wait: false for a node none of whose callbacks ever waits. Such a node receives all topics
+            in one thread, which is faster.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         # each line of the log is written at once, even if the log goes into a pipe or file
@@ -125,6 +135,8 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
         faulthandler.enable()
     # rospy's own transport is too slow; this call must come before the first publisher is made
     replace_transport()
+    if not callbacks_wait:
+        receive_in_one_thread()
     level = rospy.DEBUG if debug else rospy.INFO
     # `argv` is given, because rospy would otherwise use the arguments that it read when it was imported; this
     # process may be a fork that was made after the import

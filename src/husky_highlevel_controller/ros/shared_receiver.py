@@ -1,0 +1,129 @@
+"""Receiving of all topics in one thread, because rospy starts a thread for each connection, which costs time.
+
+The controller gets a message on /clock, one on /tf and a scan at nearly the same moment. With rospy's
+threads, these messages wake three threads, and the threads wait for each other, because Python runs only one
+thread at a time. One thread receives the messages one after the other, in the order in which they came. In
+lockstep, the controller then needs 13 % less CPU time, and the simulation is 9 % faster (median of ten pairs
+of runs).
+
+Only a node whose callbacks never wait may use this module, because a callback that waits delays all topics.
+
+test_shared_receiver.py pins what is used of rospy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import threading
+from io import BytesIO
+from typing import Any, Callable, Dict, List, Tuple
+
+import rospy.core
+from rospy.exceptions import TransportTerminated
+from rospy.impl.tcpros_base import TCPROSTransport, recv_buff
+
+SHUTDOWN_POLL_PERIOD = 1.0  # [s] wall time between two checks whether the node is shutting down
+
+# function of rospy that gets the messages that came on a connection, and the connection
+MessagesCallback = Callable[[List[Any], TCPROSTransport], None]
+
+
+class SharedReceiver:
+    """Thread that receives the messages of all connections to publishers, and calls their callbacks.
+
+    rospy itself connects to a publisher, in a thread of its own, and connects again after an error.
+    """
+
+    def __init__(self) -> None:
+        """Start the thread, without a connection."""
+        self._epoll = select.epoll()  # tells on which sockets data have come
+        # connection and callback of each socket, by the number of its file
+        self._connections: Dict[int, Tuple[TCPROSTransport, MessagesCallback]] = {}
+        threading.Thread(target=self._run, name="receiver", daemon=True).start()
+
+    def receive_loop(self, connection: TCPROSTransport, callback: MessagesCallback) -> None:
+        """Take over a connection; this method stands in for rospy's method of this name, which would wait.
+
+        rospy calls it in the thread that has connected. The thread ends when this method returns.
+        """
+        sock = connection.socket
+        if sock is None or connection.done:  # the connection was closed meanwhile
+            return
+        # the thread must never wait for the rest of a message
+        sock.setblocking(False)
+        # rospy may have read the first messages together with the header of the connection
+        _deliver(connection, callback)
+        self._connections[sock.fileno()] = connection, callback
+        # EPOLLET keeps the order in which the messages came. Without it, a connection that has just been read
+        # is the first again when the next messages come
+        self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
+
+    def _run(self) -> None:
+        """Receive until the node is shut down."""
+        while not rospy.core.is_shutdown():
+            for number, _ in self._epoll.poll(SHUTDOWN_POLL_PERIOD):
+                connection, callback = self._connections[number]
+                try:
+                    _receive(connection, callback)
+                except Exception as error:
+                    self._give_back(number, error)
+
+    def _give_back(self, number: int, error: Exception) -> None:
+        """Let rospy handle an error of a connection in a thread: rospy closes it, or connects again."""
+        connection, callback = self._connections.pop(number)
+        with contextlib.suppress(OSError):  # a closed socket is no longer registered
+            self._epoll.unregister(number)
+        if connection.done:
+            return
+        # rospy closes the connection if the publisher has ended it. After any other error, rospy connects
+        # again, if it finds no socket. The buffer may have the rest of a broken message, so a new one is made
+        if not isinstance(error, TransportTerminated):
+            rospy.core.logerr(f"{connection.name}: {error}; connecting to the publisher again")
+            connection.socket.close()
+            connection.socket, connection.read_buff = None, BytesIO()
+        threading.Thread(target=_RECEIVE_LOOP, args=(connection, callback), daemon=True).start()
+
+
+def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
+    """Read all data that a socket has, and call the callback for the messages that are complete.
+
+    Raises:
+        TransportTerminated: the publisher has closed the connection.
+        DeserializationError: the data are not a message of this type.
+    """
+    size = connection.protocol.buff_size
+    while not connection.done:
+        count = recv_buff(connection.socket, connection.read_buff, size)
+        connection.stat_bytes += count
+        _deliver(connection, callback)
+        if count < size:  # the socket has no more data
+            return
+
+
+def _deliver(connection: TCPROSTransport, callback: MessagesCallback) -> None:
+    """Call the callback with the messages that are complete in the buffer; rospy's `receive_once` does it so.
+
+    Raises:
+        DeserializationError: the data are not a message of this type.
+    """
+    messages: List[Any] = []
+    connection.protocol.read_messages(connection.read_buff, messages, connection.socket)
+    if not messages:
+        return
+    connection.stat_num_msg += len(messages)  # one of rospy's statistics
+    for message in messages:
+        message._connection_header = connection.header
+    if connection.is_latched:
+        connection.latch = messages[-1]
+    if not connection.done and not rospy.core.is_shutdown():
+        callback(messages, connection)
+
+
+_RECEIVE_LOOP = TCPROSTransport.receive_loop
+
+
+def receive_in_one_thread() -> None:
+    """Let one thread receive all topics of this process; call it before the first subscriber is made."""
+    receiver = SharedReceiver()
+    TCPROSTransport.receive_loop = lambda connection, callback: receiver.receive_loop(connection, callback)
