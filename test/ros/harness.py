@@ -22,6 +22,8 @@ class RosTest(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
+        # without a master, rospy would wait forever
+        assert rosgraph.is_master_online(), "no ROS master: run the .test file that names this script"
         rospy.init_node("test")
         if cls.from_the_start:
             ask_simulator("reset")
