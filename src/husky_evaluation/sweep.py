@@ -33,6 +33,7 @@ from husky_evaluation.tasks.command import exit_codes, name_as_typed
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
 
@@ -139,15 +140,16 @@ def sweep(
     return Sweep(tuple(axes), tuple(scene.name for scene in scenes), tuple(drives))
 
 
-def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
+def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[float]]:
     """Return points to mark in a picture of these axes: known setups that are within the picture.
 
     The key is the text in the legend, and the list has the value of the setup on each axis. The setups are
-    those of the Husky, whichever robot is swept.
+    those of the robot that is swept.
     """
-    setups = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
+    defaults = setup_of(robot=robot)
+    setups = {"defaults": defaults, "the course's gains": _with_gains(defaults, COURSE_GAINS)}
     if profile == "robot":
-        setups["robot.launch's gains"] = Setup(ROBOT_GAINS)
+        setups["robot.launch's gains"] = _with_gains(defaults, ROBOT_GAINS)
     inside: Dict[str, List[float]] = {}
     for name, setup in setups.items():
         values = [float(parameter_values(setup)[axis.name]) for axis in axes]
@@ -156,6 +158,12 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
         if is_inside and values not in inside.values():
             inside[name] = values
     return inside
+
+
+def _with_gains(setup: Setup, gains: ControlConfig) -> Setup:
+    """Return a setup with the two gains of another control, and with everything else as it is."""
+    names = ("p_gain_vel", "p_gain_ang")
+    return setup.with_values({name: getattr(gains, name) for name in names})
 
 
 def write_sweep(
@@ -216,4 +224,5 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)
             title = f"{len(result.drives)} runs: {', '.join(names)}, profile {options.profile}"
-            write_sweep(result, title, workers.summary, marks(axes, options.profile), options.out)
+            marked = marks(axes, options.profile, options.robot)
+            write_sweep(result, title, workers.summary, marked, options.out)

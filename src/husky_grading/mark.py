@@ -46,9 +46,8 @@ LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 def mark(job: Job) -> MarkingResult:
     """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
-    After a fault of this machine before the end of the runs, such as a full disk, there is no fingerprint, so
-    the next `grade` marks the submission again. After an error that comes later, there is a fingerprint, so
-    the runs are kept.
+    After a fault of this machine, such as a full disk, there is no fingerprint, so the next `grade` marks the
+    submission again. After an error in the teacher's points, there is a fingerprint, so the runs are kept.
 
     Raises:
         StoppedError: marking was interrupted.
@@ -71,7 +70,7 @@ def mark(job: Job) -> MarkingResult:
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
         # if packages are missing, the runs also depend on the packages that are installed on this machine
         misses_packages = bool(MISSES_PACKAGES & {note.kind for note in notes})
-        # set before `judge`, so that the runs are kept even if `judge` finds an error in the teacher's points
+        # set before `judge`, so that the runs are kept if `judge` finds an error in the teacher's points
         fingerprint = job.fingerprint + (job.installed if misses_packages else "")
         cause = None  # first item that lost points; one picture shows its moment
         try:
@@ -88,10 +87,11 @@ def mark(job: Job) -> MarkingResult:
     # `grade` judges the kept runs again if the points have changed.
     except HuskyError as error:
         problem = _text_of(error)
-    except OSError as error:
+    except OSError as error:  # a fault of this machine, also while the pictures are written
         problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
+        fingerprint = ""
     except Exception as error:  # a fault in our own program
-        problem = failure_text(error)
+        problem, fingerprint = failure_text(error), ""
         traceback.print_exc()
     if problem:
         # The terminal shows the teacher the full text. `unmarked` removes the paths of this machine, because

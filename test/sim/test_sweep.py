@@ -145,14 +145,19 @@ def test_one_axis_gives_curves_and_drives_that_never_arrive_have_no_time():
     never, soon = result.panels()[0].values
     assert math.isnan(never)
     assert soon == 10.0
-    marks = sweep.marks([axis], "gazebo")
+    marks = sweep.marks([axis], "gazebo", "husky")
     assert marks == {"defaults": [2.0], "the course's gains": [0.1]}
     assert draw_sweep(result.axes, result.panels(), marks, "title").startswith(PNG)
 
 
 def test_marks_that_are_not_in_the_picture_or_equal_are_left_out():
     axes = [parse_axis("p_gain_ang=0.3:3:4"), parse_axis("stop_distance=0.1:1:2")]
-    assert sweep.marks(axes, "robot") == {
+    assert sweep.marks(axes, "robot", "husky") == {
         "defaults": [2.0, 0.4], "the course's gains": [0.4, 0.4], "robot.launch's gains": [1.0, 0.4]
     }  # fmt: skip
-    assert list(sweep.marks(axes[1:], "robot")) == ["defaults"]
+    assert list(sweep.marks(axes[1:], "robot", "husky")) == ["defaults"]
+
+
+def test_the_marked_defaults_are_those_of_the_robot_that_is_swept():
+    axes = [parse_axis("p_gain_vel=0:3:4"), parse_axis("stop_distance=0.1:1:2")]
+    assert sweep.marks(axes, "gazebo", "smb") == {"defaults": [2.0, 0.6], "the course's gains": [0.1, 0.6]}

@@ -352,7 +352,6 @@ def _build_candidates(
     needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:
-        # `best` is tested again in each turn, because a later build may have built it, too
         if best is None or _is_any_built(best, folders):
             break
         # packages of launch files that were tried before stay in `needed`, so each build continues the build
@@ -362,6 +361,9 @@ def _build_candidates(
         if _is_any_built(other, folders):
             note = f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built"
             return other, rebuilt, [note]
+        # a later build may have built `best`, too, if a package forgets to name one that it depends on
+        if _is_any_built(best, folders):
+            return best, rebuilt, []
     return best, built, []
 
 

@@ -48,7 +48,7 @@ HINTS = {
     Kind.AT_ORIGIN: "set pose.position from the nearest valid range and its angle before you publish it",
     Kind.NO_RETURN: "if no beam has a return, the marker sits on the lidar, so publish none then",
     Kind.WRONG_HEIGHT: "check pose.position.z and scale.z: z is 0 at the height of header.frame_id",
-    Kind.INVISIBLE: "RViz draws no such marker, so fix the fault that is named here",
+    Kind.INVISIBLE: "RViz does not draw such a marker; correct what is wrong with it",
     Kind.DELETED: "give it a longer lifetime, or do not delete it before the next one comes",
     Kind.OLD_ONES: "send each marker with the same ns and id, because otherwise the old markers stay in RViz",
 }

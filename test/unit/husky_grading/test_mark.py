@@ -24,6 +24,22 @@ from husky_highlevel_controller.datatypes import HuskyError
 pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 
 
+NOT_BUILT = "it does not build: controller.cpp:3:1: error: expected ';'"
+
+
+@pytest.fixture
+def not_built(tmp_path, monkeypatch):
+    """Job of a hand-in that does not build, so it is marked without a run."""
+    launchable = Launchable("launch", "husky", str(launch(tmp_path / "a.launch", NODE.format("husky"))))
+    problem = (Note(Kind.BUILD, NOT_BUILT),)
+    submission = Submission(
+        launchable, Workspace(packages=(tmp_path,)), problem=problem, robot=NamedRobot("husky")
+    )
+    monkeypatch.setattr(mark_module, "prepare", lambda *_: submission)
+    monkeypatch.setattr(observe_module, "drive_submission", None)
+    return Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path), fingerprint="all")
+
+
 @pytest.mark.parametrize(
     ("error", "problem"),
     [(TimeoutError(), "TimeoutError"), (HuskyError(), "HuskyError"), (OSError(), "OSError")],
@@ -58,20 +74,27 @@ def test_a_hand_in_has_a_result_whatever_goes_wrong_and_is_marked_again(
     assert "could not be marked" in (tmp_path / "ann" / "feedback.html").read_text()
 
 
-def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driven(tmp_path, monkeypatch):
-    error = "it does not build: controller.cpp:3:1: error: expected ';'"
-    launchable = Launchable("launch", "husky", str(launch(tmp_path / "a.launch", NODE.format("husky"))))
-    problem = (Note(Kind.BUILD, error),)
-    submission = Submission(
-        launchable, Workspace(packages=(tmp_path,)), problem=problem, robot=NamedRobot("husky")
-    )
-    monkeypatch.setattr(mark_module, "prepare", lambda *_: submission)
-    monkeypatch.setattr(observe_module, "drive_submission", None)
-    result = mark(Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path)))
+@pytest.mark.parametrize(
+    ("stage", "error"),
+    [("write_pictures", OSError(28, "No space left on device")), ("judge", ZeroDivisionError("odd"))],
+)
+def test_a_fault_of_the_machine_after_the_runs_is_not_kept(stage, error, not_built, tmp_path, monkeypatch):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr(mark_module, stage, fail)
+    result = mark(not_built)
+    assert str(error.args[-1]) in result.problem
+    assert not (tmp_path / "ann" / FINGERPRINT).exists()
+
+
+def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driven(not_built):
+    result = mark(not_built)
     assert not result.problem
+    assert Path(not_built.out, FINGERPRINT).exists()
     approach, arrival, _, place, _ = result.items
     for item in (approach, arrival, place):
-        assert error in item.evidence
+        assert NOT_BUILT in item.evidence
     assert "fix this error first" in approach.hint
     assert arrival.hint == place.hint == "the same as for 'drives towards the pillar'"
     assert result.cause == approach

@@ -430,7 +430,8 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
         node.note("a movable mesh collides by its convex hull, but the lidar sees its triangles")
     if not _is_near(pose):
         node.note(f"a shape farther than {FARTHEST:g} m from its link is left out")
-        return None  # such a shape is not counted in `missed_by_lidar`
+        node.load.missed_by_lidar += 1
+        return None
     shape = scaled(shape, model.state.scale)
     if isinstance(shape, Plane):
         return Geometry(shape, pose, rgba)

@@ -57,6 +57,27 @@ def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, monkeypatch):
         prepared(ann)
 
 
+def test_a_launch_file_that_only_a_later_build_can_start_keeps_no_error_of_the_first(ann, monkeypatch):
+    # the best launch file's package uses the other one's headers, but does not say that it depends on it
+    for name, file in (("husky", "ex3.launch"), ("maths", "other.launch")):
+        launch(package(ann / name, name) / "launch" / file, NODE.format(name))
+    needed_packages = []
+
+    def build(folders, needed, _underlay):
+        needed_packages.append(set(needed))
+        if "maths" not in needed:
+            return built("it does not build: a.cpp:1: error: maths.h: No such file")
+        put(folders.root / "devel" / "lib" / "husky" / "controller").chmod(0o755)
+        return built("")
+
+    monkeypatch.setattr(prepare_module, "build", build)
+    submission, notes = prepared(ann)
+    assert needed_packages == [{"husky"}, {"husky", "maths"}]
+    assert submission.launchable.package == "husky"
+    assert not submission.problem
+    assert not any("does not build" in note for note in notes)
+
+
 def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_built_once(ann, monkeypatch):
     make_copies(ann, "ex3", "ex5")
     for place in ("a", "b"):

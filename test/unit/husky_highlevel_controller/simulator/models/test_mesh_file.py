@@ -184,6 +184,10 @@ def test_the_log_says_what_is_left_only_where_nothing_is(tmp_path, caplog):
     caplog.clear()
     box = "<geometry><box><size>1 1 1</size></box></geometry>"
     post = f'<model name="p"><link name="l"><collision name="c">{box}</collision></link></model>'
+    far = post.replace('<collision name="c">', '<collision name="c"><pose>0 2e4 0 0 0 0</pose>')
+    load_world(world(tmp_path, ground, far))
+    assert "the lidar sees nothing" in caplog.messages[-1]
+    caplog.clear()
     load_world(world(tmp_path, ground, *absent, post))
     load_world(world(tmp_path, ground))
     assert "the lidar sees nothing" not in caplog.text
