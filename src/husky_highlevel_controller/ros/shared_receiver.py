@@ -40,6 +40,7 @@ class SharedReceiver:
         self._epoll = select.epoll()  # tells on which sockets data have come
         # connection and callback of each socket, by the number of its file
         self._connections: Dict[int, Tuple[TCPROSTransport, MessagesCallback]] = {}
+        self._lock = threading.Lock()  # held while a connection is added or removed
         threading.Thread(target=self._run, name="receiver", daemon=True).start()
 
     def receive_loop(self, connection: TCPROSTransport, callback: MessagesCallback) -> None:
@@ -50,39 +51,32 @@ class SharedReceiver:
         sock = connection.socket
         if sock is None or connection.done:  # the connection was closed meanwhile
             return
-        # the thread must never wait for the rest of a message
-        sock.setblocking(False)
-        # rospy may have read the first messages together with the header of the connection
-        _deliver(connection, callback)
-        self._connections[sock.fileno()] = connection, callback
-        # EPOLLET keeps the order in which the messages came. Without it, a connection that has just been read
-        # is the first again when the next messages come
-        self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
+        try:
+            sock.setblocking(False)  # the thread must never wait for the rest of a message
+            # rospy may have read the first messages together with the header of the connection
+            _deliver(connection, callback)
+            with self._lock:
+                self._connections[sock.fileno()] = connection, callback
+                # EPOLLET keeps the order in which the messages came. Without it, a connection that has just
+                # been read is the first again when the next messages come
+                self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
+        except Exception as error:
+            _give_back(connection, callback, error)
 
     def _run(self) -> None:
         """Receive until the node is shut down."""
         while not rospy.core.is_shutdown():
             for number, _ in self._epoll.poll(SHUTDOWN_POLL_PERIOD):
-                connection, callback = self._connections[number]
+                entry = self._connections[number]
                 try:
-                    _receive(connection, callback)
+                    _receive(*entry)
                 except Exception as error:
-                    self._give_back(number, error)
-
-    def _give_back(self, number: int, error: Exception) -> None:
-        """Let rospy handle an error of a connection in a thread: rospy closes it, or connects again."""
-        connection, callback = self._connections.pop(number)
-        with contextlib.suppress(OSError):  # a closed socket is no longer registered
-            self._epoll.unregister(number)
-        if connection.done:
-            return
-        # rospy closes the connection if the publisher has ended it. After any other error, rospy connects
-        # again, if it finds no socket. The buffer may have the rest of a broken message, so a new one is made
-        if not isinstance(error, TransportTerminated):
-            rospy.core.logerr(f"{connection.name}: {error}; connecting to the publisher again")
-            connection.socket.close()
-            connection.socket, connection.read_buff = None, BytesIO()
-        threading.Thread(target=_RECEIVE_LOOP, args=(connection, callback), daemon=True).start()
+                    with self._lock:
+                        # if another thread has closed the socket, its number may belong to a new connection
+                        if self._connections[number] is entry:
+                            with contextlib.suppress(OSError):  # a closed socket is no longer registered
+                                self._epoll.unregister(number)
+                    _give_back(*entry, error)
 
 
 def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
@@ -118,6 +112,20 @@ def _deliver(connection: TCPROSTransport, callback: MessagesCallback) -> None:
         connection.latch = messages[-1]
     if not connection.done and not rospy.core.is_shutdown():
         callback(messages, connection)
+
+
+def _give_back(connection: TCPROSTransport, callback: MessagesCallback, error: Exception) -> None:
+    """Let rospy handle an error of a connection in a thread: rospy closes it, or connects again."""
+    sock = connection.socket
+    if sock is None or connection.done:  # another thread has closed the connection
+        return
+    # rospy closes the connection if the publisher has ended it. After any other error, rospy connects again,
+    # if it finds no socket. The buffer may have the rest of a broken message, so a new one is made
+    if not isinstance(error, TransportTerminated):
+        rospy.core.logerr(f"{connection.name}: {error}; connecting to the publisher again")
+        sock.close()
+        connection.socket, connection.read_buff = None, BytesIO()
+    threading.Thread(target=_RECEIVE_LOOP, args=(connection, callback), daemon=True).start()
 
 
 _RECEIVE_LOOP = TCPROSTransport.receive_loop

@@ -127,8 +127,18 @@ def test_a_publisher_that_ends_closes_its_connection_and_no_other(connect, recei
     assert next_of(received) == ("/clock", "1")
 
 
-def test_rospy_connects_again_after_a_message_that_is_broken(connect, received, monkeypatch):
-    scan, publisher = connect("/scan")
+def test_a_subscriber_that_ends_leaves_its_number_to_the_next_connection(connect, received):
+    for number in range(20):
+        scan, publisher = connect(f"/scan{number}")
+        publisher.sendall(wire("1"))
+        assert next_of(received) == (f"/scan{number}", "1")
+        scan.close()  # as rospy does in another thread, after `unregister`
+        publisher.close()
+
+
+@pytest.mark.parametrize("when", ["later", "with the header"])
+def test_rospy_connects_again_after_a_message_that_is_broken(when, connect, received, monkeypatch):
+    broken = struct.pack("<I", 2) + b"xx"  # too short to be a String
     _, clock = connect("/clock")
     again, ours = socket.socketpair()
 
@@ -136,7 +146,9 @@ def test_rospy_connects_again_after_a_message_that_is_broken(connect, received, 
         connection.socket = ours
 
     monkeypatch.setattr(TCPROSTransport, "_reconnect", reconnect)
-    publisher.sendall(struct.pack("<I", 2) + b"xx")  # too short to be a String
+    scan, publisher = connect("/scan", early=broken if when == "with the header" else b"")
+    if when == "later":
+        publisher.sendall(broken)
     again.sendall(wire("whole"))
     assert next_of(received) == ("/scan", "whole")
     clock.sendall(wire("1"))
