@@ -113,7 +113,7 @@ class Runnable(Protocol):
 
 
 def run_node(
-    name: str, make: Callable[[], Runnable], listen_to_clock: bool = True, callbacks_wait: bool = True
+    name: str, make: Callable[[], Runnable], listen_to_clock: bool = True, in_one_thread: bool = False
 ) -> None:
     """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
 
@@ -124,8 +124,9 @@ def run_node(
         name: name of the node, unless the launch file gives it another.
         make: makes the node.
         listen_to_clock: false for a node that sets its own time.
-        callbacks_wait: false for a node none of whose callbacks ever waits. Such a node receives all topics
-            in one thread, which is faster.
+        in_one_thread: true if one thread receives all topics, which is faster for a node that gets messages
+            of several topics at the same moment; false if each topic has a thread. In one thread, a callback
+            that waits would delay all topics.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         # each line of the log is written at once, even if the log goes into a pipe or file
@@ -135,7 +136,7 @@ def run_node(
         faulthandler.enable()
     # rospy's own transport is too slow; this call must come before the first publisher is made
     replace_transport()
-    if not callbacks_wait:
+    if in_one_thread:
         receive_in_one_thread()
     level = rospy.DEBUG if debug else rospy.INFO
     # `argv` is given, because rospy would otherwise use the arguments that it read when it was imported; this

@@ -428,4 +428,4 @@ def main() -> None:
     # imported only here, because this module exists only in a built workspace, and tests run without one
     from husky_highlevel_controller.cfg import ControllerConfig
 
-    run_node("husky_highlevel_controller", lambda: ControllerNode(ControllerConfig), callbacks_wait=False)
+    run_node("husky_highlevel_controller", lambda: ControllerNode(ControllerConfig), in_one_thread=True)
