@@ -85,7 +85,11 @@ class StraightDrive(Watch):
         return super().look(state)
 
     def kept(self) -> Dict[str, Any]:
-        """Return the parameters that the exercise asks for, as plain values for the recording."""
+        """Return the names of the parameters that the exercise asks for, as plain values for the recording.
+
+        The student chooses the names. So a text with the topic of the scans counts as the name of the topic,
+        and a whole number whose name contains "queue" counts as the queue size.
+        """
         values, topic = sorted(self._ros.parameters().items()), self._initial.scan_topic
         topics = [
             name for name, value in values if isinstance(value, str) and f"/{value.lstrip('/')}" == topic

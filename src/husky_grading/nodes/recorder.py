@@ -303,7 +303,11 @@ class DriveRecorder:
             self._violate(f"node {node} subscribes to {topic}, which has the true poses of the simulator")
 
     def _follow(self, topic: str, kind: str) -> None:
-        """Subscribe to a topic if the exercise's watch follows its type."""
+        """Subscribe to a topic of the submission, of messages of the type `kind`, if the exercise needs them.
+
+        For example, exercise 4 needs each topic with odometry. `_watch`, the exercise's own part of the
+        recorder, lists the types that it needs, and gets the messages.
+        """
         if kind not in self._watch.follows or topic in self._followed or len(self._followed) >= MAX_FOLLOWED:
             return
         message_class = roslib.message.get_message_class(kind)

@@ -179,9 +179,10 @@ class ScanPlacement:
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
         """Return whether to wait for a better transform of base_link in odom, and the best one so far.
 
-        The best one is the transform at the stamp. The latest one takes its place if TF has passed the stamp
-        without it, if the wait is overdue, or if the scans' clock is ahead of odometry, so that no better one
-        comes in time. It is None if TF has none, or if the latest one is older than MAX_AGE.
+        The best one is the transform at the stamp. The latest one takes its place in three cases, in which no
+        better one comes in time: TF has passed the stamp without it, odometry has stopped, or the scans'
+        clock is ahead of odometry's clock (`ahead` is above 0). A transform with stamp 0 is fixed, so it
+        never gets old. The result is None if TF has no transform, or if the latest one is older than MAX_AGE.
 
         Args:
             stamp: stamp of the scan.

@@ -146,6 +146,10 @@ class Lockstep:
     ) -> None:
         """Wait until a command has arrived since `begin_scan`, calling `meanwhile` for service calls.
 
+        If the controller sleeps by simulated time, no command can come before the clock goes on. Then the
+        wait ends without a command, and the mode is SLEEPING. After AWAKE answered scans in a row, the mode
+        from before the sleep comes back.
+
         Args:
             meanwhile: serves calls, and is called again and again.
             resend: sends the scan again. The very first command of a controller may be lost while its

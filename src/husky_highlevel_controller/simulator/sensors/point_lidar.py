@@ -80,14 +80,20 @@ class PointLidar:
         self._rng = rng
 
     def sample(self, state: RobotState) -> np.ndarray:
-        """Points (rings, columns, 3) [m] at one instant, the lowest ring first; NaN if there is none."""
+        """Points (rings, columns, 3) [m] at one instant, the lowest ring first; NaN if there is none.
+
+        One cast measures a column of beams and the column on the opposite side, because both are in one
+        upright plane. So there are half as many casts as columns.
+        """
         config, rings = self._config, self._config.rings
         pose = compose(state.pose_in_world, self._pose_in_base)
+        # one column of this array for each plane: first the ranges of a column of beams, then the ranges of
+        # the opposite column
         ranges = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
             # the beams are cast in the order of their angles, and `_order` puts their ranges back in place
             ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
-        # the opposite columns follow, as the second half turn
+        # the opposite columns move beside the others, because they are the second half turn
         ranges = np.hstack([ranges[:rings], ranges[rings:]])
         # the true range decides whether there is a point, and then noise is added
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan
