@@ -102,7 +102,7 @@ class Workers:
         # code has changed
         code = fingerprint((code_version(), task)) if self._store else ""
         keys = [fingerprint((code, item)) for item in items] if self._store else []
-        waiting: List[int] = []  # indices in `items` of the items without a kept result
+        waiting: List[int] = []  # indices of the items that have no kept result
         with Progress(len(items), title) as progress:
             for number in range(len(items)):
                 # machine and result of an earlier run; None if there is no such result

@@ -115,7 +115,7 @@ def hull_distance(points: np.ndarray) -> float:
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
     squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
-    # part of the line from `first` to `second`, 0 to 1, after which the line is nearest to the origin
+    # place of the point of each line that is nearest to the origin: 0 is `first`, 1 is `second`
     share = np.clip(-(first * along).sum(axis=1) / squared_length, 0.0, 1.0)
     nearest = first + share[:, np.newaxis] * along
     return float(np.sqrt((nearest**2).sum(axis=1)).min())

@@ -23,7 +23,7 @@ from husky_highlevel_controller.robot import DriveConfig, Robot
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05
 FASTEST = 100.0  # [m/s], [rad/s] a faster measured velocity cannot be right, so the robot must stop
 PATH_STEPS = 12  # number of poses on the way to standstill at which the clearance is checked
-# [m] the robot approaches a return if the clearance becomes smaller by more than this on the way
+# [m] the robot approaches an obstacle if the clearance gets smaller by more than this before the robot stands
 APPROACH = 1e-3
 STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop has been started again
 

@@ -51,8 +51,8 @@ class _Sender:
     last: float  # [s] stamp of the sender's last command
     count: int = 0
     has_commanded_motion: bool = False  # true after the sender's first command that is not zero
-    # [s] stamp of the command at which the count for the rate began; None if no command has moved the robot
-    # since the last long gap
+    # The rate at which a sender sends is measured over the commands since this stamp [s]. None if no command
+    # has moved the robot since the last long gap.
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands since `moves_since`
     # [s] the last gaps between commands; a gap that is not longer than the timeout empties the list

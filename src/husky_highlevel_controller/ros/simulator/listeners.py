@@ -83,8 +83,9 @@ class Listeners:
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
-            # Python processes are asleep if no thread has run between two checks, and if each process that
-            # receives /clock has run since the last tick
+            # Python processes are asleep if two things are true. First, each process that receives /clock has
+            # run since the last tick, so it has received the tick. Second, no thread has run between the last
+            # check and this check.
             is_certain = self._all_in_python and turns == last_turns and self._have_run(turns)
             # Otherwise the processes are asleep, Python or not, if no check within ASLEEP_FOR has found a
             # running thread in a process that receives the topic. A process that receives only the clock does
