@@ -132,8 +132,7 @@ def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops
     assert "runs" in ros.call("/startService", "true")
     assert "felt" not in launched.output, "driving and stopping is not a crash"
     launched.says("hit, felt in imu_link")
-    # it pushes the pillar on until it is looked at, which on a busy machine takes seconds
-    x, y = (float(ros.echo(f"/ground_truth/odom/pose/pose/position/{axis}")) for axis in "xy")
-    assert x > 19.3
-    assert y == pytest.approx(5.0, abs=2.0)
+    # the log says what it has hit. Its position does not, because it pushes the pillar on, and on a busy
+    # machine a look at its position takes seconds
+    launched.says("the robot touches 'unit_cylinder'")
     assert "ERROR" not in launched.output, launched.output
