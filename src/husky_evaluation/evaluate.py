@@ -196,7 +196,7 @@ def evaluate(
     runs go into `replays`.
     """
     setup = setup_of(robot=robot)
-    control, lidar, robot_data = setup.control, setup.simulator.lidar, setup.simulator.robot
+    lidar, robot_data = setup.simulator.lidar, setup.simulator.robot
     # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
     # groups are smaller, so that several processes get work
     numbers, chunk = range(scans), min(50, scans // 4 + 1)
@@ -206,10 +206,8 @@ def evaluate(
     count_false = partial(false_pillars, seed=seed, lidar=lidar)
     false_counts = workers.map(count_false, numbers, "scenes without", chunk)
     false_share = 100.0 * float(np.mean([count > 0 for count in false_counts]))
-    # control with the gains of the course, but with the speed limits of this robot
-    course_control = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
     # with TOUCHING, the robot drives on until it touches the pillar
-    setups = [replace(setup, control=each) for each in (control, course_control, TOUCHING)]
+    setups = [setup, setup.with_gains(COURSE_GAINS), replace(setup, control=TOUCHING)]
     default_run, course_gains_run, touching_run = drives(
         setups, [course_scenario(seed)], workers, "course runs", replays
     )

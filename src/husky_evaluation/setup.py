@@ -61,6 +61,11 @@ class Setup:
             changed[item.name] = replace_parameters(record, changes, source)
         return Setup(**changed)
 
+    def with_gains(self, gains: ControlConfig) -> Setup:
+        """Return another setup, with the two gains of another control; this setup's limits stay."""
+        control = replace(self.control, p_gain_vel=gains.p_gain_vel, p_gain_ang=gains.p_gain_ang)
+        return replace(self, control=control)
+
 
 @dataclass(frozen=True)
 class Axis:

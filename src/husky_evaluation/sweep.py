@@ -33,7 +33,6 @@ from husky_evaluation.tasks.command import exit_codes, name_as_typed
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
 
@@ -147,9 +146,9 @@ def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[floa
     those of the robot that is swept.
     """
     defaults = setup_of(robot=robot)
-    setups = {"defaults": defaults, "the course's gains": _with_gains(defaults, COURSE_GAINS)}
+    setups = {"defaults": defaults, "the course's gains": defaults.with_gains(COURSE_GAINS)}
     if profile == "robot":
-        setups["robot.launch's gains"] = _with_gains(defaults, ROBOT_GAINS)
+        setups["robot.launch's gains"] = defaults.with_gains(ROBOT_GAINS)
     inside: Dict[str, List[float]] = {}
     for name, setup in setups.items():
         values = [float(parameter_values(setup)[axis.name]) for axis in axes]
@@ -158,12 +157,6 @@ def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[floa
         if is_inside and values not in inside.values():
             inside[name] = values
     return inside
-
-
-def _with_gains(setup: Setup, gains: ControlConfig) -> Setup:
-    """Return a setup with the two gains of another control, and with everything else as it is."""
-    names = ("p_gain_vel", "p_gain_ang")
-    return setup.with_values({name: getattr(gains, name) for name in names})
 
 
 def write_sweep(

@@ -46,8 +46,9 @@ LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 def mark(job: Job) -> MarkingResult:
     """Mark a submission, write its files into the job's folder, and return its result, also after any error.
 
-    After a fault of this machine, such as a full disk, there is no fingerprint, so the next `grade` marks the
-    submission again. After an error in the teacher's points, there is a fingerprint, so the runs are kept.
+    After a fault of this machine, such as a full disk, or of this program, there is no fingerprint, so the
+    next `grade` marks the submission again. After an error in the teacher's points, there is a fingerprint,
+    so the runs are kept.
 
     Raises:
         StoppedError: marking was interrupted.

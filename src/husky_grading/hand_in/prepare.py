@@ -351,9 +351,9 @@ def _build_candidates(
     # names of the submission's packages to which the launch file refers; all packages if it refers to none
     needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+    if best is None or _is_any_built(best, folders):
+        return best, built, []
     for other in candidates[1:MAX_TRIED]:
-        if best is None or _is_any_built(best, folders):
-            break
         # packages of launch files that were tried before stay in `needed`, so each build continues the build
         # before it
         needed |= set(other.plan.uses) & set(by_name)

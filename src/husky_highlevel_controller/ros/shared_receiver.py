@@ -3,7 +3,7 @@
 The controller gets a message on /clock, one on /tf and a scan at nearly the same moment. With rospy's
 threads, these messages wake three threads, and the threads wait for each other, because Python runs only one
 thread at a time. One thread receives the messages one after the other, in the order in which they came. In
-lockstep, the controller then needs 13 % less CPU time, and the simulation is 9 % faster (median of ten pairs
+lockstep, the controller then needs 12 % less CPU time, and the simulation is 9 % faster (median of ten pairs
 of runs).
 
 Only a node whose callbacks never wait may use this module, because a callback that waits delays all topics.
