@@ -221,7 +221,7 @@ def latency(effort: Effort) -> List[Row]:
                 f"<= {SCAN_TO_COMMAND} empty",
                 row.ratio,
                 maximum=SCAN_TO_COMMAND,
-                limit="rospy takes the time",
+                limit="cold caches after each wait cost time",
             )
         )
     return rows

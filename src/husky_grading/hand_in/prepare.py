@@ -358,12 +358,12 @@ def _build_candidates(
         # before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+        # this build may have built the node of `best`, too, if a package forgets to name one that it depends on
+        if _is_any_built(best, folders):
+            return best, rebuilt, []
         if _is_any_built(other, folders):
             note = f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built"
             return other, rebuilt, [note]
-        # a later build may have built `best`, too, if a package forgets to name one that it depends on
-        if _is_any_built(best, folders):
-            return best, rebuilt, []
     return best, built, []
 
 

@@ -57,7 +57,10 @@ def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, monkeypatch):
         prepared(ann)
 
 
-def test_a_launch_file_that_only_a_later_build_can_start_keeps_no_error_of_the_first(ann, monkeypatch):
+@pytest.mark.parametrize("nodes", [["husky"], ["husky", "maths"]])
+def test_the_best_launch_file_is_used_without_the_first_error_if_a_later_build_builds_it(
+    nodes, ann, monkeypatch
+):
     # the best launch file's package uses the other one's headers, but does not say that it depends on it
     for name, file in (("husky", "ex3.launch"), ("maths", "other.launch")):
         launch(package(ann / name, name) / "launch" / file, NODE.format(name))
@@ -67,12 +70,14 @@ def test_a_launch_file_that_only_a_later_build_can_start_keeps_no_error_of_the_f
         needed_packages.append(set(needed))
         if "maths" not in needed:
             return built("it does not build: a.cpp:1: error: maths.h: No such file")
-        put(folders.root / "devel" / "lib" / "husky" / "controller").chmod(0o755)
+        for node in nodes:
+            put(folders.root / "devel" / "lib" / node / "controller").chmod(0o755)
         return built("")
 
     monkeypatch.setattr(prepare_module, "build", build)
     submission, notes = prepared(ann)
     assert needed_packages == [{"husky"}, {"husky", "maths"}]
+    assert not any("is not used" in note for note in notes)
     assert submission.launchable.package == "husky"
     assert not submission.problem
     assert not any("does not build" in note for note in notes)
