@@ -60,8 +60,21 @@ SERVICES = {
 # [s] for this wall time after a request to start or stop the controller, a status that contradicts the
 # request is ignored, because the status is older than the request
 STALE_STATUS = 1.0
+# [s] a light without a message for this time is stale; nodes send one each second, and rqt_robot_monitor
+# waits as long
+STALE_LIGHT = 5.0
+STALE_LEVEL = 3  # level STALE of a DiagnosticStatus
 # largest number of diagnostics that are shown; largest number of characters of a name or a message
 MAX_LIGHTS, MAX_LETTERS = 50, 200
+
+
+class Light(NamedTuple):
+    """Last diagnostic of one name."""
+
+    level: int  # level of a DiagnosticStatus, such as 0 for OK
+    message: str
+    heard_at: float  # [s] wall time at which it came
+    heard_time: Optional[float]  # [s] simulated time at which it came; None if unknown
 
 
 class DriveTab:
@@ -89,8 +102,11 @@ class DriveTab:
         self._actions, self._teleop, self._moves = actions, teleop, moves
         self._stops = Actions()  # a separate queue for stops, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
-        # level and message of each diagnostic; the key is its name, such as husky_highlevel_controller
-        self._lights: Dict[str, Tuple[int, str]] = {}
+        # number of requests to stop the controller; a request to start that is older than the last stop is
+        # not carried out
+        self._stop_count = 0
+        # light of each diagnostic; the key is its name, such as husky_highlevel_controller
+        self._lights: Dict[str, Light] = {}
         self._state = ""  # state of the controller, from its diagnostics
         # True if a page has requested to start the controller, False if it has requested to stop it; None as
         # soon as the controller's state agrees, or after STALE_STATUS
@@ -117,15 +133,21 @@ class DriveTab:
             back = gui.add_button_group("World", (BACK,), hint="robot, objects and world as at the launch")
             back.on_click(self._on_simulation)
 
-    def take(self, diagnostics: List[Any], now: float) -> None:
-        """Take in messages of /diagnostics that came at `now` [s] of wall time."""
+    def take(self, diagnostics: List[Any], now: float, time: Optional[float] = None) -> None:
+        """Take in messages of /diagnostics that came at `now`, and mark the lights that are stale.
+
+        Args:
+            diagnostics: new messages of /diagnostics; may be empty.
+            now: wall time [s].
+            time: simulated time [s]; None if it is unknown.
+        """
         for array in diagnostics:
             for item in array.status:
                 name = item.name[:MAX_LETTERS]
                 # other diagnostics are not shown if there are MAX_LIGHTS already
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
-                    self._lights[name] = (item.level, item.message[:MAX_LETTERS])
-                if name.startswith(self._controller.strip("/")):  # the diagnostic comes from the controller
+                    self._lights[name] = Light(item.level, item.message[:MAX_LETTERS], now, time)
+                if self._is_of_controller(name):
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
                     is_started = self._state != STOPPED
@@ -133,6 +155,30 @@ class DriveTab:
                     # the request may come from a message that was sent before the service answered
                     if is_started is self._request or now - self._requested_at > STALE_STATUS:
                         self._request = None
+        self._mark_stale(now, time)
+
+    def _mark_stale(self, now: float, time: Optional[float]) -> None:
+        """Mark the lights without a message for STALE_LIGHT; the arguments are those of `take`.
+
+        The time counts in wall time and in simulated time, because nodes send their diagnostics by simulated
+        time, which may be slow or stand still.
+        """
+        for name, light in list(self._lights.items()):
+            # simulated time has become known, or the simulator was started again
+            if time is not None and (light.heard_time is None or time < light.heard_time):
+                light = self._lights[name] = light._replace(heard_time=time)
+            simulated_seconds = inf
+            if time is not None and light.heard_time is not None:
+                simulated_seconds = time - light.heard_time
+            if min(now - light.heard_at, simulated_seconds) > STALE_LIGHT:
+                message = f"no status for more than {STALE_LIGHT:g} s; the node may have ended"
+                self._lights[name] = light._replace(level=STALE_LEVEL, message=message)
+                if self._is_of_controller(name):
+                    self._state = ""
+
+    def _is_of_controller(self, name: str) -> bool:
+        """Return whether a diagnostic of this name comes from the controller."""
+        return name.startswith(self._controller.strip("/"))
 
     def update(self, readings: Readings, is_paused: Optional[bool]) -> None:
         """Show new readings and states.
@@ -141,7 +187,7 @@ class DriveTab:
             readings: numbers of READINGS.
             is_paused: the simulated world is paused; None if there is no simulator.
         """
-        lights = [(name, *light) for name, light in sorted(self._lights.items())]
+        lights = [(name, light.level, light.message) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
         activity, _, _ = self.activity()
         # Start is shown if the controller is stopped, Stop if it is not stopped, and both if its state is
@@ -155,48 +201,77 @@ class DriveTab:
         self._state, self._request = "", None
 
     def _on_start_stop(self, event: Any) -> None:
-        starts = event.target.value == START
-        self._actions.do(lambda: self._start_stop(starts), event.client, "Controller")
+        if event.target.value == STOP:
+            self.stop(event.client)
+        else:
+            stop_count = self._stop_count
+            self._actions.do(lambda: self._start_controller(stop_count), event.client, "Controller")
 
-    def stop(self) -> None:
-        """Stop the controller, so it does not drive after the emergency stop is released."""
-        self._stops.do(lambda: self._start_stop(False), None, "Controller")
+    def stop(self, client: Any = None) -> None:
+        """Stop the controller without waiting for other calls, and drop requests to start it that still wait.
+
+        After an emergency stop is released, the controller therefore does not drive. The result is shown in
+        the page of `client`, if there is one.
+        """
+        self._stop_count += 1
+        self._stops.do(lambda: self._call_start_stop(False), client, "Controller")
 
     def again(self, client: Any) -> None:
         """Bring back the world and the robot as they were at the start, and start the controller.
 
         The result is shown in the page of `client`.
         """
+        stop_count = self._stop_count
 
         def work() -> str:
             with self._moves("robot and world"):
                 sentence = call(f"{self._simulator}/reset", Trigger)
-                self._start_stop(True)
+                self._start_controller(stop_count)
             return sentence
 
         self._actions.do(work, client, "Drive again")
 
     def activity(self) -> Tuple[str, int, str]:
         """Return the state of the controller, empty if unknown; level and sentence of its fault, if any."""
-        name = self._controller.strip("/")
         level, sentence = next(
-            (light for key, light in self._lights.items() if key.startswith(name)), (0, "")
+            (light[:2] for name, light in self._lights.items() if self._is_of_controller(name)), (0, "")
         )
         # a request counts even before the diagnostics show its effect, so that the page changes at once
         if self._request is False:
             return STOPPED, 0, ""
         if self._request and self._state == STOPPED:
             return STARTED, 0, ""
+        if level == STALE_LEVEL:
+            sentence = f"{self._controller.strip('/')}: {sentence}"
         return self._state, level, sentence if level > 0 else ""
 
-    def _start_stop(self, starts: bool) -> str:
+    def _start_controller(self, stop_count: int) -> str:
+        """Start the controller, and return the service's sentence.
+
+        Args:
+            stop_count: value of `_stop_count` when the page requested the start.
+
+        Raises:
+            HuskyError: the emergency stop is on, a page has requested a stop since, or the service fails.
+        """
+        stopped = "not started, because a stop was requested after this start; press Start again"
+        if self._teleop.is_locked:
+            raise HuskyError("the emergency stop is on; release it first")
+        if self._stop_count != stop_count:
+            raise HuskyError(stopped)
+        sentence = self._call_start_stop(True)
+        # the stop may have been requested during the call, and its own call may have come before this one
+        if self._stop_count != stop_count:
+            self._call_start_stop(False)
+            raise HuskyError(stopped)
+        return sentence
+
+    def _call_start_stop(self, starts: bool) -> str:
         """Start or stop the controller by its service, and return the service's sentence.
 
         Raises:
-            HuskyError: the emergency stop is on, or the service fails.
+            HuskyError: the service fails.
         """
-        if starts and self._teleop.is_locked:
-            raise HuskyError("the emergency stop is on; release it first")
         name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
         # "~" stands for the controller's own namespace, but rospy would replace it by the namespace of this
         # node

@@ -297,7 +297,7 @@ class WebNode:
             # a paused simulator sends no odometry, and the state bar must not report this as a fault
             numbers.expect_silence(now)
         numbers.take(self._topics, self._scene, now)
-        self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
+        self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now, numbers.time)
         self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
         activity, level, fault = self._drive.activity()
         # while the emergency stop is on, the time is None, so that `StopReason` forgets its warning; the

@@ -145,7 +145,7 @@ class _Server:
         except HuskyError:
             self._show(self.values)  # the fields show the server's values again, and not the requested ones
             raise
-        values = decode_config(answer.config, self._description)  # values that the server has now
+        values = self._decoded(answer.config)  # values that the server has now
         self._show(values)
         refused = [
             f"{name} stays {values.get(name)}" for name, value in request.items() if values.get(name) != value
@@ -167,8 +167,14 @@ class _Server:
 
     def _on_update(self, msg: Config) -> None:
         with self._turn:
-            values = decode_config(msg, self._description or None)
-            self._show({name: value for name, value in values.items() if name != "groups"})
+            self._show(self._decoded(msg))
+
+    def _decoded(self, msg: Config) -> Dict[str, Any]:
+        """Return the value of each parameter in a message of the server."""
+        values: Dict[str, Any] = decode_config(msg, self._description or None)
+        # the message also has the state of each group of parameters, which is not a parameter
+        values.pop("groups", None)
+        return values
 
     def _show(self, values: Dict[str, Any]) -> None:
         """Keep new values of the server and show them, except in fields that wait for their request."""
