@@ -268,7 +268,7 @@ use_ros() {
 
 build_workspace() {
   local package=$workspace/src/husky_highlevel_controller entry log=$state/build.log
-  local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* compat/gazebo_msgs/*.* compat/gazebo_msgs/*/* src/*/__init__.py src/*/controller/control.py src/*/controller/pillar_detection.py)
+  local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* compat/gazebo_msgs/*.* compat/gazebo_msgs/*/* src/*/__init__.py src/*/controller/control.py src/*/controller/circle_screen.py)
   # a folder of links rather than one link: rosrun searches the package, and must not find .dev in it
   mkdir -p "$package"
   # delete links to files that are gone, and links of a clone that was moved or copied

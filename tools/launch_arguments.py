@@ -114,7 +114,9 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
                 for_simulator[name] = value
             else:
                 refuse(file, name, declared, declared | own | of_simulator)
-        if name in ("parameters", "simulator_parameters") and assigned:
+        # an argument of this name that another package's file declares may mean something else
+        is_ours = file.parent == SIMULATOR.parent or name in passed_on or name in for_simulator
+        if name in ("parameters", "simulator_parameters") and assigned and is_ours:
             check_yaml(name, value)
     if passed_on:
         pass_on(passed_on)

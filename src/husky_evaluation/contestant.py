@@ -156,9 +156,10 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
         HuskyError: the text has none of these forms, its file cannot be read, or it names a launch file
             and there is no ROS.
     """
-    first, *arguments = shlex.split(text) or [""]
-    if first.endswith((".yaml", ".yml")):
-        return FunctionContestant(text, load_setup(Path(first), base))
+    try:
+        first, *arguments = shlex.split(text) or [""]
+    except ValueError:  # an apostrophe without a second one, which the name of a file may have
+        first, arguments = text, []
     if first.endswith(".launch") and first.count("/") == 1:
         if launch_kind is None:
             raise HuskyError(
@@ -166,9 +167,12 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
             )
         package, file = first.split("/")
         return launch_kind(text, package, file, arguments)
+    # only a launch file has arguments, so the rest is one name, which may have spaces
+    if text.endswith((".yaml", ".yml")):
+        return FunctionContestant(text, load_setup(Path(text), base))
     # the text is PLACE:FUNCTION; `place` is a Python file or the name of a module
-    place, colon, function = first.rpartition(":")
-    if not colon or not function.isidentifier() or arguments:
+    place, colon, function = text.rpartition(":")
+    if not colon or not function.isidentifier():
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
     # every worker has this project's packages, but it may not have the user's file, so the text of the file

@@ -127,7 +127,9 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
     """Draw the panel of a grid of two axes as cells of equal size, one for each point."""
-    norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
+    low, high = _limits(panel)
+    # a logarithmic scale cannot begin at 0; the limits do so if no point has a value
+    norm = (LogNorm if panel.is_logarithmic and low > 0.0 else Normalize)(low, high)
     # transposed, so that the first axis of the grid is horizontal
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"

@@ -206,7 +206,7 @@ def parse_axis(text: str) -> Axis:
 
 
 def _numbers(grid: str, is_geometric: bool) -> List[float]:
-    """Return the numbers of FIRST:LAST:COUNT, with equal distances or ratios, or of VALUE,VALUE, sorted.
+    """Return the sorted numbers of FIRST:LAST:COUNT, with equal distances or ratios, or of VALUE,VALUE.
 
     Raises:
         ValueError: the text has another form, or the numbers do not fit it.
@@ -226,7 +226,7 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace
     # rounded to six digits, which are easy to read and to type
-    return [float(f"{value:.6g}") for value in space(first, last, int(count))]
+    return sorted(float(f"{value:.6g}") for value in space(first, last, int(count)))
 
 
 def load_setup(path: Path, base: Setup) -> Setup:

@@ -89,17 +89,25 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     server.gate = gate
     port_and_token = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
-    # with such a host, the server listens on all interfaces, but a browser cannot open such an address
-    has_all_interfaces = host in ("0.0.0.0", "::")
-    if has_all_interfaces:
-        # the first address also works for a container, because its published port is a port of this machine;
-        # other machines do not know the host name of a container
-        address = f"http://127.0.0.1{port_and_token}"
+    return server, address_to_open(host, port_and_token), token is not None
+
+
+def address_to_open(host: str, port_and_token: str) -> str:
+    """Return the address of a server that a person opens in a browser, such as http://127.0.0.1:8080.
+
+    Args:
+        host: address that the server listens at.
+        port_and_token: end of the address, such as :8080 or :8080/?token=abc.
+    """
+    # with one of these hosts, the server listens on all interfaces, but a browser cannot open such an address
+    loopback = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host)
+    name = loopback or host
+    address = f"http://[{name}]{port_and_token}" if ":" in name else f"http://{name}{port_and_token}"
+    if loopback is not None:
+        # the loopback address also works for a container, because its published port is a port of this
+        # machine; other machines do not know the host name of a container
         address += f" (from another machine: http://{socket.gethostname()}{port_and_token})"
-    else:
-        is_ipv6 = ":" in host
-        address = f"http://[{host}]{port_and_token}" if is_ipv6 else f"http://{host}{port_and_token}"
-    return server, address, token is not None
+    return address
 
 
 def _is_loopback(host: str) -> bool:

@@ -111,6 +111,8 @@ def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys, mon
         ("FILE:nothing", "nothing is not a function"),
         ("FILE:other", "has no attribute 'other'"),
         ("package/file.launch", "package/file.launch: a launch file needs ROS; run rosrun"),
+        ("nowhere.yaml extra", "'nowhere.yaml extra' is not a valid controller"),
+        ("o'brien", "\"?'o'brien' is not a valid controller"),
         ("FILE:broken", r"timid\.py:broken fails in start 0: ZeroDivisionError"),
     ],
 )
@@ -120,6 +122,15 @@ def test_what_is_no_contestant_or_fails_is_named(tmp_path, text, sentence):
         drive_scene(
             (contestant(text.replace("FILE", f"{tmp_path}/timid.py"), Setup()), random_starts(1, 0)[0])
         )
+
+
+@pytest.mark.parametrize("name", ["my gains", "o'brien"])
+def test_the_name_of_a_file_may_have_a_space_or_an_apostrophe(name, tmp_path):
+    gains, code = tmp_path / f"{name}.yaml", tmp_path / f"{name}.py"
+    gains.write_text("p_gain_vel: 0.4")
+    code.write_text(TIMID)
+    assert contestant(str(gains), Setup()).setup.control.p_gain_vel == 0.4
+    assert contestant(f"{code}:decide", Setup()).function == "decide"
 
 
 @pytest.mark.parametrize(

@@ -150,6 +150,12 @@ def test_one_axis_gives_curves_and_drives_that_never_arrive_have_no_time():
     assert draw_sweep(result.axes, result.panels(), marks, "title").startswith(PNG)
 
 
+def test_two_axes_without_any_arrival_give_a_picture():
+    result, _ = swept(["p_gain_vel=0", "p_gain_ang=0.3,1"], 1)
+    assert all(map(math.isnan, result.panels()[0].values.flat))
+    assert draw_sweep(result.axes, result.panels(), {}).startswith(PNG)
+
+
 def test_marks_that_are_not_in_the_picture_or_equal_are_left_out():
     axes = [parse_axis("p_gain_ang=0.3:3:4"), parse_axis("stop_distance=0.1:1:2")]
     assert sweep.marks(axes, "robot", "husky") == {

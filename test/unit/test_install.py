@@ -189,6 +189,15 @@ def test_a_build_that_fails_beside_pip_ends_the_command(clone):
     assert "the command runs" not in output
 
 
+def test_the_workspace_is_built_again_if_a_file_changes_that_the_parameters_are_read_from():
+    records = re.search(r"RECORDS = \{(.*)\}", (ROOT / "cfg/Controller.cfg").read_text())[1]
+    files = re.findall(r'"(\w+\.py)"', records)
+    assert len(files) == 2
+    for name in files:
+        assert f"controller/{name}" in (ROOT / "CMakeLists.txt").read_text()
+        assert f"src/*/controller/{name}" in (ROOT / "tools/install.bash").read_text()
+
+
 def test_the_workspace_of_a_copied_clone_has_no_link_to_the_original(clone, tmp_path):
     (clone.folder / "gone.txt").touch()
     build = (

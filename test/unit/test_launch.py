@@ -47,6 +47,23 @@ def test_the_summary_names_the_nodes_and_not_the_hundred_parameters(launch):
     assert config.summary(local=True) == "SUMMARY\n\nNODES\n  /\n    drive\n"
 
 
+@pytest.mark.parametrize("name", ["parameters", "simulator_parameters"])
+def test_an_argument_that_another_file_declares_has_its_own_meaning(name, launch, tmp_path):
+    file = tmp_path / "my.launch"
+    file.write_text(f'<launch><arg name="{name}"/></launch>')
+    assert launch.check_arguments(file, [f"{name}:=fast"]).options == [f"{name}:=fast"]
+
+
+@pytest.mark.parametrize("of_user", [True, False])
+def test_a_parameter_file_of_this_package_must_be_readable(of_user, launch, tmp_path):
+    file = own = share_folder() / "launch" / "controller.launch"
+    if of_user:
+        file = tmp_path / "my.launch"
+        file.write_text(f'<launch><include file="{own}"/></launch>')
+    with pytest.raises(SystemExit, match="cannot read parameters:=fast"):
+        launch.check_arguments(file, ["parameters:=fast"])
+
+
 def test_an_argument_in_the_brackets_of_a_readme_is_taken(launch):
     file = share_folder() / "launch" / "simulator.launch"
     arguments = launch.check_arguments(file, ["[gui:=false]", "x:=[1,2]", "--screen"])

@@ -358,8 +358,7 @@ def _build_candidates(
         # before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        # this build may have built the node of `best`, too, if a package forgets to name one that it depends
-        # on
+        # this build may have built the node of `best`, too, if a package forgets to name a dependency
         if _is_any_built(best, folders):
             return best, rebuilt, []
         if _is_any_built(other, folders):

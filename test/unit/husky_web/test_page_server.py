@@ -2,7 +2,7 @@
 
 import pytest
 
-from husky_web.page_server import _parse, refusal
+from husky_web.page_server import _parse, address_to_open, refusal
 
 
 def test_junk_on_the_drive_channel_is_no_message():
@@ -31,3 +31,17 @@ HERE = {"Host": "127.0.0.1:8080"}
 def test_who_may_come_in(headers, path, is_loopback, token, words):
     reason = refusal(headers, path, is_loopback, token)
     assert (reason is None) if words is None else (words in reason)
+
+
+@pytest.mark.parametrize(
+    ("host", "address"),
+    [
+        ("localhost", "http://localhost:80"),
+        ("fe80::1", "http://[fe80::1]:80"),
+        ("0.0.0.0", "http://127.0.0.1:80 (from another machine: http://"),
+        # asyncio binds :: to IPv6 only, so 127.0.0.1 would refuse the connection
+        ("::", "http://[::1]:80 (from another machine: http://"),
+    ],
+)
+def test_the_printed_address_can_be_opened(host, address):
+    assert address_to_open(host, ":80").startswith(address)
