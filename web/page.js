@@ -5,11 +5,14 @@
   const PERIOD = 50; // [ms] between two commands while something is held
   const KEYS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1], KeyD: [0, -1] };
   const LOST = "Connection lost: the simulator has ended, or the network is down. Run ./dev launch again; this page waits for it.";
-  const PENDING = "Connection lost: the emergency stop has NOT been sent. It will be sent as soon as the connection is back.";
+  const PENDING = "Connection lost: the emergency stop has NOT been confirmed. It will be sent as soon as the connection is back.";
+  const SENT = "The emergency stop that you pressed has now been sent.";
+  const ANSWER_TIME = 1000; // [ms] if the server does not confirm an emergency stop in this time, the connection counts as lost
   const held = new Set();
   let pad = null; // [linear, angular], each -1..1, while the pad is dragged
   let socket = null;
-  let stopIsPending = false; // the emergency stop was pressed while the connection was away
+  let stopIsPending = false; // the emergency stop was pressed, and the server has not confirmed it
+  let answerTimer = null;
   let timer = null;
 
   const root = document.documentElement;
@@ -54,10 +57,15 @@
   const connect = () => {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
     socket.onopen = () => {
-      say(stopIsPending ? "The emergency stop that you pressed has now been sent." : "");
-      if (stopIsPending) setTimeout(() => say(socket.readyState === WebSocket.OPEN ? "" : LOST), 6000);
       if (stopIsPending) send({ e_stop: true });
+      else say("");
+    };
+    socket.onmessage = (event) => { // the server confirms that it has published e_stop
+      if (!stopIsPending || !JSON.parse(event.data).e_stop) return;
       stopIsPending = false;
+      if ((document.querySelector(".husky-banner")?.textContent ?? "") === "") return;
+      say(SENT);
+      setTimeout(() => say(socket.readyState === WebSocket.OPEN ? "" : LOST), 6000);
     };
     socket.onclose = () => {
       say(stopIsPending ? PENDING : LOST);
@@ -65,11 +73,19 @@
     };
   };
   const send = (message) => {
-    if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
-    else if (message.e_stop) { // a release is not kept, because the situation may have changed
-      stopIsPending = true;
-      say(PENDING);
-    }
+    const isOpen = socket !== null && socket.readyState === WebSocket.OPEN;
+    if (isOpen) socket.send(JSON.stringify(message));
+    if (!("e_stop" in message)) return;
+    stopIsPending = message.e_stop; // a release is not kept, because the situation may have changed
+    clearTimeout(answerTimer);
+    if (stopIsPending && !isOpen) say(PENDING);
+    // a connection that the network has lost stays open for long, and takes messages that never arrive
+    if (stopIsPending && isOpen) answerTimer = setTimeout(giveUp, ANSWER_TIME, socket);
+  };
+  const giveUp = (connection) => {
+    if (!stopIsPending) return;
+    say(PENDING);
+    connection.close(); // its onclose connects again, and the stop is then sent again
   };
   const command = () => {
     if (pad !== null) return pad;

@@ -212,8 +212,8 @@ def _require_optuna() -> Any:
         import optuna
     except ImportError as error:
         raise HuskyError(
-            f"tune needs Optuna ({error}). Run pip install -r requirements/cluster.txt; if you use ./dev, write "
-            "./dev run before it. See docs/evaluation.md"
+            f"tune needs Optuna ({error}). Run pip install -r requirements/cluster.txt; if you use ./dev, "
+            "write ./dev run before it. See docs/evaluation.md"
         ) from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)  # otherwise Optuna prints a line for each trial
     return optuna

@@ -234,14 +234,21 @@ class Gate:
         return has_gone
 
     async def _read_drive_channel(self, connection: Any) -> None:
-        """Pass the messages of a page on until it disconnects."""
+        """Pass the messages of a page on until it disconnects, and confirm each emergency stop."""
         page_number = id(connection)  # distinguishes the pages that are open at the same time
         try:
             async for text in connection:
                 message = _parse(text)
-                if message is not None:  # other messages are ignored
-                    with contained("a message of the page"):  # an error is logged, and the loop continues
-                        self._on_message(page_number, message)
+                if message is None:  # the message is not valid
+                    continue
+                is_done = False
+                with contained("a message of the page"):  # an error is logged, and the loop continues
+                    self._on_message(page_number, message)
+                    is_done = True
+                # the page sends an emergency stop again if it is not confirmed, because the network may have
+                # lost it
+                if is_done and isinstance(message.get("e_stop"), bool):
+                    await connection.send(json.dumps({"e_stop": message["e_stop"]}))
         except ConnectionClosed:
             pass
         finally:

@@ -3,8 +3,10 @@
 import json
 import re
 import shutil
+import socket
 import sys
-from contextlib import contextmanager
+import threading
+from contextlib import contextmanager, suppress
 from functools import partial
 from math import dist
 from pathlib import Path
@@ -66,6 +68,42 @@ NOTE_STATES = """() => {
     .observe(document.body, {subtree: true, childList: true, characterData: true});
 }"""
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
+
+
+class Link:
+    """Network between a browser and the page's server; while it is down, it takes bytes and loses them."""
+
+    def __init__(self, port):
+        self._server = ("127.0.0.1", port)
+        self._is_up, self._sockets = True, []
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def take_down(self):
+        self._is_up = False
+
+    def bring_back(self):
+        """End the connections, as a server does that has given them up meanwhile."""
+        self._is_up = True
+        for end in self._sockets:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+        self._sockets.clear()
+
+    def _accept(self):
+        while True:
+            browser_end, _ = self._listener.accept()
+            server_end = socket.create_connection(self._server)
+            self._sockets += [browser_end, server_end]
+            for ends in ((browser_end, server_end), (server_end, browser_end)):
+                threading.Thread(target=self._carry, args=ends, daemon=True).start()
+
+    def _carry(self, source, target):
+        with suppress(OSError), source, target:
+            while data := source.recv(65536):
+                if self._is_up:
+                    target.sendall(data)
 
 
 class Robot:
@@ -405,6 +443,7 @@ def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_s
     begin = robot.time
     wait_until(lambda: robot.time > begin + 2.0, "two seconds pass")
     assert abs(robot.speed) < 0.01
+    assert page.locator(".husky-banner:not(:empty)").count() == 0, "the stop was confirmed"
 
 
 def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
@@ -413,6 +452,21 @@ def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
     wait_until(lambda: robot.is_locked, "e_stop is sent")
     page.press(".husky-e-stop.locked", "Enter")
     wait_until(lambda: not robot.is_locked, "e_stop is released")
+
+
+def test_an_emergency_stop_that_the_network_loses_is_sent_again(browser, launched, robot):
+    link = Link(int(launched.rpartition(":")[2]))
+    page = opened(browser, f"http://127.0.0.1:{link.port}")
+    link.take_down()
+    page.keyboard.press("Space")
+    page.wait_for_selector(".husky-banner:has-text('has NOT been confirmed')")
+    assert not robot.is_locked
+    link.bring_back()
+    wait_until(lambda: robot.is_locked, "e_stop is sent")
+    page.click(".husky-e-stop.locked")
+    wait_until(lambda: not robot.is_locked, "e_stop is released")
+    page.wait_for_selector(".husky-banner:empty", state="attached")
+    page.close()
 
 
 def test_a_paused_world_says_so_on_every_tab(page):
@@ -614,7 +668,7 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     before = page.evaluate(TIME_SHOWN)
     node.wait()
     page.keyboard.press("Space")
-    page.wait_for_selector(".husky-banner:has-text('has NOT been sent')")
+    page.wait_for_selector(".husky-banner:has-text('has NOT been confirmed')")
     alone.start(*web)
     page.wait_for_selector(".husky-state:has-text('emergency stop: the robot obeys no command')")
     page.click(".husky-e-stop.locked")

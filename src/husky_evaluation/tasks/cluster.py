@@ -28,8 +28,8 @@ try:
     from distributed.comm import CommClosedError
 except ImportError as missing:
     raise HuskyError(
-        f"--cluster needs Dask ({missing}). Run pip install -r requirements/cluster.txt; if you use ./dev, write "
-        "./dev run before it. See docs/cluster.md"
+        f"--cluster needs Dask ({missing}). Run pip install -r requirements/cluster.txt; if you use ./dev, "
+        "write ./dev run before it. See docs/cluster.md"
     ) from None
 
 CONNECT_DEADLINE = 20.0  # [s] longest wait for the scheduler's answer
