@@ -3,7 +3,9 @@
 import numpy as np
 import rospy
 import tf2_ros
-from harness import RosTest, stamp
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from harness import RosTest, simulator_service, stamp
+from husky_highlevel_controller.srv import DeleteObject, MoveObject, SpawnObject
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 
 from husky_highlevel_controller.geometry import transform_point
@@ -32,6 +34,24 @@ class CameraSeesThePillar(RosTest):
         self.assertAlmostEqual(float(np.median(ground[:, 2])), -0.132, delta=0.02)
         self.assertAlmostEqual(float(pillar[:, 0].min()), 3.0 - 0.2, delta=0.03, msg="its near side")
         self.assertLess(float(np.abs(pillar[:, 1]).max()), 0.22, "its radius")
+
+    def test_a_static_object_is_drawn_where_it_was_moved(self):
+        images = self.remember("camera/depth/image_raw", Image)
+
+        def depth():
+            """Depth of the middle of the newest image [m]; -1 before the first one."""
+            return (
+                float(np.frombuffer(images[-1].data, "<f4").reshape(240, 320)[120, 160]) if images else -1.0
+            )
+
+        place = Pose(Point(18.5, 5.0, 0.5), Quaternion(w=1.0))
+        wall = {"model_name": "wall", "shape": "box", "size": Vector3(0.2, 1.0, 1.0), "initial_pose": place}
+        self.assertTrue(simulator_service("spawn", SpawnObject)(**wall).success)
+        self.addCleanup(simulator_service("delete", DeleteObject), "wall")
+        self.wait_until(lambda: 0.0 < depth() < 1.5, "the wall is seen")
+        place.position.y = 9.0
+        self.assertTrue(simulator_service("move", MoveObject)(model_name="wall", pose=place).success)
+        self.wait_until(lambda: depth() > 2.5, "the wall is seen no more")
 
     def test_image_and_calibration_fit_together_and_come_at_their_rate(self):
         images = self.remember("camera/depth/image_raw", Image)

@@ -220,6 +220,24 @@ def test_everything_goes_back_to_where_it_was_put_and_a_reset_leaves_nothing_of_
     assert ahead(simulation) == pytest.approx(1.3, abs=0.01)
 
 
+def test_a_static_object_that_was_moved_goes_back_too(simulate):
+    simulation = simulate(POST)
+    before = ahead(simulation)
+    simulation.move("post", Pose((5.0, 0.0, 0.5), UPRIGHT))
+    assert ahead(simulation) == pytest.approx(before + 2.0, abs=0.01)
+    simulation.reset_poses()
+    assert simulation.pose_of("post").position == pytest.approx((3.0, 0.0, 0.5))
+    assert ahead(simulation) == pytest.approx(before, abs=0.01)
+
+
+@pytest.mark.parametrize(("model", "words"), [("box", "exists already"), ("husky", "the name of the robot")])
+def test_a_model_of_several_parts_takes_no_name_of_another(model, words, simulate):
+    simulation = simulate(crate())
+    parts = [body(f"{model}::{part}", Sphere(0.1), x=x, z=0.1) for part, x in (("a", -3.0), ("b", -4.0))]
+    refused(f"'{model}'.* {words}; choose another name", simulation.spawn, parts)
+    assert set(simulation.bodies) == {"ground", "box"}
+
+
 PLACES = st.tuples(st.floats(-1.0, 3.0), st.floats(-1.0, 1.0))
 NAMES = st.sampled_from(["post", "box", "screen", "ground", "husky", "ball", "nothing"])
 NEW = st.lists(st.tuples(NAMES, PLACES), min_size=1, max_size=3)

@@ -16,9 +16,14 @@ from husky_highlevel_controller.datatypes import (
     TriangleMesh,
 )
 from husky_highlevel_controller.geometry import compose, inverse
-from husky_highlevel_controller.simulator.bullet.world import BulletWorld, PlacementError
+from husky_highlevel_controller.simulator.bullet.world import ROBOT, BulletWorld, PlacementError
 from husky_highlevel_controller.simulator.model_motion import velocity_at
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, make_scene
+
+
+def model_of_body(name: str) -> str:
+    """Return the name of the model to which a body of this name belongs."""
+    return name.split("::")[0]
 
 
 class WorldObjects:
@@ -42,10 +47,16 @@ class WorldObjects:
     def add(self, bodies: Sequence[Body]) -> None:
         """Put new bodies into the world, all or none; PlacementError for a taken name or without room."""
         added: List[str] = []
+        models = {model_of_body(body.name) for body in bodies}
+        if ROBOT in models:
+            raise PlacementError(f"'{ROBOT}' is the name of the robot; choose another name")
+        # a new body of an existing model would be moved and deleted with that model
+        if models.intersection(self.models):
+            raise self._name_is_taken(min(models.intersection(self.models)))
         try:
             for body in bodies:
                 if self.members(body.name):
-                    raise PlacementError(f"a body named '{body.name}' exists already; choose another name")
+                    raise self._name_is_taken(body.name)
                 self._put(body)
                 added.append(body.name)
                 if body.collisions:
@@ -99,7 +110,7 @@ class WorldObjects:
     @property
     def models(self) -> List[str]:
         """Names of the models, each once."""
-        return list(dict.fromkeys(name.split("::")[0] for name in self._bodies))
+        return list(dict.fromkeys(map(model_of_body, self._bodies)))
 
     def motion_of(self, model: str) -> ModelMotion:
         """Motion of a model in the world, by its first body; PlacementError if there is none of that name."""
@@ -146,15 +157,19 @@ class WorldObjects:
         self._scene_is_stale = True
 
     def reset_poses(self) -> None:
-        """Put every body that physics moves back to its initial pose."""
+        """Put every body back to its initial pose, also a static one that was moved by a service."""
         for name, pose in self.initial_poses.items():
             self._bullet.move_body(name, pose)
+        self._scene_is_stale = True
 
     @property
     def initial_poses(self) -> Dict[str, Pose]:
-        """Initial poses in the world of the bodies that physics moves, by name."""
-        bodies = self._bodies.values()
-        return {body.name: body.pose_in_world for body in bodies if body.mass > 0.0 and body.collisions}
+        """Initial poses in the world of the bodies that can be moved, by name; a plane cannot be moved."""
+        return {
+            body.name: body.pose_in_world
+            for body in self._bodies.values()
+            if body.collisions and not any(isinstance(each.shape, Plane) for each in body.collisions)
+        }
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world; PlacementError if there is none of that name."""
@@ -162,6 +177,9 @@ class WorldObjects:
             raise self._unknown(name)
         body = self._bodies[name]
         return self._bullet.pose_of(name) if body.collisions else body.pose_in_world
+
+    def _name_is_taken(self, name: str) -> PlacementError:
+        return PlacementError(f"a body named '{name}' exists already; choose another name")
 
     def _unknown(self, name: str) -> PlacementError:
         return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")

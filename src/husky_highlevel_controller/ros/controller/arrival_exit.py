@@ -49,6 +49,8 @@ class ArrivalExit:
             ConfigError: a parameter is not valid.
         """
         values, self._robot = parameters_and_robot()
+        # [s] ROS time at which the run begins: 0 in simulated time, otherwise the time of day, which is large
+        self._begin = 0.0 if rospy.get_param("/use_sim_time", False) else rospy.get_time()
         (self._config,) = read_config(values, rospy.get_name() + "/", ExitConfig)
         # the clearance needs the pose of the lidar, which comes from the data of the robot, not from TF
         mount = self._robot.lidar_mount
@@ -80,10 +82,10 @@ class ArrivalExit:
         while not (self._arrived or rospy.is_shutdown()):
             if self._starts_enabled and self._controller_state == State.STOPPED.value:
                 raise HuskyError(
-                    f"stopped on its way after {rospy.get_time():.1f} s of simulated time, "
+                    f"stopped on its way after {rospy.get_time() - self._begin:.1f} s of simulated time, "
                     "by a guard or the start/stop service"
                 )
-            if rospy.get_time() > self._config.deadline:
+            if rospy.get_time() - self._begin > self._config.deadline:
                 raise HuskyError(
                     f"no arrival within {self._config.deadline:g} s of simulated time; "
                     f"last: {self._last_activity()}"
@@ -95,7 +97,7 @@ class ArrivalExit:
         if self._controller_message:
             return self._controller_message
         if self._standing_since == inf:
-            return "the robot moves"
+            return "the robot moves" if self._has_driven else "no odometry has come"
         return "the robot stands" if self._has_driven else "the robot has not moved"
 
     def _on_arrived(self, message: Bool) -> None:
@@ -131,8 +133,9 @@ class ArrivalExit:
             self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
         if self._clearance <= REACHED and not self._arrived:
             self._arrived = True
+            duration = self._standing_since - self._begin
             rospy.loginfo(
-                f"arrived after {self._standing_since:.2f} s of simulated time: the robot stands, "
+                f"arrived after {duration:.2f} s of simulated time: the robot stands, "
                 f"{self._clearance:.3f} m from the nearest object"
             )
 

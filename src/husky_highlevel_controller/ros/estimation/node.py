@@ -193,19 +193,29 @@ class LocalizationNode:
         return Mounting(*poses)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        """Put the filter's pose where a message says; warn if the pose is not finite, or is not in odom."""
+        """Put the filter's pose where a message says.
+
+        A pose that is not finite, that is not in odom, or whose stamp is in the future is ignored with a
+        warning. The filter would wait for readings of that future time, and drop all readings until then.
+        """
         # a quaternion of zeros counts as no turn
         place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
         pose = [place.x, place.y, yaw_from_quat(quat)]
         covariance = _square(msg.pose.covariance)[PLANE]  # (3, 3) covariance of x, y and yaw
         frame, odom = msg.header.frame_id, self._config.options.odom_frame
+        now = rospy.get_time()
+        stamp = msg.header.stamp.to_sec() or now  # a stamp of 0 means now
         if not np.isfinite([*pose, *covariance.ravel()]).all():
             rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is not a valid pose")
         elif frame.lstrip("/") not in ("", odom):
             rospy.logwarn(f"set_pose: the pose is in '{frame}' and is ignored; send it in '{odom}'")
+        elif stamp > now + MAX_AHEAD:
+            rospy.logwarn(
+                f"set_pose: the stamp {stamp:.2f} s is ahead of the clock, {now:.2f} s, and the pose is "
+                "ignored; send it with the stamp 0, or with rostopic pub --use-rostime"
+            )
         else:
             with self._lock:
-                stamp = (msg.header.stamp or rospy.Time.now()).to_sec()  # a stamp of 0 means now
                 self._filter.set_pose(stamp, np.array(pose), covariance)
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:

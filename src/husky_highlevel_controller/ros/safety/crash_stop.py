@@ -40,7 +40,7 @@ class CrashStopNode:
         # the queues are long, because the detector adds up all messages, and the sums would be wrong if one
         # were lost
         self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, QUEUE)
-        rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
+        self._guard.watch(robot.topics.imu, Imu, self._on_imu, QUEUE)
 
     def run(self) -> None:
         """Work until the node is shut down."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from typing import Callable, Optional
+from typing import Any, Callable, Optional
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -75,8 +75,20 @@ class Guard:
         # sends zero commands if the ROS master no longer knows this node, because then no program that is
         # started later could stop the robot
         self._registration = RegistrationWatch(self._command_zero)
+        # subscriber of the sensor that shows dangers, and whether its first message has come
+        self._sensor: Optional[rospy.Subscriber] = None
+        self._has_sensor_message = threading.Event()
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
+
+    def watch(self, topic: str, kind: Any, callback: Callable[[Any], None], queue_size: int = 1) -> None:
+        """Subscribe to the sensor that shows dangers; `run` warns while none of its messages comes."""
+
+        def receive(msg: Any) -> None:
+            self._has_sensor_message.set()
+            callback(msg)
+
+        self._sensor = rospy.Subscriber(topic, kind, receive, queue_size=queue_size, tcp_nodelay=True)
 
     def on_odometry(self, msg: Odometry) -> None:
         """Take the robot's measured velocity."""
@@ -137,7 +149,19 @@ class Guard:
                     )
             else:
                 rospy.loginfo(f"guard active: will call {self._stop_service} on danger")
+                self._warn_of_silence()
                 rospy.spin()
+
+    def _warn_of_silence(self) -> None:
+        """Wait for the first message of the sensor, and warn every REPORT_PERIOD that it has not come."""
+        begin = rospy.get_time()
+        rospy.on_shutdown(self._has_sensor_message.set)  # ends the wait
+        while self._sensor is not None and not self._has_sensor_message.wait(REPORT_PERIOD):
+            if rospy.get_time() > begin:  # otherwise simulated time is paused, and sensors are silent
+                rospy.logwarn(
+                    f"guard inactive: no message on {self._sensor.resolved_name} yet; check that the sensor "
+                    "is on, and that this is its topic"
+                )
 
     def _call(self) -> Optional[str]:
         """Call the service. Return the reason of a failure, or None."""

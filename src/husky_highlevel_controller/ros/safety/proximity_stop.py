@@ -36,7 +36,7 @@ class ProximityStopNode:
         # [s] time of the first scan that could not be evaluated; inf if the last scan was evaluated
         self._blind_since = inf
         self._guard = Guard(service, self._robot, CLOCK_TOLERANCE)
-        rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
+        self._guard.watch(self._robot.topics.scan, LaserScan, self._on_scan)
 
     def run(self) -> None:
         """Work until the node is shut down."""

@@ -65,9 +65,10 @@ class DepthCamera:
             for topic in (self._image_publisher, self._info_publisher, self._points_publisher)
         )
         if snapshot.step % self._steps == 0 and not self._renderer.busy and is_watched:
-            # only bodies with a mass can move, so the renderer needs only the poses of these bodies
+            # physics moves bodies with a mass, and services also move static bodies; a body without a
+            # collision shape stays where it is
             poses = {
-                name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
+                name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.collisions
             }
             camera = compose(snapshot.robot.pose_in_world, self._pose_in_base)
             self._renderer.start(simulation.bodies, poses, camera)

@@ -119,7 +119,7 @@ class BulletWorld:
             PlacementError: the body is a plane that can move, or has the robot's name.
         """
         if body.name == ROBOT:
-            raise PlacementError(f"'{ROBOT}' is the name of the robot; give the body another name")
+            raise PlacementError(f"'{ROBOT}' is the name of the robot; choose another name")
         solids = []
         for geometry in body.collisions:
             # a compound shape of Bullet cannot contain a plane, so a plane becomes a body of its own

@@ -154,3 +154,31 @@ def test_a_second_without_odometry_is_a_start_and_more_is_a_warning(monkeypatch)
     assert warnings(11.6, 12.2, 13.1) == 0
     assert warnings(0.0, 0.9) == 0, "the simulation begins again"
     assert warnings(1.1) == 1
+
+
+@pytest.mark.parametrize(("paused", "warns"), [(False, True), (True, False)])
+def test_a_guard_whose_sensor_is_silent_says_so_until_the_first_message(monkeypatch, paused, warns):
+    subscribed, warnings, looks = {}, [], []
+
+    def subscribe(topic, _kind, callback, **_):
+        subscribed[topic] = callback
+        return SimpleNamespace(resolved_name=topic)
+
+    def get_time():
+        looks.append(None)
+        if len(looks) == 4:  # the sensor is switched on
+            subscribed["/scan"]("message")
+        return 100.0 if paused else 100.0 + len(looks)
+
+    monkeypatch.setattr(rospy, "Subscriber", subscribe)
+    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
+    monkeypatch.setattr(rospy, "on_shutdown", lambda _: None)
+    monkeypatch.setattr(rospy, "get_time", get_time)
+    monkeypatch.setattr(rospy, "logwarn", warnings.append)
+    monkeypatch.setattr(guard_module, "REPORT_PERIOD", 0.01)
+    guard, heard = Guard(ServiceConfig(), load_robot(), 0.3), []
+    guard.watch("/scan", object, heard.append)
+    guard._warn_of_silence()
+    assert heard == ["message"]
+    assert len(warnings) == (3 if warns else 0)
+    assert all("guard inactive: no message on /scan yet" in warning for warning in warnings)

@@ -1,0 +1,49 @@
+"""What roslaunch makes of this package's launch files."""
+
+import pytest
+
+pytest.importorskip("roslaunch")
+
+import roslaunch.config
+
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.robot import load_robot
+
+
+@pytest.fixture
+def load(monkeypatch):
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")  # a robot may be running
+
+    def load(file, *arguments):
+        path = str(share_folder() / "launch" / file)
+        return roslaunch.config.load_config_default([(path, arguments)], None, verbose=False)
+
+    return load
+
+
+@pytest.mark.parametrize("robot", ["husky", "husky_melodic", "smb"])
+def test_the_guard_of_a_real_robot_hears_the_scans_that_the_controller_hears(robot, load):
+    config = load("robot.launch", f"robot:={robot}", "scan_topic:=/lidar/scan", "rviz:=false")
+    (guard,) = (node for node in config.nodes if node.name == "proximity_stop")
+    assert dict(guard.remap_args)[load_robot(robot).topics.scan] == "/lidar/scan"
+    assert config.params["/husky_highlevel_controller/scan_topic_name"].value == "/lidar/scan"
+
+
+@pytest.mark.parametrize(
+    ("robot", "topic"), [("husky", "front/scan"), ("husky_melodic", "scan"), ("smb", "scan")]
+)
+def test_the_guard_hears_the_scans_of_its_robot(robot, topic, load):
+    (guard,) = load("proximity_stop.launch", f"robot:={robot}").nodes
+    assert dict(guard.remap_args)[load_robot(robot).topics.scan] == topic
+
+
+@pytest.mark.parametrize(("word", "value"), [("1", True), ("0", False), ("true", True)])
+def test_an_argument_that_is_true_or_false_may_be_1_or_0(word, value, load):
+    names = ("paused", "lockstep", "kinect_enabled", "wait_for_rviz")
+    config = load("simulator.launch", "gui:=false", *(f"{name}:={word}" for name in names))
+    assert [config.params[f"/husky_simulator/{name}"].value for name in names] == [value] * 4
+
+
+def test_a_folder_of_bags_is_looked_for_where_the_user_types():
+    text = (share_folder() / "launch" / "record_exercise_4.launch").read_text()
+    assert 'cwd="cwd"' in text
