@@ -24,7 +24,7 @@ from tqdm import tqdm
 from husky_evaluation.tasks.fingerprint import code_version, fingerprint
 from husky_evaluation.tasks.workers import Workers
 from husky_grading.hand_in.archives import PackedPath
-from husky_grading.hand_in.class_folder import HandIn, find_hand_ins, is_package
+from husky_grading.hand_in.class_folder import HandIn, find_hand_ins, is_package, left_out
 from husky_grading.isolation import private_network
 from husky_grading.isolation.files import (
     UnreadableFileError,
@@ -54,7 +54,7 @@ from husky_grading.reports.files import (
     write_result,
 )
 from husky_grading.settings import FILE, PointsError, read_overrides
-from husky_grading.submission import SUBMISSION_FOLDER, WORKSPACE
+from husky_grading.submission import COPIES, SUBMISSION_FOLDER, WORKSPACE
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -73,7 +73,7 @@ SEED_FILE = "seed"  # name of the file that keeps the class's random seed, in th
 SEED_LIMIT = 2**30
 # folders that a worker of a cluster does not send back: the copied submission, its build, and files that it
 # wrote
-NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
+NOT_RETURNED = frozenset({"unpacked", "ws", COPIES, "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content of each file, by the path of the file in the folder of results
 
 
@@ -107,6 +107,10 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     # the folder of results may lie in the folder of the class; it is not a submission, so it is left out
     hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
     names = [each.name for each in hand_ins]
+    others = [name for name in left_out(batch.folder) if name != FILE]
+    if others:
+        rule = "each submission is a folder or an archive, and no link"
+        print(f"not graded, because {rule}: {', '.join(others)}", file=sys.stderr)
     if not names:
         raise HuskyError(f"no submission in {batch.folder}; it needs folders, zip or tar archives")
     for name in batch.only:
@@ -294,7 +298,8 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
     out = Path(job.out)
     try:
         # if packages were missing, the kept fingerprint also has the hash of the installed packages
-        if (out / FINGERPRINT).read_text() not in (job.fingerprint, job.fingerprint + job.installed):
+        fingerprints = (job.fingerprint, job.fingerprint + job.installed, _fingerprint_of_timeout(job))
+        if (out / FINGERPRINT).read_text() not in fingerprints:
             return None
         result = load_result(out / RESULT)
         judged = result if _has_same_rules(job) else judge_again(job)
@@ -394,7 +399,7 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     process = Process(
         command, out / "mark.log", {**os.environ, **variables}, folder=Path("/"), shows_errors=shows_errors
     )
-    deadline = job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
+    deadline = _deadline(job)
     try:
         in_time = wait(lambda: not process.running, deadline)
     except StoppedError:
@@ -417,11 +422,21 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
             # without this file, `grade` does not judge the recorded runs of the unfinished submission
             (out / WORKSPACE).unlink(missing_ok=True)
-            # with the fingerprint, the next call keeps this result and does not mark the submission again
-            write_whole(out / FINGERPRINT, job.fingerprint)
+            # with the fingerprint, the next call with this time limit keeps the result
+            write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
         result = unmarked(job, problem)
         write_result(result, out)
         return result
+
+
+def _deadline(job: Job) -> float:
+    """Return the longest wall time for grading a submission [s]."""
+    return job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
+
+
+def _fingerprint_of_timeout(job: Job) -> str:
+    """Return the fingerprint of a result that did not come in time; another time limit changes it."""
+    return f"{job.fingerprint} within {_deadline(job):g} s"
 
 
 def run_there(packed: Tuple[Job, PackedPath]) -> Files:

@@ -25,6 +25,9 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.paths import share_folder
 
 WORKSPACE = "workspace.json"
+# folder beside the workspace, with copies of known packages, such as husky_gazebo, to which a student has
+# added files
+COPIES = "copies"
 # folder inside the folder of a run; it is the only folder that the submission can write during the run
 SUBMISSION_FOLDER = "submission"
 OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # names of the RViz nodes in this package's launch files

@@ -18,14 +18,14 @@ import zipfile
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import IO, Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_grading.isolation.files import walk
 from husky_highlevel_controller.datatypes import HuskyError
 
 PROGRAM = "husky_grading.hand_in.archives"
 
-SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
+SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz", ".tar")
 UNREAD = (".7z", ".rar", ".tar.zst")  # endings of archives that cannot be opened
 # limits of a submission: number of its files, and size of all its files together [bytes]
 MAX_FILES, MAX_BYTES = (
@@ -111,19 +111,20 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
         ArchiveError: the archive cannot be unpacked.
     """
     links = 0
-    # names of the unpacked files; if a name comes twice in the archive, only the first file counts
-    names: Set[str] = set()
     large: List[str] = []
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, is_executable, is_special, content in members(archive):
             links += is_special  # counts links and special files
             # folders, links and special files have no content; folders are made with their files
-            if content is not None and name not in names:
-                names.add(name)
+            if content is not None:
                 with content:
                     target = folder / _safe_path(name, archive)
                     target.parent.mkdir(parents=True, exist_ok=True)
+                    # if a name comes twice, the last file counts, as `tar -u` and `tar -r` want it
+                    if target.is_file():
+                        allowance.size += target.stat().st_size
+                        target.unlink()
                     if not _copy(content, target, allowance, archive):
                         large.append(name)
                     elif is_executable:

@@ -281,7 +281,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     """
     # another process loads Python modules that are needed later, while the compiler waits for the disk
     import_early()
-    first_outcome, missing = _make_with_stand_ins(folders, needed, underlay)
+    first_outcome, missing, needed = _make_with_stand_ins(folders, needed, underlay)
     (output, code), is_repaired = _make_again(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
@@ -299,27 +299,32 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
 
 def _make_with_stand_ins(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace
-) -> Tuple[BuildOutcome, Set[str]]:
-    """Build until CMake misses no further package, and return the outcome and the missing packages.
+) -> Tuple[BuildOutcome, Set[str], FrozenSet[str]]:
+    """Build until CMake misses no further package, and return outcome, missing packages and built packages.
 
-    CMake stops at a missing package, so that package gets an empty stand-in before the next attempt.
+    CMake stops at a missing package. The next attempt also builds that package if it was handed in: then a
+    package.xml forgets to name it, which catkin_make does not notice, because it builds all packages. Any
+    other missing package gets an empty stand-in.
     """
     missing: Set[str] = set()
     outcome = BuildOutcome("", None)
     for _ in range(MAX_BUILDS):
         outcome = _catkin_make(folders, needed, underlay, repair="")
+        not_found = set(_NOT_FOUND.findall(outcome.output))
+        forgotten = not_found & set(folders.packages) - needed  # handed in, but not built yet
         # packages that CMake did not find, without those that already have a stand-in or are handed in
-        unknown = set(_NOT_FOUND.findall(outcome.output)) - missing - set(folders.packages)
+        unknown = not_found - missing - set(folders.packages)
         # all builds together replace at most MAX_STAND_INS missing packages
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
-        if not outcome.code or not new:
+        if not outcome.code or not (new or forgotten):
             break
+        needed |= forgotten
         missing |= set(new)
         for name in new:
             place = folders.stand_ins / "share" / name / "cmake"
             place.mkdir(parents=True, exist_ok=True)
             write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
-    return outcome, missing
+    return outcome, missing, needed
 
 
 def _make_again(

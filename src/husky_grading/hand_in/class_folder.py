@@ -49,13 +49,25 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
         return _named({folder.name: [folder]})
     # paths of the folders and archives of each student; the key is the student's name as it is on the disk
     entries: Dict[str, List[Path]] = {}
-    for path in sorted(folder.iterdir()):
-        suffix = suffix_of(path.name)
-        is_archive = bool(suffix) and path.is_file()
-        if path.name.startswith(".") or path.is_symlink() or not (is_archive or path.is_dir()):
-            continue
-        entries.setdefault(path.name[: -len(suffix)] if is_archive else path.name, []).append(path)
+    for path in filter(_is_hand_in, sorted(folder.iterdir())):
+        name = path.name if path.is_dir() else path.name[: -len(suffix_of(path.name))]
+        entries.setdefault(name, []).append(path)
     return _named(entries)
+
+
+def left_out(folder: Path) -> List[str]:
+    """Return the names of the entries in a class's folder that are not submissions, without hidden ones."""
+    if is_package(folder):
+        return []
+    paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    return [_decoded(path.name) for path in paths if not _is_hand_in(path)]
+
+
+def _is_hand_in(path: Path) -> bool:
+    """Return whether an entry in a folder of a class is a submission: a folder or an archive, but no link."""
+    if path.name.startswith(".") or path.is_symlink():
+        return False
+    return path.is_dir() or (bool(suffix_of(path.name)) and path.is_file())
 
 
 def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:

@@ -20,7 +20,7 @@ from husky_grading.isolation.files import (
     walk,
 )
 from husky_grading.records import DEFAULT_ROBOT, ROBOT_TITLES, SMB
-from husky_grading.submission import NamedRobot, Plan, RvizNode
+from husky_grading.submission import COPIES, NamedRobot, Plan, RvizNode
 from husky_highlevel_controller.paths import share_folder
 
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
@@ -37,7 +37,8 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
 
     Args:
         planned: plan of the submission, with its rviz nodes.
-        root: folder in which the configuration must be; None for any folder.
+        root: workspace in which the configuration must be, or beside which it is a copy of a known package;
+            None for any folder.
         launch_file: path of the launch file that is started; empty for a node.
     """
     planned = _without_our_rviz_nodes(planned)
@@ -50,7 +51,10 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
         node = planned.rviz[0]
         remaps = node.remap
         path = _config_path_in(node.args)
-        if path is not None and is_regular(path) and (root is None or is_below(path, root)):
+        # a student may have added the file to a copy of a known package, such as husky_gazebo
+        roots = (root, root.with_name(COPIES)) if root else ()
+        was_handed_in = path is not None and (not roots or any(is_below(path, each) for each in roots))
+        if path is not None and was_handed_in and is_regular(path):
             return _read_config(f"its rviz node, {path.name}", path, remaps)
         missing = str(path or "")
     config = _config_in_package(planned, Path(launch_file).name, remaps)
@@ -187,8 +191,8 @@ MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
 # a package that has one of these names is for the SMB; they are the SMB's launch file, frame and sensors. In
 # an .rviz file, the key `rslidar` does not count, because RViz writes a key for every frame that it has seen.
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
-# pattern of the topics of scans; a package that names /scan without front is for the Husky of ROS Melodic
-SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
+# patterns of the topics of scans; a package that names only /scan is for the Husky of ROS Melodic
+FRONT_SCAN, PLAIN_SCAN = re.compile(r"\bfront/scan\b"), re.compile(r"(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
@@ -203,10 +207,11 @@ def named_robot(planned: Plan) -> NamedRobot:
     else:
         version, mention = SMB, first_mention(planned, SMB_NAMES)
         if mention is None:  # no file names the SMB, so the robot is a Husky
-            mention = first_mention(planned, SCANS)
-            # the group `husky` of the pattern matches only front/scan
-            names_plain_scan = mention is not None and not mention.match["husky"]
-            version = "husky_melodic" if names_plain_scan else DEFAULT_ROBOT
+            # a package with both names may publish /scan itself, for example as the output of a filter
+            version, mention = DEFAULT_ROBOT, first_mention(planned, FRONT_SCAN)
+            if mention is None:
+                mention = first_mention(planned, PLAIN_SCAN)
+                version = DEFAULT_ROBOT if mention is None else "husky_melodic"
         reason = "its package names no topic of scans"
         if mention is not None:
             reason = f"{mention.path.name} names {mention.match.group()}"

@@ -41,14 +41,14 @@ from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_grading.notes import Kind, Note
 from husky_grading.records import Job, Launchable, Override
-from husky_grading.submission import WORKSPACE, Plan, Submission, starter
+from husky_grading.submission import COPIES, WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
 # files that this stage writes; the first file is written last and removed first, so it exists only if all are
 # complete
 FILES = (WORKSPACE, "plan", "build.log")
 # folders that this stage makes for the files that a student has handed in
-FOLDERS = ("ws", "copies", "stand_ins", "unpacked")
+FOLDERS = ("ws", COPIES, "stand_ins", "unpacked")
 # if no node builds, at most this number of copies of a package, or of launch files, is tried
 MAX_TRIED = 3
 Choice = Tuple[List[Package], List[str]]  # packages that are graded, and notes on the others
@@ -235,7 +235,7 @@ def _prepare_choice(
     # copies of known packages, such as husky_gazebo, to which the student has added files; launch files may
     # need these copies
     known = copies_of_known(contents.packages)
-    known_folders, _ = copy_packages(known, out / "copies")
+    known_folders, _ = copy_packages(known, out / COPIES)
     copies = _Copies(packages, folders, known, known_folders)
     candidates: List[LaunchFile] = []
     if not override.node:  # a node that the teacher names is started without a launch file

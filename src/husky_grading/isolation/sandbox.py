@@ -24,6 +24,7 @@ from typing import Dict, List, NamedTuple, Sequence, Set, Tuple
 
 from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
 from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
+from husky_highlevel_controller.datatypes import HuskyError
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
 # [bytes] largest file, and largest memory of one process
@@ -31,7 +32,7 @@ FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000
 # largest number of open files and sockets of one process; sockets are limited because they use memory of the
 # kernel
 DESCRIPTORS = 1024
-PROBE_DEADLINE = 10.0  # [s] wall time
+PROBE_DEADLINE = 30.0  # [s] longest wall time of a program that only tests whether the machine allows it
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
 # folders that are never shown as a whole, because they also have files that have nothing to do with ROS
@@ -114,11 +115,20 @@ def _bubblewrap() -> List[str]:
 
 
 def works(program: str, *arguments: str) -> bool:
-    """Return whether a program of the system succeeds."""
+    """Return whether a program of the system succeeds.
+
+    Raises:
+        HuskyError: the program does not end in time. A slow machine must not get a weaker sandbox.
+    """
     try:
         command = [system_program(program), *arguments]
         subprocess.run(command, capture_output=True, timeout=PROBE_DEADLINE, check=True)
-    except (OSError, subprocess.SubprocessError):
+    except subprocess.TimeoutExpired:
+        raise HuskyError(
+            f"{program} has not answered within {PROBE_DEADLINE:g} s, so it is unknown which sandbox this "
+            "machine allows; run the command again when the machine is less busy"
+        ) from None
+    except (OSError, subprocess.CalledProcessError):
         return False
     return True
 

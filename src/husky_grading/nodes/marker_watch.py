@@ -329,7 +329,11 @@ def _invisible(marker: Marker) -> str:
         return "its scale is 0"
     # a marker with points may have a colour for each point; then RViz ignores the colour of the marker itself
     colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
-    if not any(color.a > 0.0 for color in colors):
+    # RViz draws a mesh in the colours of its file if all four values of the marker's colour are 0
+    color = marker.color
+    has_own_colors = marker.type == Marker.MESH_RESOURCE and marker.mesh_use_embedded_materials
+    is_drawn_in_them = has_own_colors and (color.r, color.g, color.b, color.a) == (0.0, 0.0, 0.0, 0.0)
+    if not is_drawn_in_them and not any(each.a > 0.0 for each in colors):
         return "its alpha is 0"
     if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
         return f"its type {marker.type} is not a type of visualization_msgs/Marker"

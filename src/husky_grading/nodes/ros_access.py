@@ -33,8 +33,9 @@ ANSWER_DEADLINE = 10.0  # [s] wall time
 # our own queries for the types of services come to the ROS master under this name, so they do not count as
 # calls of the submission
 TYPE_CALLER = "/rosservice"
-# a service whose name ends like this comes from ROS itself, so its type is not requested
-EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")
+# a service whose name ends like this comes from ROS itself, so its type is not requested; a tf2_ros.Buffer
+# offers tf2_frames
+EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters", "/tf2_frames")
 # the types of at most so many services are requested, because each request has its own thread
 MAX_SERVICES = 100
 MAX_DESCRIPTION = 2_000_000  # only so many characters of a robot description are searched

@@ -314,12 +314,20 @@ def test_what_does_not_end_in_time_is_neither_tried_again_nor_judged_by_some_of_
     (first,) = mark_all(MarkingConfig(), batch)
     assert first.problem.startswith("it was not graded within -")
     monkeypatch.setattr(batch_module, "run_program", None)
-    assert mark_all(MarkingConfig(rules=Rules(reached=1.0)), replace(batch, time_limit=7.0)) == [first]
+    assert mark_all(MarkingConfig(rules=Rules(reached=1.0)), batch) == [first]
     monkeypatch.setattr(batch_module, "run_program", run_program)
-    (result,) = mark_all(MarkingConfig(), replace(batch, only=("ann",), time_limit=0.001))
+    (result,) = mark_all(MarkingConfig(), replace(batch, time_limit=0.001))
     assert result.problem == "it was not graded within 0.001 s; --time-limit sets this limit", (
         "as a teacher sets it"
     )
+
+
+def test_entries_of_a_class_that_are_not_graded_are_named(marked, capsys):
+    batch, _ = marked
+    for name in ("eve.py", "marking.yaml", ".hidden"):
+        put(batch.folder / name, "")
+    mark_all(MarkingConfig(), batch)
+    assert "a folder or an archive, and no link: eve.py\n" in capsys.readouterr().err
 
 
 def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(batch, monkeypatch, capsys):

@@ -193,6 +193,14 @@ def test_what_a_package_names_is_a_first_guess_at_its_robot(name, text, robot, w
     assert named_robot(Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",))).version == "smb"
 
 
+def test_a_package_with_a_filter_between_front_scan_and_scan_is_for_the_husky(tmp_path):
+    (tmp_path / "controller.py").write_text('rospy.Subscriber("/scan", LaserScan, drive)')
+    (tmp_path / "median_filter.py").write_text('rospy.Subscriber("/front/scan", LaserScan, smooth)')
+    named = named_robot(Plan(nodes=("p/n",), package_path=tmp_path))
+    assert named.version == "husky"
+    assert named.why.endswith(": median_filter.py names front/scan")
+
+
 @pytest.mark.parametrize(
     ("topics", "guess", "told"),
     [

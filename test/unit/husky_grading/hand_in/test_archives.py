@@ -16,7 +16,7 @@ from hand_ins import LARGE, archive, unpacked
 from packages import put
 
 from husky_grading.hand_in import archives
-from husky_grading.hand_in.archives import ArchiveError, PackedPath
+from husky_grading.hand_in.archives import MAX_BYTES, Allowance, ArchiveError, PackedPath
 
 
 def test_names_in_a_zip_are_those_that_its_program_meant(tmp_path):
@@ -49,6 +49,19 @@ def test_links_and_devices_in_archives_are_left_out(tmp_path):
     for name, files in (("a.tar.gz", {"run"}), ("a.zip", set())):
         assert unpacked(tmp_path / name) == ([f"links in {name} are left out"], files)
     assert os.access(tmp_path / "a.tar.gz_unpacked" / "run", os.X_OK)
+
+
+def test_the_last_file_of_a_name_counts_as_in_an_updated_tar(tmp_path):
+    with tarfile.open(tmp_path / "a.tar", "w") as made:
+        for name, content in (("p/node", b"old, and long"), ("p/other", b"x"), ("./p/node", b"new")):
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            made.addfile(member, io.BytesIO(content))
+    folder, allowance = tmp_path / "out", Allowance()
+    folder.mkdir()
+    assert archives.unpack(tmp_path / "a.tar", folder, allowance) == []
+    assert (folder / "p" / "node").read_text() == "new"
+    assert allowance.size == MAX_BYTES - len("new") - len("x")
 
 
 def test_an_archive_that_grows_too_large_is_refused(tmp_path):

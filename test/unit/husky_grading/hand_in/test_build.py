@@ -190,3 +190,22 @@ def test_a_build_is_tried_again_for_late_headers_old_placeholders_and_missing_pa
     assert tried == flags
     assert words in "".join(note.text for note in built.notes)
     assert any(note.kind is Kind.BUILD for note in built.notes) == bool(outputs[-1])
+
+
+def test_a_package_of_the_submission_that_package_xml_forgets_is_built_too(tmp_path, monkeypatch):
+    tried = []
+
+    def make(folders, needed, underlay, repair):
+        tried.append(set(needed))
+        output = "" if "helpers" in needed else MISSES.format("helpers")
+        return BuildOutcome(output, bool(output))
+
+    monkeypatch.setattr(build_module, "_catkin_make", make)
+    monkeypatch.setattr(build_module, "_check_machine_builds", lambda *_: None)
+    packages = {name: tmp_path / "ws" / "src" / name for name in ("husky", "helpers", "other")}
+    for folder in packages.values():
+        folder.mkdir(parents=True)
+    folders = Folders(tmp_path / "ws", packages)
+    assert build(folders, frozenset({"husky"}), Workspace()).notes == ()
+    assert tried == [{"husky"}, {"husky", "helpers"}]
+    assert not folders.stand_ins.exists()

@@ -8,7 +8,7 @@ import zipfile
 import pytest
 from packages import put
 
-from husky_grading.hand_in.class_folder import MAX_FOLDER, find_hand_ins
+from husky_grading.hand_in.class_folder import MAX_FOLDER, find_hand_ins, left_out
 
 # what students, browsers, Moodle and macOS call folders; and how people see it
 SHOWN = {
@@ -85,6 +85,7 @@ def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "ann")
     os.mkfifo(tmp_path / "fifo.zip")
     assert [each.name for each in find_hand_ins(tmp_path)] == ["ann", "bob", "cid", "dan"]
+    assert left_out(tmp_path) == ["fifo.zip", "link", "marking.yaml", "zip"]
     (one,) = find_hand_ins(tmp_path / "ann" / "one")
     assert (one.name, one.path) == ("one", tmp_path / "ann" / "one"), "a package is one, too"
 

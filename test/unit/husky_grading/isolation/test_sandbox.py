@@ -21,6 +21,7 @@ from husky_grading.isolation.files import (
 )
 from husky_grading.isolation.process import LOG_HEAD, LOG_TAIL, Process, end_all, wait
 from husky_grading.isolation.sandbox import Workspace, kind_of_sandbox
+from husky_highlevel_controller.datatypes import HuskyError
 
 SOURCES = Path(__file__).parents[4] / "src"
 KINDS = BUBBLEWRAP, NAMESPACE, NONE = sandbox.BUBBLEWRAP, sandbox.NAMESPACE, sandbox.NONE  # the best first
@@ -88,6 +89,14 @@ def kind(request, monkeypatch):
         pytest.skip(f"this machine does not make a {request.param}")
     monkeypatch.setattr(sandbox, "kind_of_sandbox", lambda: request.param)
     return request.param
+
+
+def test_a_slow_machine_gets_no_weaker_sandbox(monkeypatch):
+    monkeypatch.setattr(sandbox, "PROBE_DEADLINE", 0.1)
+    with pytest.raises(HuskyError, match=r"sleep has not answered within 0\.1 s"):
+        sandbox.works("sleep", "20")
+    assert not sandbox.works("false")
+    assert not sandbox.works("no_such_program")
 
 
 def test_output_without_end_fills_no_disk(tmp_path):

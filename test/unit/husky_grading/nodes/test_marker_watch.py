@@ -63,6 +63,9 @@ def test_messages_that_are_no_markers_are_counted_and_end_nothing(watch):
 POINTS = [Point(10.0, 0.0, 0.0)] * 4
 MESH = str(Path(__file__).relative_to(Path(__file__).parents[1]))  # as if its folder were a package
 CLEAR = ColorRGBA(1.0, 0.0, 0.0, 0.0)
+OWN_COLORS = {
+    "type": Marker.MESH_RESOURCE, "mesh_resource": f"package://{MESH}", "mesh_use_embedded_materials": True
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -72,6 +75,9 @@ CLEAR = ColorRGBA(1.0, 0.0, 0.0, 0.0)
         ({"type": Marker.LINE_STRIP, "points": POINTS[:1]}, "it has no points"),
         ({"type": 77}, "its type 77 is not a type of"),
         ({"type": Marker.POINTS, "points": POINTS, "colors": [CLEAR] * 4}, "its alpha is 0"),
+        ({**OWN_COLORS, "color": ColorRGBA()}, ""),
+        ({**OWN_COLORS, "color": CLEAR}, "its alpha is 0"),
+        ({**OWN_COLORS, "color": ColorRGBA(), "mesh_use_embedded_materials": False}, "its alpha is 0"),
         ({"type": Marker.TEXT_VIEW_FACING}, "its text is empty"),
         *[
             ({"type": Marker.MESH_RESOURCE, "mesh_resource": address}, "its mesh does not exist")

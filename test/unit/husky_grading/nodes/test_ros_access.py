@@ -52,6 +52,14 @@ def test_a_call_that_fails_in_whatever_way_is_answered_by_what_went_wrong(access
     assert "odd" in text
 
 
+def test_services_that_come_with_ros_and_tf2_are_not_the_submissions(access, monkeypatch):
+    asked = []
+    monkeypatch.setattr(rosservice, "get_service_type", lambda name: asked.append(name) or SET_BOOL)
+    names = [f"/n/{name}" for name in ("get_loggers", "set_logger_level", "set_parameters", "tf2_frames")]
+    until(lambda: access.service_types([*names, "/go"]) == {"/go": SET_BOOL})
+    assert asked == ["/go"]
+
+
 def test_a_submission_with_many_services_costs_a_bounded_number_of_threads(access, monkeypatch):
     monkeypatch.setattr(rosservice, "get_service_type", lambda name: SET_BOOL)
     names = [f"/s{number}" for number in range(MAX_SERVICES + 20)]
