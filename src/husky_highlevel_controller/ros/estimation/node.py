@@ -203,8 +203,7 @@ class LocalizationNode:
         pose = [place.x, place.y, yaw_from_quat(quat)]
         covariance = _square(msg.pose.covariance)[PLANE]  # (3, 3) covariance of x, y and yaw
         frame, odom = msg.header.frame_id, self._config.options.odom_frame
-        now = rospy.get_time()
-        stamp = msg.header.stamp.to_sec() or now  # a stamp of 0 means now
+        now, stamp = rospy.get_time(), msg.header.stamp.to_sec()
         if not np.isfinite([*pose, *covariance.ravel()]).all():
             rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is not a valid pose")
         elif frame.lstrip("/") not in ("", odom):
@@ -216,6 +215,7 @@ class LocalizationNode:
             )
         else:
             with self._lock:
+                stamp = stamp or rospy.get_time()  # a stamp of 0 means now
                 self._filter.set_pose(stamp, np.array(pose), covariance)
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:
