@@ -7,6 +7,7 @@ SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are 
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple, Optional, Sequence, Tuple, Union
@@ -95,6 +96,19 @@ class TriangleMesh:
     vertices: np.ndarray  # (V, 3) [m] corners in the geometry's frame, read-only
     faces: np.ndarray  # (F, 3) row numbers of `vertices`, three for each triangle; read-only
     source: str = ""  # name of the mesh's file; empty if unknown
+
+    @cached_property
+    def _digest(self) -> bytes:
+        """Hash of the triangles; a mesh may have a million, so they are compared by it."""
+        return hashlib.sha256(self.vertices.tobytes() + self.faces.tobytes()).digest()
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another mesh has the same triangles, also if it was read again or sent here."""
+        return isinstance(other, TriangleMesh) and self._digest == other._digest
+
+    def __hash__(self) -> int:
+        """Return the same number for equal meshes."""
+        return hash(self._digest)
 
     @cached_property
     def bounds(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from math import hypot, inf, nan
+from math import hypot, inf, nan, pi
 from multiprocessing import get_context
 
 import numpy as np
@@ -14,9 +14,12 @@ from hypothesis import strategies as st
 from stage import GROUND, HUSKY, body, drive
 
 from husky_highlevel_controller.datatypes import (
+    Body,
     Box,
     Cylinder,
+    Geometry,
     HuskyError,
+    ModelMotion,
     Pose,
     Pose2D,
     Sphere,
@@ -26,7 +29,7 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
-from husky_highlevel_controller.simulator.models.sdf_world import load_world
+from husky_highlevel_controller.simulator.models.sdf_world import load_world, parse_model
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
@@ -236,6 +239,64 @@ def test_a_model_of_several_parts_takes_no_name_of_another(model, words, simulat
     parts = [body(f"{model}::{part}", Sphere(0.1), x=x, z=0.1) for part, x in (("a", -3.0), ("b", -4.0))]
     refused(f"'{model}'.* {words}; choose another name", simulation.spawn, parts)
     assert set(simulation.bodies) == {"ground", "box"}
+
+
+def house(count):
+    """A body of boxes far away; the last one is a wall across the robot's way at x = 2."""
+    boxes = [
+        Geometry(Box((0.5, 0.5, 1.0)), Pose((10.0 + number, 20.0, 0.0), UPRIGHT))
+        for number in range(count - 1)
+    ]
+    wall = Geometry(Box((0.2, 4.0, 1.0)), Pose((2.0, 0.0, 0.0), UPRIGHT))
+    return Body("house", Pose((0.0, 0.0, 0.5), UPRIGHT), (*boxes, wall), ())
+
+
+@pytest.mark.parametrize("count", [16, 17, 40])
+def test_each_shape_of_a_body_is_solid_however_many_there_are(count, simulate):
+    simulation = simulate(house(count))
+    snapshots = drive(simulation, 4.0, 1.0)
+    assert snapshots[-1].robot.pose_in_world.position[0] < 1.6
+    assert "house" in {name for each in snapshots for name in each.contacts}
+    simulation.reset_poses()
+    simulation.move("house", Pose((0.0, 8.0, 0.5), UPRIGHT))
+    assert simulation.pose_of("house").position == pytest.approx((0.0, 8.0, 0.5))
+    assert drive(simulation, 4.0, 1.0)[-1].robot.pose_in_world.position[0] > 2.5
+    refused("'house' would stand inside 'husky'", simulation.move, "house", Pose((1.5, 0.0, 0.5), UPRIGHT))
+    simulation.delete("house")
+
+
+def test_a_movable_body_of_many_shapes_is_one_rigid_body(simulate):
+    row = tuple(
+        Geometry(Box((0.2, 0.2, 0.4)), Pose((0.2 * number, 0.0, 0.0), UPRIGHT)) for number in range(20)
+    )
+    simulation = simulate(
+        replace(body("row", Box((0.2, 0.2, 0.4)), x=2.0, y=-1.9, z=0.2, mass=4.0), collisions=row)
+    )
+    drive(simulation, 1.0)
+    assert simulation.pose_of("row").position == pytest.approx((2.0, -1.9, 0.2), abs=2e-3), "it stands"
+    simulation.move("row", Pose((2.0, -1.9, 0.2), quat_from_rpy(0.0, 0.0, pi / 2.0)))
+    drive(simulation, 3.0, 1.0)  # into its eleventh box
+    place = simulation.pose_of("row")
+    assert place.position[0] > 2.2
+    assert place.position[2] == pytest.approx(0.2, abs=0.02)
+
+
+@pytest.mark.parametrize("mass", [0.0, 5.0])
+def test_parts_of_a_model_may_overlap_when_it_comes_and_when_it_is_moved(mass, simulate):
+    model = f"""<sdf version="1.6"><model name="m"><static>{str(not mass).lower()}</static>
+      <link name="a"><pose>0 0 0.5 0 0 0</pose>
+        <collision name="c"><geometry><box><size>4 0.15 1</size></box></geometry></collision></link>
+      <link name="b"><pose>2 1.9 0.5 0 0 0</pose>
+        <collision name="c"><geometry><box><size>0.15 4 1</size></box></geometry></collision></link>
+      </model></sdf>"""
+    simulation = simulate()
+    simulation.spawn(list(parse_model(model, "m", Pose((5.0, 0.0, 0.0), UPRIGHT))))
+    assert set(simulation.bodies) == {"ground", "m::a", "m::b"}
+    simulation.place_model("m", ModelMotion(Pose((8.0, 0.0, 0.0), UPRIGHT)))
+    assert simulation.pose_of("m::a").position == pytest.approx((8.0, 0.0, 0.5), abs=1e-6)
+    refused(
+        "would stand inside 'husky'", simulation.place_model, "m", ModelMotion(Pose((0.0, 0.0, 0.0), UPRIGHT))
+    )
 
 
 PLACES = st.tuples(st.floats(-1.0, 3.0), st.floats(-1.0, 1.0))

@@ -18,6 +18,7 @@ from husky_highlevel_controller.datatypes import (
     Pose,
     Shape,
     Sphere,
+    TriangleMesh,
     Vector3,
 )
 
@@ -50,10 +51,15 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
 
 def checked(body: Body) -> Body:
     """Return the body itself; ObjectError if its name, mass, size or pose is not valid."""
-    if not body.name or not all(letter.isalnum() or letter in "_-.:" for letter in body.name):
-        raise ObjectError(f"model_name '{body.name}' is not a name (letters, digits and _ - . :)")
+    check_name(body.name)
     check_bounds(body)
     return body
+
+
+def check_name(name: str) -> None:
+    """Raise ObjectError if a name is not valid for an object."""
+    if not name or not all(letter.isalnum() or letter in "_-.:" for letter in name):
+        raise ObjectError(f"model_name '{name}' is not a name (letters, digits and _ - . :)")
 
 
 def check_bounds(body: Body) -> None:
@@ -61,8 +67,11 @@ def check_bounds(body: Body) -> None:
     if body.mass != 0.0:
         _within(body.mass, MASSES, "mass", "kg; 0 is for a body that never moves")
     for geometry in body.collisions:
-        for value in () if isinstance(geometry.shape, Plane) else geometry.shape.size:
-            _within(value, SIZES, "size", "m")
+        if isinstance(geometry.shape, TriangleMesh):  # a flat mesh has the size 0 along its normal
+            _within(max(geometry.shape.size), SIZES, "size", "m")
+        elif not isinstance(geometry.shape, Plane):
+            for value in geometry.shape.size:
+                _within(value, SIZES, "size", "m")
     for geometry in (*body.collisions, *body.visuals):
         for value in geometry.pose_in_body.position:
             _within(value, (-FARTHEST, FARTHEST), "position of a shape in it", "m")

@@ -16,7 +16,13 @@ from husky_highlevel_controller.ros.simulator.publishers import ODOM, WORLD
 from husky_highlevel_controller.simulator.models.sdf_world import parse_model
 from husky_highlevel_controller.simulator.models.urdf_object import is_urdf, parse_urdf_object
 from husky_highlevel_controller.simulator.simulation import Simulation
-from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose, make_object
+from husky_highlevel_controller.simulator.spawn_request import (
+    ObjectError,
+    check_bounds,
+    check_name,
+    checked_pose,
+    make_object,
+)
 
 
 class WorldServices:
@@ -77,9 +83,14 @@ class WorldServices:
 
 def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
     """Bodies of an SDF model or a URDF, given as text; HuskyError if it cannot be simulated."""
+    check_name(name)  # links have names of their own, which are free, as in a world file
     if is_urdf(model_xml):
-        return [checked(parse_urdf_object(model_xml, name, pose_in_world))]
-    return [checked(body) for body in parse_model(model_xml, name, pose_in_world)]
+        bodies = [parse_urdf_object(model_xml, name, pose_in_world)]
+    else:
+        bodies = list(parse_model(model_xml, name, pose_in_world))
+    for body in bodies:
+        check_bounds(body)
+    return bodies
 
 
 def _bodies_of(request: srv.SpawnObjectRequest, pose: Pose) -> List[Body]:

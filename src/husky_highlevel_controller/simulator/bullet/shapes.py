@@ -20,12 +20,12 @@ from husky_highlevel_controller.meshes import volume_of
 _FLATTEST = 1e-9
 
 
-def center_of(geometries: Sequence[Geometry]) -> Vector3:
-    """Centre of mass of solid geometries of one density, in their body's frame [m]."""
+def volume_and_center(geometries: Sequence[Geometry]) -> Tuple[float, Vector3]:
+    """Volume [m^3] of solid geometries of one density, and their centre of mass in their body's frame [m]."""
     solids = [_volume_and_center(geometry) for geometry in geometries]
     volumes = np.array([volume for volume, _ in solids])
     x, y, z = (volumes / volumes.sum() @ np.array([center for _, center in solids])).tolist()
-    return (x, y, z)
+    return float(volumes.sum()), (x, y, z)
 
 
 def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
@@ -44,6 +44,9 @@ def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
     raise TypeError(f"{shape} has no volume")
 
 
+MAX_SHAPES = 16  # PyBullet leaves out further shapes of a compound, without a word
+
+
 def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:
     """Make the compound collision shape of several geometries, and return its number in Bullet.
 
@@ -51,7 +54,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
     by its convex hull, because Bullet cannot move triangles.
 
     Args:
-        geometries: shapes with their poses in the body.
+        geometries: at most MAX_SHAPES shapes with their poses in the body.
         is_movable: whether the body can move.
         engine: PyBullet's client, which makes the shape.
     """

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from functools import partial
 from math import degrees
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import pybullet
@@ -29,7 +29,7 @@ from husky_highlevel_controller.geometry import (
     rotate,
     transform_point,
 )
-from husky_highlevel_controller.simulator.bullet.shapes import center_of, compound_shape
+from husky_highlevel_controller.simulator.bullet.shapes import MAX_SHAPES, compound_shape, volume_and_center
 
 ROBOT = "husky"  # name of the robot among the bodies
 BASE_INDEX = -1  # index by which Bullet means the base of a body, not one of its links
@@ -59,6 +59,14 @@ _TOO_DEEP = 2e-3
 
 class PlacementError(HuskyError):
     """A body cannot be placed: its name is taken or unknown, or there is no room."""
+
+
+class _Part(NamedTuple):
+    """Part of a body: its base, or a link that is fixed to the base, with at most MAX_SHAPES shapes."""
+
+    shape: int  # Bullet's number of the compound shape
+    mass: float = 0.0  # [kg]; 0 if the body never moves
+    center: Vector3 = (0.0, 0.0, 0.0)  # [m] centre of mass in the body's frame
 
 
 class _Engine:
@@ -104,7 +112,8 @@ class BulletWorld:
         self._ids_by_name: Dict[str, List[int]] = {}
         # ids of shapes by their content, because equal shapes share an id
         self._shapes: Dict[Tuple[Any, ...], int] = {}
-        self._shape_ids: Dict[int, int] = {}  # id of the shape of each body
+        # base of each body by its id, and then its links, if it has more than MAX_SHAPES shapes
+        self._parts: Dict[int, List[_Part]] = {}
         self._planes: List[int] = []  # ids of the bodies that are planes
         # pose of the centre-of-mass frame in the body's frame, by id; all poses from Bullet are poses of the
         # centre-of-mass frame
@@ -129,9 +138,7 @@ class BulletWorld:
                 solids.append(geometry)
         is_movable = body.mass > 0.0
         if solids:
-            # all solids together become one shape, and the centre of mass is at the centre of their volume
-            shape, center = self._shape_of(solids, is_movable), Pose(center_of(solids))
-            body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
+            body_id = self._create_body(body.name, self._parts_of(solids, body.mass), body.pose_in_world)
             # bodies of one model pass through one another, as in Gazebo
             if body.model:
                 others = self._ids_by_model.setdefault(body.model, [])
@@ -143,7 +150,13 @@ class BulletWorld:
     def _set_collides(self, body_id: int, others: List[int], collides: bool) -> None:
         """Let a body collide with others, or pass through them."""
         for other in others:
-            self._engine.setCollisionFilterPair(body_id, other, BASE_INDEX, BASE_INDEX, int(collides))
+            for index in self._indices(body_id):
+                for other_index in self._indices(other):
+                    self._engine.setCollisionFilterPair(body_id, other, index, other_index, int(collides))
+
+    def _indices(self, body_id: int) -> range:
+        """Bullet's indices of the parts of a body: its base, then its links, which begin at 0."""
+        return range(BASE_INDEX, BASE_INDEX + len(self._parts[body_id]))
 
     def remove_body(self, name: str) -> None:
         """Remove a body from the world."""
@@ -161,7 +174,7 @@ class BulletWorld:
                 bodies.remove(body_id)
                 self._set_collides(body_id, bodies, collides=True)
         self._engine.removeBody(body_id)
-        for record in (self._name_by_id, self._shape_ids, self._inertial_in_body):
+        for record in (self._name_by_id, self._parts, self._inertial_in_body):
             record.pop(body_id, None)
 
     def check_movable(self, name: str) -> None:
@@ -250,7 +263,10 @@ class BulletWorld:
             # the moving bodies do not count at their present poses, because they leave them; their copies
             # stand at the new poses and count
             present_ids = [body_id for other in poses for body_id in self._ids_by_name[other]]
-            self.check_room(name, copy=copies[name], ignored=present_ids)
+            # bodies of one model pass through one another, so copies of the model's other bodies do not count
+            model = self._ids_of_model(name)
+            in_model = [copies[other] for other in poses if model.intersection(self._ids_by_name[other])]
+            self.check_room(name, copy=copies[name], ignored=[*present_ids, *in_model])
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
@@ -258,10 +274,10 @@ class BulletWorld:
     def _copy(self, name: str, pose_in_world: Pose) -> int:
         """Id of a new body with the shape of another, without planes."""
         body_id = self._ids_by_name[name][-1]
-        mass = self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0]
-        copy = self._create(self._shape_ids[body_id], mass, pose_in_world, self._inertial_in_body[body_id])
+        parts = self._parts[body_id]
+        copy = self._create(parts, pose_in_world)
         self._name_by_id[copy] = name
-        if mass > 0.0:
+        if parts[0].mass > 0.0:
             self._lift_out_of_the_ground(copy)
         return copy
 
@@ -280,8 +296,7 @@ class BulletWorld:
         """
         # a body with planes has several ids in Bullet
         checked_ids = self._ids_by_name[name] if copy is None else [copy]
-        body_ids = set(self._ids_by_name[name])
-        links_of_model = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
+        others_in_model = self._ids_of_model(name)
         self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
             # Bullet quickly finds the bodies whose bounding boxes overlap; only these bodies are checked
@@ -290,13 +305,18 @@ class BulletWorld:
             boxes = [self._engine.getAABB(checked_id, part) for part in parts]
             # `or ()`, because Bullet returns None if nothing overlaps
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
+            for other in sorted(near.difference(checked_ids, ignored, self._planes, others_in_model)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
                     # x, y and z are the launch arguments of the robot's start; the position of another body
                     # comes from a request
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
+
+    def _ids_of_model(self, name: str) -> Set[int]:
+        """Bullet's numbers of the bodies of a model that has several bodies, by the name of one of them."""
+        ids = self._ids_by_name[name]
+        return {each for bodies in self._ids_by_model.values() if set(ids) & set(bodies) for each in bodies}
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""
@@ -331,7 +351,7 @@ class BulletWorld:
             raise PlacementError(f"'{body.name}' is a plane that can move ({body.mass} kg); make it static")
         shape = self._engine.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=normal)
         pose = compose(body.pose_in_world, pose_in_body)
-        plane = self._create_body(body.name, shape, 0.0, pose, Pose())
+        plane = self._create_body(body.name, [_Part(shape)], pose)
         self._engine.changeDynamics(
             plane, BASE_INDEX, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
         )
@@ -339,29 +359,56 @@ class BulletWorld:
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 
-    def _create_body(self, name: str, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
+    def _create_body(self, name: str, parts: Sequence[_Part], pose: Pose) -> int:
         """Create a body under a name; PlacementError if PyBullet cannot."""
-        body_id = self._create(shape, mass, pose, inertial_in_body)
+        body_id = self._create(parts, pose)
         if body_id < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
         self._name_by_id[body_id] = name
         self._ids_by_name.setdefault(name, []).append(body_id)
         return body_id
 
-    def _create(self, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
+    def _create(self, parts: Sequence[_Part], pose: Pose) -> int:
         """Id of a new body of Bullet's; negative if PyBullet refuses it."""
+        base, links = parts[0], parts[1:]
+        arguments: Dict[str, Any] = {}
+        if links:
+            count, origin, no_turn = len(links), (0.0, 0.0, 0.0), Pose().quat_xyzw
+            arguments = {
+                "linkMasses": [link.mass for link in links],
+                "linkCollisionShapeIndices": [link.shape for link in links],
+                "linkVisualShapeIndices": [-1] * count,  # Bullet draws the collision shapes
+                "linkPositions": [origin] * count,
+                "linkOrientations": [no_turn] * count,
+                "linkInertialFramePositions": [link.center for link in links],
+                "linkInertialFrameOrientations": [no_turn] * count,
+                "linkParentIndices": [0] * count,  # 0 means the base here
+                "linkJointTypes": [pybullet.JOINT_FIXED] * count,
+                "linkJointAxis": [(0.0, 0.0, 1.0)] * count,
+            }
         body_id: int = self._engine.createMultiBody(
-            baseMass=mass,
-            baseCollisionShapeIndex=shape,
+            baseMass=base.mass,
+            baseCollisionShapeIndex=base.shape,
             basePosition=pose.position,
             baseOrientation=pose.quat_xyzw,
-            baseInertialFramePosition=inertial_in_body.position,
-            baseInertialFrameOrientation=inertial_in_body.quat_xyzw,
+            baseInertialFramePosition=base.center,
+            baseInertialFrameOrientation=Pose().quat_xyzw,
+            **arguments,
         )
         # `_create_body` raises an error for a negative id, so these entries have no effect then
-        self._shape_ids[body_id] = shape
-        self._inertial_in_body[body_id] = inertial_in_body
+        self._parts[body_id] = list(parts)
+        self._inertial_in_body[body_id] = Pose(base.center)
         return body_id
+
+    def _parts_of(self, solids: Sequence[Geometry], mass: float) -> List[_Part]:
+        """Parts of a body of solid shapes; the mass [kg] is distributed over their volume."""
+        groups = [solids[first : first + MAX_SHAPES] for first in range(0, len(solids), MAX_SHAPES)]
+        volumes_and_centers = [volume_and_center(group) for group in groups]
+        whole = sum(volume for volume, _ in volumes_and_centers)
+        return [
+            _Part(self._shape_of(group, mass > 0.0), mass * (volume / whole), center)
+            for group, (volume, center) in zip(groups, volumes_and_centers)
+        ]
 
     def _shape_of(self, solids: Sequence[Geometry], is_movable: bool) -> int:
         """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""

@@ -51,10 +51,12 @@ class Assembly:
         name, so that they pass through one another, unless one of their links has <self_collide>. A joint of
         a link that does not exist is left out with a note.
         """
-        # links that never move need no joints, so each of them stays a body of its own
+        # links that never move need no joints, so each of them stays a body of its own; as in Gazebo, they
+        # may overlap
         is_static = all(body.mass == 0.0 for body in self.links.values())
         if is_static:
-            yield from self.links.values()
+            model = self.name if len(self.links) > 1 else ""
+            yield from (replace(body, model=model) for body in self.links.values())
             return
         # at first, each link and the world are groups of their own, with their own names; each joint merges
         # two groups

@@ -543,7 +543,7 @@ WHEELED = (link("a", 0), link("b", 2), link("c", 5))
         (("<self_collide>1</self_collide>",), [(f"m::{each}", (0.0,), 1.0, "") for each in "abc"], False),
         (
             ("<static>1</static>", joint("a", "b", "revolute")),
-            [(f"m::{e}", (0.0,), 0.0, "") for e in "abc"],
+            [(f"m::{e}", (0.0,), 0.0, "m") for e in "abc"],
             False,
         ),
         (
