@@ -17,7 +17,8 @@ check_system() {
   fi
   case $here in
     *$odd_letter*) bad "the folder '$here' has $odd_letters in its name; move it" ;;
-    *) if [ -w "$here" ]; then good "the repository $here is writable"; else bad "the repository $here is not writable; move it to a folder where you may write"; fi ;;
+    *) if [ -e "$state" ] && [ ! -w "$state" ]; then bad "the folder $state is not writable, perhaps because of a sudo ./dev; run sudo chown -R \"\$USER\" '$state'"
+       elif [ -w "$here" ]; then good "the repository $here is writable"; else bad "the repository $here is not writable; move it to a folder where you may write"; fi ;;
   esac
   local free
   free=$(df -Pm "$here" | awk 'NR == 2 {print $4}')
@@ -83,12 +84,12 @@ check_network() {
     master=${BASH_REMATCH[1]} port=${BASH_REMATCH[2]}
     if listens "$master" "$port"; then good "a ROS master answers at $uri"; check_topics "$uri"
     else note "no ROS master at $uri yet; ./dev launch starts one if that is this machine"; fi
-    getent hosts "$master" >/dev/null || bad "the host '$master' of ROS_MASTER_URI has no address on this machine; add it to /etc/hosts"
+    getent ahosts "$master" >/dev/null || bad "the host '$master' of ROS_MASTER_URI has no address on this machine; add it to /etc/hosts"
   else
     bad "ROS_MASTER_URI='$uri' is not of the form http://HOST:PORT"
   fi
-  name=${ROS_IP:-${ROS_HOSTNAME:-$(uname -n)}}
-  if getent hosts "$name" >/dev/null; then good "nodes give their address as '$name', which resolves here"
+  name=${ROS_HOSTNAME:-${ROS_IP:-$(uname -n)}}   # in this order, as ROS
+  if getent ahosts "$name" >/dev/null; then good "nodes give their address as '$name', which resolves here"
   elif [ -n "$ROS_IP$ROS_HOSTNAME" ]; then bad "nodes give their address as '$name' (ROS_IP or ROS_HOSTNAME), which does not resolve here; correct it, or unset it"
   else note "the host name '$name' does not resolve here, so ./dev sets ROS_IP=127.0.0.1; nodes on other machines cannot reach nodes here"; fi
   if [ -z "$ROS_IP$ROS_HOSTNAME" ] && [ "${master:-localhost}" != localhost ] && [ "$master" != 127.0.0.1 ]; then

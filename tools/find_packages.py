@@ -87,6 +87,14 @@ def workspace_around(path: Path) -> Optional[Path]:
     return None
 
 
+def is_folder(entry: os.DirEntry[str]) -> bool:
+    """Whether an entry is a folder; a link that leads to a loop or into another user's folder is none."""
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
 def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
     """Names and folders of the packages in a place, near its top first; none in another, as for rospack."""
     level, looked = [place], 0
@@ -110,7 +118,7 @@ def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
             below += [
                 folder / name
                 for name in sorted(entries)
-                if name[0] != "." and name not in SKIPPED and entries[name].is_dir()
+                if name[0] != "." and name not in SKIPPED and is_folder(entries[name])
             ]
         level = below
 

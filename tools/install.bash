@@ -158,7 +158,7 @@ run_with_progress() {
 
 # pip of .dev/venv, with a log of its own. Not .dev/venv/bin/pip, which names the folder that it was made in. It does not
 # see the packages of ROS, which use_ros puts into PYTHONPATH.
-venv_pip() { env -u PYTHONPATH "$venv/bin/python" -m pip "$1" --disable-pip-version-check --log "$state/pip.log" "${@:2}"; }
+venv_pip() { env -u PYTHONPATH PIP_USER=0 "$venv/bin/python" -m pip "$1" --disable-pip-version-check --log "$state/pip.log" "${@:2}"; }
 
 # Install the lock files $2... into the virtual environment, except PyBullet; $1 says what they are.
 pip_install() {
@@ -309,8 +309,8 @@ leave_out_ros2() {
 # Make the installation complete for the package groups GROUP..., and bring it into the environment.
 set_up() {
   case $here in *$odd_letter*) die "the folder '$here' has $odd_letters in its name, which ROS 1 and CMake cannot handle. Move it" ;; esac
-  { mkdir -p "$state" 2>/dev/null && [ -w "$state" ]; } \
-    || die "cannot write to $here. Move the repository to a folder where you may write"
+  mkdir -p "$state" 2>/dev/null || die "cannot write to $here. Move the repository to a folder where you may write"
+  [ -w "$state" ] || die "cannot write to $state, perhaps because of a sudo ./dev. Run sudo chown -R \"\$USER\" '$state'"
   touch "$state/CATKIN_IGNORE"
   leave_out_ros2
   local callers_packages=${ROS_PACKAGE_PATH:-}

@@ -217,7 +217,13 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     return replace(
         view,
         topics=tuple(dict.fromkeys([*(each.source for each in scans), *marker_topics])),
-        hidden=tuple((each.source, name) for each in markers for name in each.hidden),
+        # a namespace that one display hides is visible if another display of its topic does not hide it
+        hidden=tuple(
+            (each.source, name)
+            for each in markers
+            for name in each.hidden
+            if all(name in other.hidden for other in markers if other.source == each.source)
+        ),
         tf=bool(frame_displays),
         # RViz shows a robot model only if the run has a robot description of this name
         robot=any(each.source in descriptions for each in models),

@@ -42,6 +42,13 @@ def workspace(tmp_path, monkeypatch):
     return workspace
 
 
+def test_a_link_that_leads_nowhere_hides_no_package(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    (tmp_path / "gone").symlink_to(tmp_path / "nothing")
+    package(tmp_path / "lab_robot")
+    assert [name for name, _ in find_packages.packages_below(tmp_path)] == ["lab_robot"]
+
+
 @pytest.mark.parametrize(
     "place", [".", "..", "src", "devel", "src/lab_repo", "src/lab_repo/lab_robot/launch"]
 )

@@ -38,7 +38,6 @@ from husky_grading.submission import (
 STALL_DEADLINE = 90.0  # [s] a run ends if simulated time has not advanced for this wall time
 # [s] wall time between two checks whether a run is over
 PROGRESS_PERIOD = 0.2
-KEPT_OUTPUT = 20000  # longer output of a submission is cut in the middle to this number of characters
 RECORDER_NODE = "marking_recorder"
 
 
@@ -141,9 +140,6 @@ def _closing(
     # a problem means that a limit, such as the limit of memory, has ended the submission
     if submitted.problem:
         notes.append(Note(Kind.LIMIT, submitted.problem))
-    if len(output) > KEPT_OUTPUT:
-        half = KEPT_OUTPUT // 2
-        output = f"{output[:half]}\n[...]\n{output[-half:]}"
     return Closing(tuple(notes), cut_off, output)
 
 

@@ -14,7 +14,7 @@ from husky_grading.exercises.watch import DriveState, RosAccess, Watch
 from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
-from husky_grading.rubrics.causes import NO_SCANS, causes, with_cause
+from husky_grading.rubrics.causes import NO_SCANS, causes, first_cause, with_cause
 from husky_grading.rubrics.items import by_hand, forfeited, weighted
 from husky_grading.rubrics.rviz_view import (
     SAVED,
@@ -105,7 +105,8 @@ def judge_output(recording: Recording) -> Item:
     # (N,) [m] smallest range of each scan; scans without a return are left out
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
-        reasons = causes(recording)  # findings that explain it, such as an exception
+        # without a subscription, `first_cause` also names a topic of scans that is written wrong
+        reasons = causes(recording) if recording.subscribed else [first_cause(recording)]
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     low, high = float(truth.min()), float(truth.max())
     lines = [_PREFIX.sub("", line) for line in recording.output.splitlines()]

@@ -267,8 +267,9 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # if no node subscribes to the bag's odometry, the inputs of the filter are wrong
-        return Verdict(0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS_HINT)
+        # without another cause, the inputs or the outputs of the filter are wrong
+        is_known = recording.subscribed and cause.kind is not Kind.NO_SCANS
+        return Verdict(0.0, evidence, hint_on(cause) if is_known else INPUTS_HINT)
     stamps, end = path[:, 0], float(recording.times[-1])
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
@@ -290,8 +291,10 @@ def _cause_of_no_estimate(recording: Recording) -> Note:
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent and not causes(recording):
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
-    no_subscriber = Note(Kind.NO_SCANS, "no node subscribes to the bag's wheel odometry")
-    return (causes(recording) or [no_subscriber])[0]
+    missing = "no node subscribes to the bag's wheel odometry"
+    if recording.subscribed:
+        missing = "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry"
+    return (causes(recording) or [Note(Kind.NO_SCANS, missing)])[0]
 
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:

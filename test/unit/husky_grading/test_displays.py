@@ -96,6 +96,8 @@ def test_topics_and_namespaces_of_markers():
     view = shown({**MARKER, "Namespaces": {"a": True, "b": False}}, remaps=(("/marker", "/pillar"),))
     assert view.topics == ("/pillar", "/pillar_array")
     assert view.hidden == (("/pillar", "b"),)
+    both = shown({**MARKER, "Namespaces": {"a": True, "b": False}}, {**MARKER, "Namespaces": {"a": False}})
+    assert both.hidden == (), "one of two displays shows each namespace"
     assert shown({**MARKER, **OFF}).topics == ()
     assert shown({**SCAN, "Topic": "front/scan"}).topics == ("/front/scan",)
 

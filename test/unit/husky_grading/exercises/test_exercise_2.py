@@ -117,3 +117,15 @@ def test_the_robot_drives_for_ten_seconds_and_the_drive_ends_where_it_stands():
 def test_topic_and_queue_size_are_known_among_all_parameters():
     values = {"/n/topic": "front/scan", "/n/Queue": 5, "/n/size": 5, "/n/other": "/scan", "/n/queue": "no"}
     assert drive(values)[0].kept() == {"topics": ["/n/topic"], "queues": ["/n/Queue"]}
+
+
+def test_a_topic_of_scans_that_is_written_wrong_is_named():
+    item = judge_output(recording(silent_topics=("/front_scan",)))
+    assert item.evidence == "nothing to print: it subscribes to /front_scan, where nothing is published"
+    assert "rostopic list" in item.hint
+
+
+def test_the_smallest_range_counts_among_any_number_of_other_lines():
+    beams = "\n".join(f"range[{number}]: inf" for number in range(720))
+    item = judge_output(recording(subscribed=True, output=told(20.0, 15.0).replace("\n", f"\n{beams}\n")))
+    assert item.points == 40.0

@@ -144,14 +144,17 @@ def test_a_long_way_may_be_off_by_2_percent_and_one_that_never_began_has_no_poin
             "it subscribes to /wrong/odom, where nothing is published",
         ),
         ({"notes": (Note(Kind.NODE_FAILED, "node ekf ends"),), "silent_topics": ("/a",)}, "node ekf ends"),
-        ({}, "no node subscribes to the bag's wheel odometry"),
+        ({"subscribed": False}, "no node subscribes to the bag's wheel odometry"),
+        ({}, "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry"),
     ],
 )
 def test_it_is_told_why_no_estimate_came(more, words):
-    items = judge_exercise_4([recording(Playback(), estimate=EstimatedPath(), **more)], VIEW, "")
+    driven = replace(recording(Playback(), estimate=EstimatedPath()), **more)
+    items = judge_exercise_4([driven], VIEW, "")
     assert [item.evidence for item in items if item.name == "recorded path"] == [
         f"0 estimates on /odometry/filtered: {words}"
     ]
+    assert not any("constructor" in item.hint for item in items if item.name == "recorded path")
 
 
 @pytest.mark.parametrize(
