@@ -285,5 +285,9 @@ def _printable(value: Any) -> Any:
 def printable(text: str, limit: int = MAX_TEXT) -> str:
     """Return a text on one line, cut if long, without control characters and bytes that are not UTF-8."""
     text = text if len(text) <= limit else text[:limit] + " [...]"
-    text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    try:
+        data = text.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:  # half of a pair of surrogates, which JSON can have as an escape
+        data = text.encode("utf-8", "backslashreplace")
+    text = data.decode("utf-8", "backslashreplace")
     return "".join(letter if letter.isprintable() else " " for letter in text)

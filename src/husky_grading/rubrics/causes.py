@@ -73,9 +73,17 @@ def hint_on(cause: Note) -> str:
 def causes(recording: Recording) -> List[Note]:
     """Return the notes that can be the cause of a loss, so none on robot, flood or prefixes."""
     harmless = HARMLESS | OF_OTHERS
-    if recording.ended and recording.ended.kind in RAN_ON:
+    if _ran_to_the_end(recording):
         harmless.add(Kind.NODE_ENDED)
     return [note for note in recording.notes if note.kind not in harmless]
+
+
+def _ran_to_the_end(recording: Recording) -> bool:
+    """Return whether a node of the submission still ran at the end of the run."""
+    if recording.ended and recording.ended.kind is Kind.DEADLINE:
+        # commands still came, so the node that ended was another one, such as one that only sets something up
+        return bool(len(recording.commands)) and recording.times[-1] - recording.commands[-1] < SILENT
+    return bool(recording.ended and recording.ended.kind in RAN_ON)
 
 
 def moves_nothing(largest: Optional[float]) -> bool:

@@ -4,9 +4,10 @@ import re
 from dataclasses import replace
 from math import inf, nan
 
+import numpy as np
 import pytest
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Sphere
+from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Pose, Sphere, TriangleMesh
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose, make_object
 
 HERE = Pose((1.0, 2.0, 0.5))
@@ -74,3 +75,14 @@ def test_a_shape_of_a_body_is_near_it(parts, value):
 def test_a_quaternion_rounded_by_hand_is_made_whole():
     quat = checked_pose(Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.7071, 0.7071))).quat_xyzw
     assert sum(value**2 for value in quat) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_flat_mesh_may_be_spawned_as_it_may_stand_in_a_world():
+    poster = TriangleMesh(
+        np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]), np.array([[0, 1, 2]])
+    )
+    body = replace(make_object(*box()[:3], 0.0, HERE), collisions=(Geometry(poster),))
+    assert checked(body) is body
+    large = TriangleMesh(1000.0 * poster.vertices, poster.faces)
+    with pytest.raises(ObjectError, match=r"size 2000\.0 is not within"):
+        checked(replace(body, collisions=(Geometry(large),)))
