@@ -51,8 +51,9 @@ class WorldObjects:
         if ROBOT in models:
             raise PlacementError(f"'{ROBOT}' is the name of the robot; choose another name")
         # a new body of an existing model would be moved and deleted with that model
-        if models.intersection(self.models):
-            raise self._name_is_taken(min(models.intersection(self.models)))
+        taken = models.intersection(self.models)
+        if taken:
+            raise self._name_is_taken(min(taken))
         try:
             for body in bodies:
                 if self.members(body.name):

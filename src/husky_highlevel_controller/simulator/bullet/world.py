@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from functools import partial
 from math import degrees
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import pybullet
@@ -263,10 +263,7 @@ class BulletWorld:
             # the moving bodies do not count at their present poses, because they leave them; their copies
             # stand at the new poses and count
             present_ids = [body_id for other in poses for body_id in self._ids_by_name[other]]
-            # bodies of one model pass through one another, so copies of the model's other bodies do not count
-            model = self._ids_of_model(name)
-            in_model = [copies[other] for other in poses if model.intersection(self._ids_by_name[other])]
-            self.check_room(name, copy=copies[name], ignored=[*present_ids, *in_model])
+            self.check_room(name, copy=copies[name], ignored=present_ids)
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
@@ -277,6 +274,10 @@ class BulletWorld:
         parts = self._parts[body_id]
         copy = self._create(parts, pose_in_world)
         self._name_by_id[copy] = name
+        # the copy belongs to the same model, so that `check_room` lets the model's bodies overlap here, too
+        for bodies in self._ids_by_model.values():
+            if body_id in bodies:
+                bodies.append(copy)
         if parts[0].mass > 0.0:
             self._lift_out_of_the_ground(copy)
         return copy
@@ -296,7 +297,8 @@ class BulletWorld:
         """
         # a body with planes has several ids in Bullet
         checked_ids = self._ids_by_name[name] if copy is None else [copy]
-        others_in_model = self._ids_of_model(name)
+        body_ids = set(self._ids_by_name[name])
+        links_of_model = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
             # Bullet quickly finds the bodies whose bounding boxes overlap; only these bodies are checked
@@ -305,18 +307,13 @@ class BulletWorld:
             boxes = [self._engine.getAABB(checked_id, part) for part in parts]
             # `or ()`, because Bullet returns None if nothing overlaps
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(checked_ids, ignored, self._planes, others_in_model)):
+            for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
                     # x, y and z are the launch arguments of the robot's start; the position of another body
                     # comes from a request
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
-
-    def _ids_of_model(self, name: str) -> Set[int]:
-        """Bullet's numbers of the bodies of a model that has several bodies, by the name of one of them."""
-        ids = self._ids_by_name[name]
-        return {each for bodies in self._ids_by_model.values() if set(ids) & set(bodies) for each in bodies}
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""
