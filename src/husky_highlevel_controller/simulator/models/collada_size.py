@@ -19,7 +19,7 @@ class SceneSize(NamedTuple):
     corners: int
 
 
-NOTHING = SceneSize(0, 0)
+NOTHING = SceneSize(nodes=0, corners=0)
 
 
 def scene_size(document: ElementTree.Element) -> SceneSize:
@@ -28,16 +28,18 @@ def scene_size(document: ElementTree.Element) -> SceneSize:
 
 
 class _Scene:
-    """Nodes and geometries of a file by their id, and the sizes that are known."""
+    """Sizes of all elements in a file, computed once for each element."""
 
     def __init__(self, document: ElementTree.Element) -> None:
         """List the nodes and geometries of a file by their id."""
         self._document = document
+        # nodes and geometries; a broken file may use one id several times
         self._elements_by_id: Dict[str, List[ElementTree.Element]] = {}
         for element in document.iter():
             if _tag(element) in ("node", "geometry"):
                 self._elements_by_id.setdefault(element.get("id", ""), []).append(element)
-        self._sizes: Dict[ElementTree.Element, SceneSize] = {}
+        self._sizes: Dict[ElementTree.Element, SceneSize] = {}  # sizes that are known so far
+        # elements whose sizes are being computed, each inside the one before
         self._unfinished: Set[ElementTree.Element] = set()
 
     def size(self) -> SceneSize:
@@ -46,7 +48,7 @@ class _Scene:
     def _size_of(self, element: ElementTree.Element) -> SceneSize:
         """Return the size of a scene, node, instance or geometry with its content; 0 for other elements.
 
-        Sizes are kept, because an element may have many instances. ValueError if a node contains itself.
+        Raises ValueError if a node contains itself.
         """
         if element in self._sizes:
             return self._sizes[element]
@@ -81,7 +83,8 @@ def _corners(primitive: ElementTree.Element) -> int:
 
     The bound is the number of indices in all <p>, divided by the number of indices that each corner takes.
     """
-    # a corner has an index for each <input>, such as position and normal, at the place `offset` (from 0 on)
+    # each corner has several indices, such as position and normal; the `offset` of an <input> is the place of
+    # its index, counted from 0
     offsets = [child.get("offset", "0") for child in primitive if _tag(child) == "input"]
     indices_per_corner = 1 + max((int(offset) for offset in offsets if offset.isdigit()), default=0)
     indices = 0

@@ -16,10 +16,12 @@ from husky_highlevel_controller.simulator.models.own_description import VARIABLE
 from husky_highlevel_controller.urdf import DescriptionError
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
-_FLAG = ("|".join(FLAGS), "true|false")
-_CALLER = "/robot_description"  # name by which this program calls the master
+_FLAG = ("|".join(FLAGS), "true|false")  # entry of ARGUMENTS for a flag
+_CALLER = "/robot_description"  # name of this program for the ROS master
 CAMERA_FRAME = "camera_frame_optical"
+# pattern of three numbers
 _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
+# environment variables that set arguments of the lidar's mount
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
 # environment variables of the Husky's launch files that cause no warning: variables that have an effect in
 # this simulator, and variables of drivers, which are not simulated
@@ -41,7 +43,7 @@ ARGUMENTS = {
 
 
 def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
-    """Return NAME=VALUE of the variables of a Husky's equipment that are set, but change nothing here."""
+    """Return NAME=VALUE of each HUSKY_ variable that is set, but has no effect in this simulator."""
     without_warning = re.compile(f"(?!HUSKY_).*|{_WITH_EFFECT}|{_OF_DRIVERS}")
     return [
         f"{name}={value}"
@@ -61,8 +63,8 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
 
     Args:
         robot: name of the robot.
-        meshes: URI of the folder of meshes; empty for plain shapes, None for those that come with PyBullet.
-        **arguments: others of ARGUMENTS, which have an effect on the Husky only.
+        meshes: URI of the folder of meshes; empty for plain shapes, None for the meshes of PyBullet.
+        **arguments: any other ARGUMENTS; these arguments have an effect on the Husky only.
 
     Raises:
         DescriptionError: an argument is unknown, or its value is not valid.
@@ -86,17 +88,16 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
 
 
 def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
-    """Return the user's own description if it can be used, otherwise the given one.
+    """Return the user's own description if the simulator can use it, otherwise the given description.
 
     Args:
-        given: URDF text of the robot by the arguments.
+        given: URDF text that the arguments produce.
         arguments: arguments of the command line by name, see ARGUMENTS.
 
     Raises:
         DescriptionError: the parameter that VARIABLE names holds no text.
     """
-    # imported only here, because every launch waits for this program, but few launches have a description of
-    # their own
+    # imported only here, to save time: every launch waits for this program, but few launches need `ask`
     from husky_highlevel_controller.xml_rpc import ask
 
     master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
@@ -128,13 +129,13 @@ def _is_true(flag: str) -> bool:
 
 
 def main() -> None:
-    """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong.
+    """Print the URDF for `name:=value` arguments; exit with 2 if an argument is wrong.
 
-    A user's own description comes first; spawn_model names it by the variable HUSKY_SIMULATOR_DESCRIPTION.
+    If HUSKY_SIMULATOR_DESCRIPTION is set (by spawn_model), a user's own description has priority.
     """
     # the text before the first := is the name, and the text behind it is the value
     arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
-    # the mount of the lidar, which the user may also give by environment variables
+    # mount of the lidar from environment variables; an argument replaces it
     mount = {
         name: os.environ[variable] for name, variable in LIDAR_VARIABLES.items() if variable in os.environ
     }

@@ -2,7 +2,7 @@
 
 In: the URI of a .dae, .stl or .obj file, and the file that names it. Out: a `TriangleMesh`, or a `MeshError`.
 
-As in Gazebo classic, a .dae file's unit counts and its up axis does not.
+As in Gazebo classic, the unit that a .dae file states has an effect, but its up axis has no effect.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MAX_FACES = 100_000  # largest number of faces of a mesh; a mesh with more faces
 
 
 class MeshError(HuskyError):
-    """A mesh cannot be used; the text continues "a mesh", as in "is not on this machine"."""
+    """A mesh cannot be used. The text has no subject: "is not on this machine" continues "a mesh"."""
 
 
 @dataclass
@@ -51,7 +51,7 @@ class MeshFiles:
 
         Args:
             uri: model://, package://, file://, or a path.
-            source: path of the file that names it; a relative path starts in its folder.
+            source: path of the file that contains the URI; a relative path begins in its folder.
             part: name of a <submesh>; empty for the whole file.
 
         Raises:
@@ -83,7 +83,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
 
     Args:
         path: the file.
-        part: name of one part, by <submesh> of a world; empty for the whole file.
+        part: name of the only part that is read, from a <submesh>; empty for the whole file.
 
     Raises:
         MeshError: the file holds no triangles that can be read.
@@ -99,7 +99,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         if ending == ".dae":
             document = parse_xml(data, str(path))
             unit = _unit_of(document)
-            # only a .dae file can use one mesh many times, so only this small file can become a large scene
+            # a small .dae file can become a large scene, because it can use one mesh many times
             _check_size(scene_size(document))
         # "scene" keeps the names of the parts; without "process", the vertices stay as they are in the file;
         # materials are not used
@@ -123,7 +123,7 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
 
 
 def _check_size(size: SceneSize) -> None:
-    """Raise MeshError for a scene whose instances would take too much time and memory."""
+    """Raise MeshError for a scene that would take too much time and memory."""
     if size.nodes > MAX_NODES:
         raise MeshError(f"has more than {MAX_NODES} nodes if each of its instances counts")
     if size.corners > 3 * MAX_TRIANGLES:
@@ -138,9 +138,9 @@ def _unit_of(document: ElementTree.Element) -> float:
 
 
 def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
-    """Return corners (V, 3) and faces (F, 3) of the meshes of trimesh's scene, in its frame and its unit.
+    """Return corners (V, 3) and faces (F, 3) of the meshes in a trimesh scene, in the scene's frame and unit.
 
-    `part` is the name of the only mesh that counts; empty for all meshes.
+    `part` is the name of the only mesh that is returned; empty for all meshes.
     """
     corners: List[np.ndarray] = [np.empty((0, 3))]
     faces: List[np.ndarray] = [np.empty((0, 3), int)]
@@ -158,11 +158,11 @@ def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def find_mesh(uri: str, source: str) -> Path:
-    """Return the file of a URI, as `MeshFiles.read` takes it; MeshError if it is not on this machine.
+    """Return the file of the URI of a mesh. Raises MeshError if the file is not on this machine.
 
-    `model://NAME/...` and `package://NAME/...` are looked up in GAZEBO_MODEL_PATH, in ROS_PACKAGE_PATH, and
-    in the folders above the file `source`, which names the mesh. A relative path is looked up next to that
-    file, then in GAZEBO_RESOURCE_PATH.
+    `model://NAME/...` and `package://NAME/...` are searched in GAZEBO_MODEL_PATH, in ROS_PACKAGE_PATH, and in
+    the folders above the file `source`, which contains the URI. A relative path is searched next to `source`,
+    then in GAZEBO_RESOURCE_PATH.
     """
     try:
         for path in _places(uri, source):
@@ -174,10 +174,9 @@ def find_mesh(uri: str, source: str) -> Path:
 
 
 def _places(uri: str, source: str) -> Iterator[Path]:
-    """Yield the paths at which the file of a URI may be, in the order of the search.
+    """Yield the paths at which the file of a URI may be, see `find_mesh`, in the order of the search.
 
-    model:// and package:// mean the folders of a model or package. Otherwise the URI is a path, next to the
-    file `source` or in GAZEBO_RESOURCE_PATH. Other schemes, such as http, have no paths.
+    Other schemes, such as http, have no paths.
     """
     parts = urlsplit(uri)
     if parts.scheme in ("model", "package"):
@@ -185,21 +184,21 @@ def _places(uri: str, source: str) -> Iterator[Path]:
         yield from (folder / inside for folder in model_folders(parts.netloc, source))
     elif parts.scheme in ("", "file"):
         name = unquote(uri.partition("://")[2] if parts.scheme else uri)
-        above = Path(os.path.abspath(source)).parent
-        yield from (folder / name for folder in (above, *search_path("GAZEBO_RESOURCE_PATH")))
+        source_folder = Path(os.path.abspath(source)).parent
+        yield from (folder / name for folder in (source_folder, *search_path("GAZEBO_RESOURCE_PATH")))
 
 
 def model_folders(name: str, source: str) -> Iterator[Path]:
     """Yield the folders in which a model or package may be, in the order of the search.
 
     1. folders of this name in GAZEBO_MODEL_PATH and ROS_PACKAGE_PATH
-    2. folders above the source, or entries of these two paths, that have the name themselves
+    2. the folders above the source, and the folders in these two paths, if they themselves have this name
     3. folders of this name in the folders above the source
     4. folders of this name in `models` in the nearest three folders above the source
 
     Args:
         name: name of the model or package.
-        source: path of the file that names it.
+        source: path of the file that contains the name.
     """
     above = list(Path(os.path.abspath(source)).parents)
     folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]

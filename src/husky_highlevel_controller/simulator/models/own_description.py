@@ -1,6 +1,6 @@
 """Robot description of a user's own, and whether the simulator can use it instead of the robot's.
 
-In: URDF texts. Out: the text that counts, and a sentence for the user.
+In: URDF texts. Out: the text that the simulator uses, and a warning for the user.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"
 
 
 def robot_of(text: str) -> Optional[str]:
-    """Return the one robot of ROBOTS that a URDF text describes, by name or wheels; None if there is none.
+    """Return the robot of ROBOTS whose name or wheels a URDF text has; None if no robot fits.
 
     Raises:
         DescriptionError: the text is not a URDF.
@@ -33,7 +33,7 @@ def robot_of(text: str) -> Optional[str]:
 
 
 class Choice(NamedTuple):
-    """URDF text that counts, and a sentence on what of the user's own does not; empty if all of it does."""
+    """URDF text that the simulator uses, and a warning if a part of the user's text has no effect."""
 
     text: str
     warning: str
@@ -42,14 +42,14 @@ class Choice(NamedTuple):
 def choose_description(
     own: str, given: str, fully_equipped: Iterable[str], robot: Robot, frames: Iterable[str]
 ) -> Choice:
-    """Choose between a user's own description and the description by a launch file's arguments.
+    """Choose between a user's own description and the description from a launch file's arguments.
 
-    The user's own counts if it has a link or joint that the robot's descriptions do not have, and if the
-    physics can use it. Otherwise the arguments count, such as laser_enabled.
+    The user's own description is chosen if it has a link or joint that the robot's descriptions do not have,
+    and if the physics can use it. Otherwise the arguments, such as laser_enabled, keep their effect.
 
     Args:
         own: the user's URDF text.
-        given: the robot's URDF text by the arguments.
+        given: the robot's URDF text from the arguments.
         fully_equipped: URDF texts of the robot with all its equipment.
         robot: the robot.
         frames: names of links that the simulator's sensors need.

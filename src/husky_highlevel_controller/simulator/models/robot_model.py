@@ -34,7 +34,7 @@ FLANK_DEPTH = 0.005  # [m]
 # Limits of a robot description. Beyond these limits, numbers in the engine overflow, and the robot's pose
 # becomes NaN without an error.
 MIN_MASS = 0.001  # [kg] least mass of the body and of each wheel
-MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
+MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m] limits of sqrt(moment of inertia / mass)
 # each moment of inertia may be at most this multiple of the sum of the other two; 1 is a flat plate, and the
 # rest is a margin for rounding
 FLATNESS = 1.001
@@ -86,13 +86,13 @@ def robot_model(
 ) -> RobotModel:
     """Read a URDF of base_link, four wheels and the links fixed to base_link.
 
-    Links without <inertial> weigh nothing here. PyBullet would give each of them 1 kg, so `physics_urdf` has
-    only one link, base_link, with the mass and the collision shapes of all.
+    `physics_urdf` has only one link, base_link, with the mass and the collision shapes of all links. PyBullet
+    would give 1 kg to each link without <inertial>; here such links weigh nothing.
 
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
-        robot: names of wheel joints and lidar; None for the Husky.
-        laser_frame: link in which beams start; defaults to the lidar of `robot`. It need not exist.
+        robot: names of the wheels' joints and of the lidar's link; None for the Husky.
+        laser_frame: link in which beams start; defaults to the lidar's link, which need not exist.
 
     Raises:
         DescriptionError: the text is not a URDF, a link or joint is missing, or physics cannot use a number.
@@ -179,15 +179,13 @@ def _write_wheel(
     cylinder = link.find("collision/geometry/cylinder")
     if cylinder is None:
         raise DescriptionError(f"{link_label} has no collision cylinder, so the wheel has no radius")
-    _require_solid(_inertial(link, Pose()), link_label)
+    _require_solid(_inertial(link, Pose()), link_label)  # the result is the same for any pose of the link
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
-    # the flanks have a radius that is smaller by FLANK_DEPTH, so the radius of the wheel must be large enough
+    # the flanks are smaller by FLANK_DEPTH, and must keep more than half of the wheel's radius
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
-    # each cylinder becomes a narrow tread and flanks of a smaller radius, so that the wheel stands on its
-    # middle
     for collision in collisions:
         _crown(base, collision)
     inertial = _inertial(link, pose)
@@ -202,7 +200,7 @@ Inertial = Tuple[float, Vector3, np.ndarray]
 
 
 def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
-    """A link's mass, centre and inertia in base_link; a link without them weighs nothing."""
+    """Return mass, centre of mass and inertia of a link in base_link; it weighs 0 without <inertial>."""
     where = urdf.label_of(link)
     element = link.find("inertial")
     if element is None:
@@ -213,12 +211,12 @@ def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (urdf.number_of(element.find("inertia"), name, where) for name in names)
     pose = compose(pose_link_in_base, urdf.origin_of(element, where))
-    turn = matrix_from_quat(pose.quat_xyzw)  # the inertia is given along the axes of <origin>
+    turn = matrix_from_quat(pose.quat_xyzw)  # <inertia> is given along the axes of <origin>
     return mass, pose.position, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
 
 
 def _merge(parts: Sequence[Inertial]) -> Inertial:
-    """Inertial of several rigid bodies as one (parallel axis theorem)."""
+    """Return the inertial of one rigid body that consists of several (parallel axis theorem)."""
     mass = float(sum(m for m, _, _ in parts))
     # if no part has a mass, the sum is zero, and a division by 1 leaves it zero
     centre = sum((m * np.array(com) for m, com, _ in parts), np.zeros(3)) / (mass or 1.0)
@@ -233,9 +231,9 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> None:
-    """Raise DescriptionError if no solid body has this inertial, or if physics cannot compute it.
+    """Raise DescriptionError if a solid body cannot have this inertial, or if it is too small or large.
 
-    `what` names the body for the message.
+    `what` is the name of the body in the message.
     """
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)  # principal moments, ascending [kg m^2]
@@ -261,15 +259,15 @@ def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
     element = ET.SubElement(link, "inertial")
     urdf.write_origin(element, Pose(com))
     ET.SubElement(element, "mass", value=repr(mass))
-    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    ET.SubElement(element, "inertia", {key: repr(float(inertia[at])) for key, at in places.items()})
+    cells = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    ET.SubElement(element, "inertia", {name: repr(float(inertia[cell])) for name, cell in cells.items()})
 
 
 def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose]]) -> List[ET.Element]:
-    """Copy collision shapes of other links into a link, and return the copies; meshes are left out.
+    """Copy the collision shapes of other links, except meshes, into a link, and return the copies.
 
     Args:
-        link: gets the shapes, at their poses in this link.
+        link: element that gets the copies.
         sources: other links, and their poses in this link.
 
     Raises:
@@ -300,14 +298,14 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
 
 
 def _crown(link: ET.Element, collision: ET.Element) -> None:
-    """Make a wheel's cylinder the narrow tread, and add its flanks as another collision shape.
+    """Replace a wheel's cylinder by a narrow tread and by flanks, as on a tyre with a crown.
 
-    So the wheel stands on the middle of its tread, as a crowned tyre does, and not on one of its edges. The
-    flanks have the wheel's width, and a radius that is smaller by FLANK_DEPTH.
+    Then the wheel stands on the tread in its middle, and not on one of its edges. The flanks have the wheel's
+    width, and a radius that is smaller by FLANK_DEPTH.
     """
     tread = collision.find("geometry/cylinder")
     if tread is None:
-        return  # another shape, such as a box, stays as it is
+        return  # any other shape, such as a box, stays as it is
     flanks = copy.deepcopy(collision)
     cylinder = flanks.find("geometry/cylinder")
     assert cylinder is not None

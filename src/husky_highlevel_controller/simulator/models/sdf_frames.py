@@ -25,7 +25,7 @@ class FrameScope:
     holder: Node  # element <world> or <model> that contains these frames
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
-    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if it must still be found there
+    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if `outer` must still compute it
     _resolved: Dict[str, Pose] = field(default_factory=dict)  # poses of members that are known so far
     # names of the members whose poses are being computed, outermost first; a name that comes twice is an
     # error
@@ -50,13 +50,14 @@ class FrameScope:
 
     @cached_property
     def _inner(self) -> Dict[str, FrameScope]:
+        """Frames of each model in this world or model, by the name of the model."""
         return {name: FrameScope(model.node, name, self) for name, model in self._models.items()}
 
     def pose_of(self, pose: Optional[Node], default_frame: str = "") -> Pose:
         """Return the pose of an element in this world or model.
 
         Args:
-            pose: <pose> of the element; None if it has none, so that it stands at the origin of its frame.
+            pose: <pose> of the element; None if the element stands at the origin of its frame.
             default_frame: name of the frame if the <pose> names none; empty for this world or model.
 
         Raises:
@@ -74,10 +75,10 @@ class FrameScope:
         return compose(frame_pose, pose_in_frame)
 
     def _find(self, name: str) -> Optional[Pose]:
-        """Return the pose of a frame in this world or model; None if there is none of that name.
+        """Return the pose of a frame in this world or model; None if no frame has the name.
 
-        A member comes first. Other names are this world or model itself (empty, `__model__` or its own name),
-        `world`, and `MODEL::NAME`, which is NAME in the scope of the member MODEL.
+        A name means, in this order: this world or model (empty or `__model__`), a member, this world or model
+        by its own name, the world (`world`), or `MODEL::NAME`, the frame NAME of the member MODEL.
         """
         if name in ("", "__model__"):
             return IDENTITY
@@ -87,18 +88,18 @@ class FrameScope:
             return IDENTITY
         if name == "world":
             return inverse(self._pose_in_world())
-        model, _, part = name.partition("::")
-        # `_inner` has the scopes of the models in this one, by name
-        pose_in_model = self._inner[model]._find(part) if model in self._inner else None
+        model, _, name_in_model = name.partition("::")
+        pose_in_model = self._inner[model]._find(name_in_model) if model in self._inner else None
         return compose(self._resolve(model), pose_in_model) if pose_in_model else None
 
     def _resolve(self, name: str) -> Pose:
         """Return the pose of a member in this world or model; WorldError if it depends on itself."""
         pose, default_frame = self._members[name]
-        # `pose_of` comes back here for the frame of a member; a name that comes twice depends on itself
+        # `pose_of` below calls this method for the frame of a member; so an unfinished one depends on itself
         if name in self._unfinished:
             circle = " > ".join((*self._unfinished[self._unfinished.index(name) :], name))
-            raise (pose or self.holder).error(f"frames are relative to each other: {circle}")
+            element = pose or self.holder  # element whose line the error names
+            raise element.error(f"frames are relative to each other: {circle}")
         if name not in self._resolved:
             self._unfinished.append(name)
             self._resolved[name] = self.pose_of(pose, default_frame)
@@ -113,5 +114,5 @@ class FrameScope:
 
 
 def frame_of(pose: Node) -> str:
-    """Frame that a <pose> names as its own: `relative_to`, or `frame` before SDF 1.7; empty for none."""
+    """Return the frame that a <pose> names: `relative_to`, or `frame` before SDF 1.7; empty if no frame."""
     return pose.element.get("relative_to") or pose.element.get("frame") or ""

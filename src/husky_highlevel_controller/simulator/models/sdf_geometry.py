@@ -47,7 +47,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
     """Return the shape of a <collision> or <visual>; None, and a note, if it has no supported shape.
 
     Raises:
-        WorldError: a size or a direction that cannot be read.
+        WorldError: a size or a direction cannot be read.
     """
     geometry = holder.child("geometry")
     node = next(geometry.children(), None) if geometry else None
@@ -60,7 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        # a <visual> is counted, too; only whether the count is 0 has an effect
+        # the lidar would not see a <visual>, but counting it is harmless
         node.load.missed_by_lidar += 1
     return None
 
@@ -91,7 +91,7 @@ def _sphere(node: Node) -> Sphere:
 
 
 def _plane(node: Node) -> Plane:
-    """A plane; its normal is up and 1 m by 1 m of it is drawn, unless it says otherwise (SDF's defaults)."""
+    """Return an endless plane; by default, as in SDF, it is level, and 1 m by 1 m of it is drawn."""
     normal, size = node.child("normal"), node.child("size")
     x, y, z = normal.numbers(3) if normal else (0.0, 0.0, 1.0)
     edges: Tuple[float, ...] = (1.0, 1.0)
@@ -117,7 +117,7 @@ def _mesh(node: Node) -> Optional[TriangleMesh]:
     try:
         mesh = node.load.meshes.read(uri.text if uri else "", node.source, part.text if part else "")
     except MeshError as error:
-        # the text of a MeshError continues "a mesh", as in "is not on this machine"
+        # the text of a MeshError has no subject, for example "is not on this machine"
         node.note(f"a mesh {error}, and is left out", uri.text if uri else "")
         node.load.missed_by_lidar += 1
         return None
@@ -142,7 +142,8 @@ def rgba_of(node: Node) -> Rgba:
     if material:
         material.note_unknown()
         script = material.child("script")
-        name = (script.child("name") if script else None) or script  # <script>NAME</script> counts, too
+        # a script has its name in a <name>, or directly in the <script>
+        name = (script.child("name") if script else None) or script
         if name and name.text in _SCRIPT_COLOURS:
             rgba = _SCRIPT_COLOURS[name.text]
         elif name:

@@ -1,4 +1,4 @@
-"""SDF <include>: the models of a world or model, its own and the models of other files.
+"""SDF <include>: lists the models of a world or model, also the models that an <include> adds from a file.
 
 In: a `Node` that holds models; folders of models (`model_folders`). Out: models, each with the <include> that
 places it.
@@ -37,24 +37,24 @@ _FUEL_GROUND_OR_SUN = re.compile(
 
 
 class Model(NamedTuple):
-    """A <model>, and the <include> that places it, if one does."""
+    """A model in a world or in another model."""
 
-    node: Node
-    include: Optional[Node] = None
+    node: Node  # element <model>
+    include: Optional[Node] = None  # <include> that adds the model; None if there is no <include>
 
     def child(self, tag: str) -> Optional[Node]:
-        """The child of a tag: the include's comes before the model's own."""
+        """Return the first child with a tag in the <include>, or otherwise in the <model>."""
         return (self.include and self.include.child(tag)) or self.node.child(tag)
 
     @property
     def name(self) -> str:
-        """Name by the include, or otherwise the model's own."""
+        """Name that the <include> gives, or otherwise the <model>."""
         given = self.include.child("name") if self.include else None
         return (given.text if given else "") or self.node.named()
 
 
 def models_in(holder: Node) -> Iterator[Model]:
-    """The models of a world or model, in the order of its file."""
+    """Yield the models of a world or model, in the order of the file."""
     for node in holder.children():
         if node.tag == "model":
             yield Model(node)
@@ -77,8 +77,8 @@ def _included(include: Node) -> Optional[Node]:
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        # a broken pose is replaced here; otherwise it would be an error later, when the pose of the model is
-        # read
+        # a broken pose is only noted here, because it is an error only if there is a model at this pose, and
+        # then `FrameScope.pose_of` raises the error
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
     uri_node = include.child("uri")
     if uri_node is None:
@@ -98,7 +98,7 @@ def _included(include: Node) -> Optional[Node]:
         return None
     path, files = _find_model(uri, include.source), include.load.files
     if path is None:
-        # because of these counts, a warning may say that the lidar sees nothing
+        # counted for the warning that the lidar sees nothing
         include.load.model_count += 1
         include.load.missed_by_lidar += 1
         include.note(
@@ -117,7 +117,7 @@ def _included(include: Node) -> Optional[Node]:
 
 
 def _find_model(uri: str, source: str) -> Optional[Path]:
-    """The newest SDF file of a model that can be read here; None if there is none on this machine."""
+    """Return the SDF file of a model in the newest readable version; None if this machine has no file."""
     name = uri[len("model://") :].strip("/")
     if not name:
         return None
@@ -132,32 +132,31 @@ def _find_model(uri: str, source: str) -> Optional[Path]:
 
 
 def _newest_file(config: Path, plain: Path) -> Path:
-    """Return the best of the SDF files that a model.config offers, each for a version of SDF.
+    """Return one of the SDF files of a model.config, which has a file for each version of SDF.
 
-    That is the file for the newest version up to NEWEST, or for the oldest version if all are newer. If the
-    model.config cannot be read or offers nothing, it is `plain`.
+    The result is the file for the newest version up to NEWEST, or for the oldest version if all are newer. If
+    the model.config cannot be read or names no file, the result is `plain`.
 
     Args:
         config: path of the model.config.
         plain: path of the model.sdf in the same folder.
 
     Raises:
-        WorldError: the model.config offers only versions of SDF that are not read.
+        WorldError: the model.config has only versions of SDF that cannot be read.
     """
     try:
-        offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))  # <sdf version="1.6">FILE</sdf>
+        listed = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))  # <sdf version="1.6">FILE</sdf>
     except WorldError:
-        offers = []
-    if not offers:
+        listed = []
+    if not listed:
         return plain
-    # VERSIONS has all versions that can be read; files up to SDF 1.NEWEST are read completely. A file that
-    # is offered without a version counts as the oldest version.
-    readable = [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
+    # a file without a version counts as the oldest version
+    readable = [sdf for sdf in listed if sdf.get("version", VERSIONS[0]) in VERSIONS]
     # if no file has a readable version, all files are used, and `minor_version` raises the error about the
     # first one
     name_by_minor_version = {
-        minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers
+        minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or listed
     }
-    # the newest version that is not after NEWEST; if there is none, the oldest version after NEWEST
+    # the version nearest to NEWEST; a version after NEWEST comes behind all others
     best = min(name_by_minor_version, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
     return config.parent / (name_by_minor_version[best] or "").strip()

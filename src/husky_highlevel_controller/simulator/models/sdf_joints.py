@@ -1,10 +1,9 @@
 """SDF joints: links of a movable model that joints hold together become one rigid body.
 
-In: a model's links as bodies, and its joints. Out: bodies; links that joints hold together are one.
+In: a model's links as bodies, and its joints. Out: bodies, one for all links that joints hold together.
 
-Joints do not move here. In Gazebo a model whose joints stand still is one rigid body, so it is one here too:
-without that a cart would lose its wheels. Links of one model pass through one another, unless they
-`<self_collide>`.
+Joints do not move here, but they hold links together, so that a cart does not lose its wheels.
+Links of one model pass through one another, except links with `<self_collide>`.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ class Assembly:
     joints: List[Node] = field(default_factory=list)
     # full names of the models that contain the joints, in the order of `joints`
     scopes: List[str] = field(default_factory=list)
-    self_colliding: Set[str] = field(default_factory=set)  # links
+    self_colliding: Set[str] = field(default_factory=set)  # names of links with <self_collide>
 
     def add_joint(self, joint: Node, scope: str) -> None:
         """Add a joint; `scope` is the full name of its model."""
@@ -47,9 +46,8 @@ class Assembly:
     def _rigid_bodies(self) -> Iterator[Body]:
         """Yield one body for each group of links that joints connect, directly or through other links.
 
-        A group that a joint ties to the world becomes static. Several bodies of one model get the model's
-        name, so that they pass through one another, unless one of their links has <self_collide>. A joint of
-        a link that does not exist is left out with a note.
+        A group that a joint ties to the world becomes static. A joint of a link that does not exist is left
+        out with a note. If a body has `model`, it passes through the other bodies of this model.
         """
         # links that never move need no joints, so each of them stays a body of its own; as in Gazebo, they
         # may overlap
@@ -81,19 +79,18 @@ class Assembly:
             body = self._rigid_body(names, is_whole)
             # true if a joint, or a chain of joints, ties the links of this group to the world
             is_fixed = group == group_of[_WORLD]
-            # bodies of one model pass through one another, except if the model has only this body, or if a
-            # link in the body has <self_collide>
+            # no `model` if the model has no other body, or if a link in this body has <self_collide>
             hits_other_bodies = is_whole or self.self_colliding.intersection(names)
             yield replace(
                 body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
             )
 
     def _link_at_end(self, joint: Node, tag: str, scope: str) -> str:
-        """Return the full name of the link at an end of a joint, or _WORLD; empty if there is none.
+        """Return the full name of the link at one end of a joint, or _WORLD; empty if there is no such link.
 
         Args:
             joint: the element.
-            tag: the end, parent or child.
+            tag: end of the joint, parent or child.
             scope: full name of the joint's model.
         """
         node = joint.child(tag)
@@ -108,15 +105,15 @@ class Assembly:
         return name if name in self.links else ""
 
     def _rigid_body(self, names: List[str], is_whole: bool) -> Body:
-        """Return the rigid body of several links, in the frame of the first one.
+        """Return the rigid body of one or more links, in the frame of the first link.
 
-        If one of the links never moves, the body never moves. The body has the name of the model if it
-        `is_whole`, which means that the model has no other body.
+        If one of the links never moves, the body never moves. Several links get the name of the model if they
+        are the whole model (`is_whole`), and otherwise the name of the first link.
         """
         bodies = [self.links[name] for name in names]
         first = bodies[0]
         if len(bodies) == 1:
-            return first
+            return first  # `_read_links` has already given a lone link its name
         is_static = any(body.mass == 0.0 for body in bodies)
         parts = [(compose(inverse(first.pose_in_world), body.pose_in_world), body) for body in bodies]
         return Body(

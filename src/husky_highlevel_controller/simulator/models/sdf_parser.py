@@ -1,4 +1,4 @@
-"""SDF parser: elements with file, line and path, which every error message names.
+"""SDF parser: XML elements with the file, line and trail that messages name.
 
 In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
 """
@@ -15,7 +15,7 @@ from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.simulator.models.mesh_file import MeshFiles
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml
 
-VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
+VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))  # versions of SDF that can be read
 NEWEST = 7  # minor version: SDF 1.7 is the newest version that is read completely
 
 # For each element, the children that cause no warning, because they are read or have no effect in this
@@ -40,7 +40,7 @@ Value = TypeVar("Value")
 
 @dataclass
 class Load:
-    """State of one load: files read so far, and notes for warnings."""
+    """State while one world or model is read: files, names that are in use, and notes for warnings."""
 
     # Keys are the sentence of a warning, then the id of an element; the value is the place of the element.
     # Because of the id, an element that is read twice is named only once.
@@ -61,12 +61,12 @@ class Load:
 
 @dataclass(frozen=True)
 class Node:
-    """An XML element with its file, line and path."""
+    """An XML element with its file, line and trail."""
 
     element: ElementTree.Element
     load: Load
-    source: str
-    trail: str = ""
+    source: str  # path of the file, or another name of the text
+    trail: str = ""  # names of the element and of the elements around it, such as "model 'a' > link 'b'"
 
     @property
     def tag(self) -> str:
@@ -89,55 +89,55 @@ class Node:
         return WorldError(f"{self.where}: {problem}")
 
     def note(self, sentence: str, value: str = "") -> None:
-        """Note an unsupported element for the warning of this kind."""
+        """Keep the place of this element for a warning; there is one warning for each sentence."""
         self._note_at(sentence, f"{self.where} '{value}'" if value else self.where)
 
     def _note_at(self, sentence: str, place: str) -> None:
         self.load.notes.setdefault(sentence, {})[id(self.element)] = place
 
-    def unless_broken(self, read: Callable[[], Value], usual: Value, sentence: str) -> Value:
-        """Return the value of `read`; if it raises WorldError, note it and return the usual value.
+    def unless_broken(self, read: Callable[[], Value], default: Value, sentence: str) -> Value:
+        """Return the value of `read`; if `read` raises WorldError, note the error and return the default.
 
-        This is for elements that the simulation can do without. A broken colour must not refuse a world.
+        This is for elements that the simulation can do without, such as a colour.
         """
         try:
             return read()
         except WorldError as error:
             self._note_at(sentence, str(error))
-            return usual
+            return default
 
     def note_unknown(self) -> None:
-        """Note every child that is neither read nor harmless to leave out."""
-        supported = KNOWN[self.tag].split()
+        """Note every child that KNOWN does not list for this element."""
+        known_tags = KNOWN[self.tag].split()
         for child in self.children():
             # an empty <wind> causes no warning, because Gazebo saves one in every world
             is_default_wind = child.tag == "wind" and not len(child.element)
-            if child.tag not in supported and not is_default_wind:
+            if child.tag not in known_tags and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")
 
     def children(self, tag: Optional[str] = None) -> Iterator[Node]:
-        """The children, or the children of one tag."""
+        """Yield all children, or only the children with one tag."""
         for element in self.element:
             if tag in (None, element.tag):
                 name = element.get("name")
                 label = element.tag if name is None else f"{element.tag} '{name}'"
                 above = f"{self.trail} > " if self.trail else ""
-                trail = "" if element.tag == "world" else above + label
+                trail = "" if element.tag == "world" else above + label  # the trail begins inside the <world>
                 yield Node(element, self.load, self.source, trail)
 
     def child(self, tag: str) -> Optional[Node]:
-        """The first child of a tag, or None."""
+        """Return the first child with a tag, or None."""
         return next(self.children(tag), None)
 
     def required(self, tag: str) -> Node:
-        """The first child of a tag; without one it is a WorldError."""
+        """Return the first child with a tag. Raises WorldError if there is no such child."""
         child = self.child(tag)
         if child is None:
             raise self.error(f"<{self.tag}> needs a <{tag}>")
         return child
 
     def named(self) -> str:
-        """The name attribute; without one it is the element's tag and line, which is noted."""
+        """Return the name of the element; without a name, note this and return its tag and line."""
         name = self.element.get("name", "").strip()
         if not name:
             name = f"{self.tag}_at_line_{getattr(self.element, 'line', 0)}"
@@ -145,7 +145,7 @@ class Node:
         return name
 
     def numbers(self, *counts: int) -> Tuple[float, ...]:
-        """The finite numbers in it, as many as one of `counts`; anything else is a WorldError."""
+        """Return the finite numbers in the text. Raises WorldError if their number is not in `counts`."""
         values = self._finite_numbers()
         if len(values) not in counts:
             amount = " or ".join(str(count) for count in counts)
@@ -154,7 +154,7 @@ class Node:
         return values
 
     def _finite_numbers(self) -> Tuple[float, ...]:
-        """The numbers in it; none if one of them is not a finite number."""
+        """Return the numbers in the text; empty if a word of the text is not a finite number."""
         try:
             values = tuple(map(float, self.text.split()))
         except ValueError:
@@ -173,7 +173,7 @@ class Node:
             return IDENTITY
         if self.element.get("rotation_format") == "quat_xyzw":  # SDF 1.9
             return self._quaternion_pose()
-        # `_finite_numbers` is empty if one of the numbers is not finite; then `numbers` raises the error
+        # `_finite_numbers` is empty if a word is not a finite number; then `numbers` raises the error
         values = self._finite_numbers() or self.numbers(6)
         if len(values) != 6:
             self.note(
@@ -185,7 +185,7 @@ class Node:
         return Pose((x, y, z), quat_from_rpy(*angles))
 
     def _quaternion_pose(self) -> Pose:
-        """Pose from three coordinates and a quaternion xyzw, which may have any length but zero."""
+        """Return the pose of three coordinates and a quaternion xyzw, which is scaled to length 1."""
         x, y, z, *quat = self.numbers(7)
         length = hypot(*quat)
         if not 0.0 < length < inf:
@@ -194,14 +194,14 @@ class Node:
         return Pose((x, y, z), (qx, qy, qz, qw))
 
     def positive(self, count: int = 1) -> Tuple[float, ...]:
-        """`count` numbers greater than zero; anything else is a WorldError."""
+        """Return the numbers in the text. Raises WorldError unless they are `count` numbers above zero."""
         values = self.numbers(count)
         if min(values) <= 0.0:
             raise self.error(f"must be greater than zero, not '{self.text}'")
         return values
 
     def flag(self) -> bool:
-        """The truth value in it; anything else is a WorldError."""
+        """Return the truth value in the text. Raises WorldError for any other text."""
         values = {"1": True, "true": True, "0": False, "false": False}
         if self.text.lower() not in values:
             raise self.error(f"must be true, false, 1 or 0, not '{self.text}'")
@@ -209,7 +209,7 @@ class Node:
 
 
 def minor_version(where: str, version: str) -> int:
-    """Second number of an SDF version. Raises WorldError for a version that is not read."""
+    """Return the number behind the dot of an SDF version. Raises WorldError if VERSIONS does not have it."""
     if version not in VERSIONS:
         raise WorldError(
             f"{where}: SDF version '{version}' is not supported; {VERSIONS[0]} to {VERSIONS[-1]} are"
@@ -218,7 +218,7 @@ def minor_version(where: str, version: str) -> int:
 
 
 def open_sdf(data: Union[str, bytes], source: str, load: Load) -> Node:
-    """Parse a file into its <sdf> element. Raises WorldError on anything else, or another version."""
+    """Return the element <sdf> of a file. Raises WorldError if the file is not SDF of one of VERSIONS."""
     root = Node(parse_xml(data, source), load, source)
     if root.tag != "sdf":
         raise root.error(f"needs <sdf> as its outermost element, not <{root.tag}>")

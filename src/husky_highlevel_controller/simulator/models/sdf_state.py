@@ -16,12 +16,13 @@ class SavedState:
     """State of a saved world, or of a model or link in it; empty if nothing was saved.
 
     Attributes:
-        deletions: names of models that were deleted.
+        deletions: names of models that were deleted from the world before it was saved.
     """
 
     def __init__(self, node: Optional[Node] = None) -> None:
-        """Read a <state>, or a <model> or <link> in one; None if nothing was saved."""
+        """Read a <state>, or a <model> or <link> inside a <state>; None if nothing was saved."""
         self._node = node
+        # saved models and links directly inside `node`, by tag and name
         self._members: Dict[Tuple[str, str], Node] = {}
         for child in node.children() if node else ():
             self._members.setdefault((child.tag, child.element.get("name", "")), child)
@@ -40,14 +41,14 @@ class SavedState:
 
     @property
     def scale(self) -> Vector3:
-        """Factors by which the shapes of the model's links are larger than the model says."""
+        """Saved factors along x, y and z that scale the shapes of the model; 1 if there are none."""
         scale = self._node.child("scale") if self._node else None
         x, y, z = scale.positive(3) if scale else (1.0, 1.0, 1.0)
         return (x, y, z)
 
     @property
     def insertions(self) -> Iterator[Node]:
-        """Holders of models that were inserted."""
+        """Elements <insertions>, which contain models that were inserted into the world."""
         return self._node.children("insertions") if self._node else iter(())
 
 

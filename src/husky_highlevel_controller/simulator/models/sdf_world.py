@@ -2,9 +2,9 @@
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
 
-Joints do not move, so links of a movable model that they join are one body, and a warning says so. Elements
-that the simulation does not use or support are left out, with one warning for each kind. An element that
-would change the scene and cannot be read, such as a size, raises `WorldError`.
+Joints do not move, so the links that they join in a movable model are one body, with a warning. Elements that
+the simulation does not use or support are left out, with one warning for each kind. `WorldError` is raised if
+an element that changes the scene, such as a size, cannot be read.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def load_world(path: Union[str, Path]) -> World:
 
 
 def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
-    """Read the text of an SDF model, called `name`, at a pose in the world; WorldError if it is broken."""
+    """Read an SDF model as the model `name` at a pose in the world. Raises WorldError for a broken text."""
     load = Load()
     try:
         root = open_sdf(text, f"model_xml of '{name}'", load)
@@ -78,7 +78,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
 def find_world(name: str) -> Path:
     """Resolve the name of a world file: an absolute path, or one in this package or GAZEBO_RESOURCE_PATH.
 
-    A path that is not there, such as of a world of Gazebo's, is looked up by its last part, with a warning.
+    If there is no such file, its name without folders is searched in the same folders, with a warning.
 
     Raises:
         WorldError: no file has this name.
@@ -100,7 +100,7 @@ def find_world(name: str) -> Path:
 
 
 def parse_world(data: Union[str, bytes], source: str) -> World:
-    """Read the text of a world file; messages call it `source`. Raises WorldError like `load_world`."""
+    """Read the text of a world file. `source` names it in messages. Raises WorldError like `load_world`."""
     load = Load()
     try:
         root = open_sdf(data, source, load)
@@ -109,7 +109,7 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         for second in list(root.children("world"))[1:]:
             second.note("only the first <world> of a file is read")
         world.note_unknown()
-        # the state of a saved world has poses, names of deleted models, and models that were inserted
+        # the state of a saved world changes poses, deletes models and inserts models
         state = SavedState(world.child("state"))
         place = _Place(FrameScope(world), state)
         bodies = [body for holder in (world, *state.insertions) for body in _bodies_in(holder, place)]
@@ -122,7 +122,7 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
 
 
 def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
-    """Warn if the lidar has nothing to see because something was left out."""
+    """Warn if the world has models, something of them was left out, and nothing is left for the lidar."""
     solids = [part for body in world.bodies for part in body.collisions if not isinstance(part.shape, Plane)]
     if load.model_count and load.missed_by_lidar and not solids:
         log.warning(
@@ -145,15 +145,15 @@ def _log_notes(load: Load) -> None:
 
 @dataclass(frozen=True)
 class _Place:
-    """World, model or link that holds an element."""
+    """World or model that contains an element."""
 
-    frames: FrameScope  # frames of the world or of the model
-    state: SavedState = field(default_factory=SavedState)
+    frames: FrameScope  # frames of the world or model
+    state: SavedState = field(default_factory=SavedState)  # saved state of the world or model
     # name of the model, with the names of the models around it in front, as in "outer::inner"
     full_name: str = ""
     pose_in_world: Pose = IDENTITY
-    static: bool = False
-    self_collides: bool = False
+    static: bool = False  # true if this model, or a model around it, never moves
+    self_collides: bool = False  # true if this model, or a model around it, has <self_collide>
     # assembly that collects the links of the outermost model and of the models in it; None outside of models
     assembly: Optional[Assembly] = None
 
@@ -162,10 +162,10 @@ class _Place:
 
 
 def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
-    """The bodies of all models of a world or model."""
+    """Yield the bodies of all models in a world; models in a model yield none, see below."""
     for model in models_in(holder):
         if model.name in place.state.deletions:
-            continue
+            continue  # this model was deleted before the world was saved
         if place.scoped(model.name) in ROBOTS:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
@@ -179,19 +179,18 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
 
 
 def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], None]) -> Iterator[Body]:
-    """Yield the bodies of a model that is in no other.
+    """Yield the bodies of a model that is not inside another model.
 
     Args:
         model: the model.
-        place: place in the world that holds it.
+        place: world that contains the model.
         read: function that adds the model and the models inside it to the assembly of the place.
     """
     assembly = Assembly(model.name)
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
-    # `_warn_if_lidar_sees_nothing` uses the number of models; a model that has only planes is a ground, and
-    # grounds are not counted
+    # a model that has only planes is a ground, which `model_count` does not count
     is_ground = bool(shapes) and all(isinstance(shape, Plane) for shape in shapes)
     if not is_ground:
         model.node.load.model_count += 1
@@ -199,7 +198,7 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
 
 
 def _read_included(model: Model, place: _Place) -> None:
-    """Read the model of an <include>; WorldError if it includes itself, or after MAX_INCLUDES models."""
+    """Read an included model. Raises WorldError if it includes itself, or if MAX_INCLUDES were read."""
     include = model.include
     assert include is not None  # `_bodies_in` calls this function only for an <include>
     load, file = include.load, model.node.source
@@ -210,7 +209,7 @@ def _read_included(model: Model, place: _Place) -> None:
         raise include.error(
             f"more than {MAX_INCLUDES} models are included; check whether each includes several others"
         )
-    # while the file is on this list, its models may not include the file again, which would never end
+    # while the file is on this list, an <include> of the same file is the error above
     load.open_files.append(file)
     _read_model(model, place)
     load.open_files.pop()
@@ -219,14 +218,13 @@ def _read_included(model: Model, place: _Place) -> None:
 def _read_model(model: Model, parent: _Place) -> None:
     """Add the links, frames and joints of a model to the assembly of the outermost model.
 
-    The model stands where the saved state of the world says, otherwise at its <pose>. A second model of the
-    same name is left out with a note. Models inside the model are added, too.
+    Models inside the model are added, too. A second model of the same name is left out with a note.
     """
     assembly, node, name = parent.assembly, model.node, model.name
     assert assembly is not None  # `_whole_model` has made it for the outermost model
     node.note_unknown()
-    # an <include> without a <name> uses the name in the model file; another <include> of the file may have
-    # taken this name, and then the name gets a number
+    # an <include> without a <name> takes the name in the model file; if another <include> has already taken
+    # this name, the name gets a number
     if model.include and not model.include.child("name"):
         name = _free_name(name, parent, node)
     full_name = parent.scoped(name)
@@ -238,22 +236,7 @@ def _read_model(model: Model, parent: _Place) -> None:
     is_outermost = not parent.full_name  # true if no other model contains this model
     if is_outermost:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
-
-    links = list(node.children("link"))
-    if not (links or node.child("model") or node.child("include")):
-        node.note("a <model> without a <link> is left out")
-    has_one_link = len(links) == 1
-    for link in links:
-        # if a model has only one link, its body has the name of the model, because users know this name
-        body_name = full_name if has_one_link else _claim_link(link, place)
-        body = _read_link(link, place, body_name)
-        # name by which joints and frames refer to the link
-        link_name = place.scoped(link.named()) if has_one_link else body_name
-        if body:
-            assembly.links[link_name] = body
-        if place.self_collides or _is_set(link.child("self_collide")):
-            # this is the name in the file, without the number that `_claim_link` may give
-            assembly.self_colliding.add(place.scoped(link.named()))
+    _read_links(node, place, assembly)
     for frame in node.children("frame"):
         assembly.frames[place.scoped(frame.named())] = place.scoped(frame.element.get("attached_to", ""))
     for joint in node.children("joint"):
@@ -262,13 +245,32 @@ def _read_model(model: Model, parent: _Place) -> None:
         pass  # models inside a model yield no bodies, because they add their links to the assembly
 
 
+def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
+    """Add the links of a <model> to an assembly."""
+    links = list(node.children("link"))
+    if not (links or node.child("model") or node.child("include")):
+        node.note("a <model> without a <link> is left out")
+    has_one_link = len(links) == 1
+    for link in links:
+        # if a model has only one link, its body has the name of the model, because users know this name
+        body_name = model.full_name if has_one_link else _claim_link(link, model)
+        body = _read_link(link, model, body_name)
+        # name by which joints and frames refer to the link
+        link_name = model.scoped(link.named()) if has_one_link else body_name
+        if body:
+            assembly.links[link_name] = body
+        if model.self_collides or _is_set(link.child("self_collide")):
+            # this is the name in the file, without the number that `_claim_link` may give
+            assembly.self_colliding.add(model.scoped(link.named()))
+
+
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
-    """Return the place of a model in its parent; `name` is its free name there."""
+    """Return the place of a model in its parent; `name` is its name there, maybe with a number."""
     # if the saved state of the world has a pose for the model, this pose replaces the <pose>
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")
     return _Place(
-        # a <pose> names a model as the file does, so the frames get that name and not the free name
+        # a <pose> refers to the model by its name in the file, so the frames get this name
         frames=FrameScope(model.node, model.name, parent.frames, pose),
         state=state,
         full_name=parent.scoped(name),
@@ -287,7 +289,7 @@ def _is_set(node: Optional[Node]) -> bool:
 
 
 def _claim_link(link: Node, model: _Place) -> str:
-    """Return a free full name for a link, and take it, so that no other body gets it."""
+    """Return a full name for a link, and reserve this name, so that no other body gets it."""
     name = link.named()
     free = _free_name(name, model, link)
     if free != name:
@@ -297,7 +299,7 @@ def _claim_link(link: Node, model: _Place) -> str:
 
 
 def _free_name(name: str, place: _Place, node: Node) -> str:
-    """Give the second of a name a number; Gazebo's football field has two goals of the same name."""
+    """Return the name, with a number if it is taken: Gazebo's football field has two goals of one name."""
     free, number = name, 1
     while place.scoped(free) in node.load.names:
         free, number = f"{name}_{number}", number + 1
@@ -324,7 +326,7 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
         link.note(f"a link farther than {FARTHEST:g} m from the origin is left out", full_name)
-        # counted for the warning about a world in which nothing is left for the lidar
+        # counted for the warning that the lidar sees nothing
         link.load.missed_by_lidar += 1
         return None
     collisions, mass = tuple(_geometries(link, "collision", model)), _mass(link, model)
@@ -335,21 +337,22 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
 
 
 def _is_near(pose: Pose) -> bool:
-    return all(abs(value) <= FARTHEST for value in pose.position)  # NaN is not
+    return all(abs(value) <= FARTHEST for value in pose.position)  # NaN is not near
 
 
 def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
-    """Pose of a <collision>, <visual> or <inertial> in its link."""
+    """Return the pose of a <collision>, <visual> or <inertial> in its link."""
     pose, frames = part.child("pose"), model.frames
     if pose is None or frame_of(pose) in ("", link.named()):
         return pose.pose() if pose else IDENTITY
+    # the <pose> names another frame of the model, so both poses are found in the model
     return compose(inverse(frames.pose_of(link.child("pose"))), frames.pose_of(pose, link.named()))
 
 
 def _mass(link: Node, model: _Place) -> float:
     """Return the mass of a link [kg], within MASSES; 0 if the model is static.
 
-    It defaults to 1 kg, as in SDF.
+    The mass defaults to 1 kg, as in SDF.
     """
     mass = 1.0
     inertial = link.child("inertial")
@@ -374,7 +377,7 @@ def _mass(link: Node, model: _Place) -> float:
 
 
 def _note_unused_inertia(inertial: Node, link: Node, model: _Place) -> None:
-    """Note an inertia that cannot be read, and a centre of mass; the simulation uses neither."""
+    """Note a broken inertia, and a centre of mass away from the link's origin, which has no effect here."""
     for inertia in inertial.children("inertia"):
         for moment in inertia.children():
             no_numbers: Tuple[float, ...] = ()
@@ -385,12 +388,13 @@ def _note_unused_inertia(inertial: Node, link: Node, model: _Place) -> None:
         IDENTITY,
         "a centre of mass that cannot be read is not used",
     )
+    # a static model does not move, so it needs no centre of mass
     if pose.position != IDENTITY.position and not model.static:
         inertial.note("a centre of mass (<inertial><pose>) away from the link's origin is not supported")
 
 
 def _gravity(world: Node) -> Vector3:
-    """Gravity in the world [m/s^2]: SDF 1.4 says it in <physics>, later versions in <world>."""
+    """Return the gravity in the world [m/s^2], from <world>, or from <physics> as in SDF 1.4."""
     for holder in (world, *world.children("physics")):
         node = holder.child("gravity")
         if node:
@@ -402,9 +406,9 @@ def _gravity(world: Node) -> Vector3:
 
 
 def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
-    """Yield the shapes of a link's <collision>s or <visual>s, `tag`.
+    """Yield the shapes of all elements `tag` (collision or visual) of a link.
 
-    A broken <collision> is a WorldError, but the simulation can do without a <visual>.
+    A broken <visual> is left out with a note, because it is only drawn. A broken <collision> is a WorldError.
     """
     for node in link.children(tag):
         node.note_unknown()
@@ -418,7 +422,7 @@ def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
 
 
 def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
-    """Shape of a <collision> or <visual> at its pose; None, and a note, if it cannot be simulated.
+    """Return the shape of a <collision> or <visual> at its pose; None, and a note, if it is left out.
 
     Raises:
         WorldError: the pose or size of the shape cannot be read, or the size is out of bounds.

@@ -1,6 +1,6 @@
-"""XML of SDF files: read as Gazebo's TinyXML reads it, within the bounds that hostile XML needs.
+"""XML of SDF files: read as Gazebo's parser TinyXML reads it, but harmful XML is refused.
 
-In: bytes or text. Out: elements with their line.
+In: bytes or text. Out: elements with their line numbers.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from defusedxml.ElementTree import DefusedXMLParser
 from husky_highlevel_controller.datatypes import HuskyError
 
 # Parts of a file that Gazebo's XML parser (TinyXML) accepts, but that Python's parser may reject: comments,
-# <?...> and a single &. Each alternative of the pattern reads a byte only once, so the time does not explode.
+# <?...> and a single &. A CDATA section is matched as a whole, so that nothing inside it is replaced. Each
+# alternative of the pattern reads a byte only once, so the time grows only with the size of the file.
 _LOOSE = re.compile(
     rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|<\?(?!xml\s)[^>]*(?:>|\Z)"
     rb"|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
     re.DOTALL,
 )
-_DECLARATION = re.compile(rb"(\s+)(<\?xml\s[^>]*\?>)")
+_DECLARATION = re.compile(rb"(\s+)(<\?xml\s[^>]*\?>)")  # space, and the declaration behind it
+# declaration of an encoding that is not UTF-8
 _OTHER_ENCODING = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"'](?!utf-?8[\"'])", re.IGNORECASE)
-_UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|<\0|\0<")
+_UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|<\0|\0<")  # byte order mark, or `<` in two bytes
 
 
 class WorldError(HuskyError):
@@ -49,7 +51,7 @@ class _LineBuilder(ElementTree.TreeBuilder):
 
 
 def read_bytes(path: Path) -> bytes:
-    """The bytes of a file. Raises WorldError if it cannot be read."""
+    """Return the bytes of a file. Raises WorldError if the file cannot be read."""
     try:
         return path.read_bytes()
     except (OSError, ValueError) as error:
@@ -84,32 +86,32 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
 
 
 def _strict(data: bytes) -> bytes:
-    """Return XML that the standard allows, from XML that TinyXML reads; every line keeps its number.
+    """Return XML that Python's parser accepts, from XML that TinyXML accepts; lines keep their numbers.
 
-    Gone are text before the declaration or after a NUL, `--` in comments, <?word>, and a bare &.
+    It is the same XML without comments, without <?...>, with &amp; for a single &, and up to the first NUL.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
     text, _, _ = text.partition(b"\0")  # TinyXML ends at a NUL byte
-    # _LOOSE matches what TinyXML reads and the standard forbids; `_strict_part` returns its replacement
     text = _LOOSE.sub(_strict_part, text)
     # space before the declaration <?xml ...?> moves behind it, so that the lines keep their numbers
     return _DECLARATION.sub(rb"\2\1", text, count=1) if _DECLARATION.match(text) else text
 
 
 def _strict_part(part: Match[bytes]) -> bytes:
-    """Return what takes the place of a match of _LOOSE, with as many line breaks."""
+    """Return the replacement for a match of _LOOSE, with the same number of line breaks."""
     text = part.group()
     is_comment = text.startswith(b"<!--") and text.endswith(b"-->")
     is_instruction = text.startswith(b"<?") and text.endswith(b">")
     if is_comment or is_instruction:
         return b"\n" * text.count(b"\n")
+    # a CDATA section, and a comment or <?...> without an end, stay as they are
     return b"&amp;" if text == b"&" else text
 
 
 def _encoding_of(data: bytes) -> Optional[str]:
-    """Encoding for the parser: None for the declared one, Latin-1 for bytes that are not UTF-8.
+    """Return the encoding of XML; None if the parser can find it by itself.
 
-    The parser would take bytes without a declaration for UTF-8, and would reject Latin-1.
+    XML that is not UTF-8 and declares no other encoding is read as Latin-1. The parser alone would reject it.
     """
     try:
         data.decode()

@@ -25,7 +25,7 @@ def is_urdf(text: str) -> bool:
 
 
 def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
-    """Return the text of a URDF as one rigid body, static if it has no mass or <gazebo><static> says so.
+    """Return a URDF as one rigid body, which is static without a mass, or with <gazebo><static>.
 
     Args:
         text: the URDF; its joints do not move.
@@ -64,7 +64,7 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
 
 
 def _mass(link: ET.Element, where: str) -> float:
-    """Mass of a link [kg]: 0 if it has none, and 1, as in SDF, if it cannot be used."""
+    """Return the mass of a link [kg]; 0 if there is no <mass>, and 1, as in SDF, if it is not valid."""
     element = link.find("inertial/mass")
     if element is None:
         return 0.0
@@ -101,8 +101,7 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
     # the shape is a mesh, whose sizes are its scale
     uri = element.get("filename", "")
     try:
-        # the text of a spawned URDF comes from no file, so it has no source in whose folder a relative path
-        # could start
+        # a relative path would begin in the folder of the source file, but this text comes from no file
         return scaled_mesh(files.read(uri, source=""), (x, y, z))
     except MeshError as error:
         log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
