@@ -52,7 +52,7 @@ MIN_INCREMENT = 1e-6  # [rad] a scan with a smaller angle between its beams is n
 # [rad] the angles of a full turn may exceed 2 pi by this, because they are 32-bit numbers
 TURN_TOLERANCE = 0.01
 # [m] if even the nearest return is farther than this, the ranges are probably in millimetres
-MAX_NEAREST = 200.0
+MAX_NEAREST_RETURN = 200.0
 MILLIMETRES = (100.0, 60000.0)  # [mm] usual limits of ranges that a driver sends in millimetres by mistake
 MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is probably in millimetres
 
@@ -117,8 +117,8 @@ def scan_from_msg(msg: LaserScan) -> Scan:
         scan_time=msg.scan_time,
     )
     # a scan in millimetres has a very large range_max, or ranges beyond range_max, which are not valid. The
-    # check takes time, so it is left out for all other scans
-    if scan.range_max > MAX_NEAREST or not scan.valid_count:
+    # check takes time, so it is left out for all other scans, whose returns are all within MAX_NEAREST_RETURN
+    if scan.range_max > MAX_NEAREST_RETURN or not scan.valid_count:
         _check_unit(scan)
     return scan
 
@@ -165,7 +165,7 @@ def _check_unit(scan: Scan) -> None:
     # true if the ranges are usual in mm, and range_max is too large for metres
     smallest_mm, largest_mm = MILLIMETRES
     look_like_mm = scan.range_max > MAX_RANGE_MAX and smallest_mm <= low and high <= largest_mm
-    if low > MAX_NEAREST or look_like_mm:  # a real scan in metres has a nearer return than MAX_NEAREST
+    if low > MAX_NEAREST_RETURN or look_like_mm:
         raise ScanError(
             f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = "
             f"{scan.range_max:g} m; check that they are in metres"

@@ -1,7 +1,7 @@
 """ROS graph, from the answers of the master and the nodes.
 
-In: the address of a ROS master. Out: topics with their nodes and types. Only the standard library, because
-`./dev doctor` asks too.
+In: the address of a ROS master. Out: topics with their nodes and types. This module imports only the standard
+library, because `./dev doctor` uses it, too.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
 
 
 def read_absent_services(master_uri: str) -> List[Sequence[str]]:
-    """Return services that do not exist, by `./dev launch`'s master; none from another master.
+    """Return the services that nodes asked for in vain: node and name of each service.
 
-    Each has the node that asked for it, and its name.
+    Only the master of `./dev launch` has this list. With any other master, the result is empty.
     """
     return list(ask(master_uri, "getAbsentServices", CALLER) or ())
 
 
 def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
-    """Return parameters that no node has read, by `./dev launch`'s master; none from another master.
+    """Return the unread parameters: node, name of the set parameter, name that the node asked for in vain.
 
-    Each has the node below whose name it is set, its name, and the one that the node asked for in vain.
+    Only the master of `./dev launch` has this list. With any other master, the result is empty.
     """
     return list(ask(master_uri, "getUnreadParams", CALLER) or ())
 

@@ -40,7 +40,7 @@ def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
 
 
 def publish(publisher: Any, message: Any, **options: Any) -> None:
-    """Publish a message, unless the node is shutting down, when a callback may still run.
+    """Publish a message. A message that a callback publishes while the node shuts down may be lost.
 
     rospy closes topics before `is_shutdown()` is true; `is_shutdown_requested()` is true from the signal on.
     """

@@ -1,8 +1,8 @@
 """ROS master of `./dev launch`, which also lists parameters and services that nodes ask for in vain.
 
 It lists parameters that are set and that their node never reads, and services that no node offers.
-Any other master writes the requests for parameters nowhere (rosmaster 1.15.15 has them in its log only with
---master-logger-level debug, with every other call and answer). So nothing is found if a plain roscore runs.
+A plain roscore keeps no list of the requests, so nothing is found with it. (rosmaster 1.15.15 logs requests
+only with --master-logger-level debug, among all other calls and answers.)
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Request(NamedTuple):
 
 
 def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterator[UnreadParameter]:
-    """Yield the parameters below a node's name that no node has read, if it asked for a like one in vain.
+    """Yield each unread parameter below a node's name, if the node asked in vain for a similar name.
 
     Args:
         names: names of all parameters that are set.
@@ -56,7 +56,7 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
         if owner is None or is_read:
             continue
-        # the likest of the parameters that the owner asked for in vain; it probably means the set parameter
+        # the owner probably means the set parameter by the most similar name that it asked for in vain
         likeness_and_absent = [(_likeness(name, absent, owner), absent) for absent in absent_by_node[owner]]
         best, likest = max(likeness_and_absent)
         if best >= MIN_LIKENESS:
@@ -66,7 +66,8 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
 def _likeness(name: str, asked: str, node: str) -> float:
     """Return the likeness of a parameter that is set and one that a node asked for in vain, 0 to 1.
 
-    The names can be alike only if the node asked in the namespace of the set parameter, or in its own.
+    The likeness is 0 if the node asked in a namespace that is neither the namespace of the set parameter nor
+    the namespace of the node.
 
     Args:
         name: full name of the set parameter, which lies below the node's name.
@@ -123,11 +124,11 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         return code, message, value
 
     def setParam(self, caller_id: str, key: str, value: Any) -> Tuple[int, str, int]:  # noqa: N802
-        """Answer as every master; a parameter that a node sets below its own name counts as read."""
+        """Answer as every master. A parameter that a node sets below its own name counts as read by it."""
         answer = super().setParam(caller_id, key, value)
         self._forget_unread()
         if answer[0] == 1 and resolve_name(key, caller_id).startswith(f"{caller_id}/"):
-            self._note(caller_id, key, True)
+            self._note(caller_id, key, is_found=True)
         return answer
 
     def deleteParam(self, caller_id: str, key: str) -> Tuple[int, str, int]:  # noqa: N802

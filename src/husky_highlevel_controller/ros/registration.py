@@ -35,7 +35,7 @@ LOST = (
 
 
 class Registration:
-    """Registration of this node by its master's answers; once lost it stays lost, until the node ends."""
+    """Registration of this node, judged by the master's answers. A lost registration stays lost."""
 
     def __init__(self) -> None:
         self.is_lost = False
@@ -51,8 +51,8 @@ class Registration:
         code, uri = self._ask("lookupNode", name)
         is_known = code == SUCCESS and uri == rospy.get_node_uri()
         if is_known:
-            # the name of a node does not prove its registration, because a subscription to a parameter also
-            # makes the name known
+            # The name of a node does not prove its registration, because a subscription to a parameter also
+            # makes the name known. Every node of rospy offers the service get_loggers.
             code, _ = self._ask("lookupService", f"{name}/get_loggers")
             is_known = code == SUCCESS
         if code == NO_ANSWER or rospy.core.is_shutdown_requested():

@@ -1,8 +1,8 @@
 """Start of RViz if a display answers, and a second start if it crashes, as RViz 1.14 sometimes does.
 
-In: a command line, as roslaunch's launch-prefix hands it over. Out: the program's exit code.
+In: the command line that roslaunch appends to a launch-prefix. Out: the program's exit code.
 
-RViz opens a copy of its configuration file. With Ctrl+S it would change the file in the checkout otherwise.
+RViz opens a copy of its configuration file. Otherwise Ctrl+S would change the file in the checkout.
 
 Measured on Debian 12 without a graphics card: 1 of 70 starts beside busy loops crashed, none of 65
 without them. Mesa's llvmpipe damages the heap while it compiles; its softpipe, slower, does not
@@ -33,8 +33,8 @@ def display_problem(display: str) -> Optional[str]:
     """Return a sentence on an X display that cannot be reached; None if it answers.
 
     Args:
-        display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP. Other forms are taken to answer, and
-            so is an empty value.
+        display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP. An empty value and other forms are
+            not checked, and cause no sentence.
     """
     # the value is :N or :N.SCREEN, perhaps behind "unix", for a local display; it is HOST:N for a display on
     # the network
@@ -125,4 +125,4 @@ def main() -> None:
     if problem:
         raise SystemExit(f"{Path(sys.argv[1]).name} is not started: {problem}")
     code = run_again_after_crash(with_own_config(sys.argv[1:]))
-    raise SystemExit(code if code >= 0 else 128 - code)
+    raise SystemExit(code if code >= 0 else 128 - code)  # 128 + the signal, as a shell reports it

@@ -8,7 +8,7 @@ of runs).
 
 Only a node whose callbacks never wait may use this module, because a callback that waits delays all topics.
 
-test_shared_receiver.py pins what is used of rospy.
+test_shared_receiver.py tests the parts of rospy that this module replaces or calls.
 """
 
 from __future__ import annotations

@@ -21,8 +21,7 @@ def lookup_transform(
 ) -> Optional[TransformStamped]:
     """Transform of a child frame in its parent frame at a time; the latest one if None.
 
-    Leading slashes of the child are taken off, because frames in messages may have one, as before tf2. The
-    parent is a frame that the caller chooses.
+    Leading slashes of the child are taken off, because frames in messages may have one, as before tf2.
 
     Returns:
         None if TF has no such transform, a frame's name is illegal, or the pose is not finite or

@@ -1,21 +1,21 @@
 """Transport of topics and services, because rospy's own is slow, or waits for a peer that sends nothing.
 
-Sending: directly if the socket has room, by a queue otherwise. rospy hands every message of a publisher with
-a queue to a thread of each subscriber, and waking that thread takes four times as long as sending. Here the
-queue is used only while a subscriber is busy, so that one that hangs delays no other.
+Sending: a message is sent at once if the socket has room. rospy hands every message of a publisher with a
+queue to a thread of each subscriber, and waking that thread takes four times as long as sending. Here the
+queue and its thread work only while a subscriber is busy, so a subscriber that hangs delays no other.
 
-Replacing rospy's class is worth it. Without it, median of four pairs of runs on a busy machine: simulator
-+16 % and controller +12 % of CPU time at real time, +28 % and +20 % in lockstep; scan to cmd_vel +8 % (p50),
-+11 % (p99).
+Replacing rospy's class is worth it. With rospy's class, the simulator needs 16 % and the controller 12 % more
+CPU time at real time, and 28 % and 20 % more in lockstep. The time from a scan to its command is 8 % longer
+(p50; p99 11 %). These are medians of four pairs of runs on a busy machine.
 
-Accepting: each connection has a thread and a deadline. rospy reads the header of a connection in the thread
-that accepts them, without a deadline: with one TCP connection that says nothing, measured, no service of the
-node answered and no subscriber got in for as long as it was open, `start_stop` among them.
+Accepting: each connection has a thread and a deadline. rospy reads the headers of all connections in one
+thread, without a deadline. So one TCP connection that sent nothing blocked all services of the node, such as
+`start_stop`, and all new subscribers for as long as it was open (measured).
 
-Starting: the wait for the registration looks every millisecond. rospy's own look comes at once, mostly too
-early, and the next one comes 0.1 s later, which is a twelfth of a launch.
+Starting: the wait for the registration checks every millisecond. rospy checks at once, mostly too early, and
+then only 0.1 s later, which is a twelfth of the time that a launch takes.
 
-test_transport.py pins what is used of rospy.
+test_transport.py tests the parts of rospy that this module replaces.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class PromptConnection(QueuedConnection):
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
-        """Send or queue a message."""
+        """Send a message, or queue it while the socket is busy. Return True, as rospy's method does."""
+        # if another thread holds the lock, it is writing to the socket, so this message goes into the queue
         if self._write_lock.acquire(blocking=False):
             try:
                 if not self._queue and not self._unsent and self._connection.socket is not None:
@@ -131,7 +132,7 @@ _START = XmlRpcNode.start
 
 
 def replace_transport() -> None:
-    """Let every publisher and server of this process work so; call it before the first is made."""
+    """Let every publisher and server of this process use this transport; call it before the first is made."""
     rospy.topics.QueuedConnection = PromptConnection
     tcpros_base.read_ros_handshake_header = _read_header
     tcpros_base.TCPROSServer._tcp_server_callback = _accept

@@ -34,7 +34,7 @@ STANDING_TIME = 1.0  # [s] simulated time for which a robot must stand at an obj
 
 @dataclass(frozen=True)
 class ExitConfig:
-    """End of a drive that does not arrive."""
+    """Time after which a robot that has not arrived ends the run."""
 
     deadline: float = number(0.1, 1e6, "time limit of the run, simulated [s]", default=120.0)
 
@@ -58,7 +58,7 @@ class ArrivalExit:
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
         self._arrived = False  # true after an arrival, which ends `run`
         # true if the robot has driven; stamp [s] of odometry at which the robot came to a stop, inf while it
-        # moves
+        # moves and before the first message of odometry
         self._has_driven, self._standing_since = False, inf
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
         # subscriber of the scans; None until the robot has driven and stopped
@@ -140,7 +140,7 @@ class ArrivalExit:
             )
 
     def _on_scan(self, message: LaserScan) -> None:
-        """Measure the clearance, if the scan was made since the robot stands."""
+        """Measure the clearance, if the scan was made after the robot had stopped."""
         try:
             scan = conversions.scan_from_msg(message)
         except conversions.ScanError:

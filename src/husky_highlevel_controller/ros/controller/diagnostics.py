@@ -29,7 +29,7 @@ STILL_POLLS = 5
 
 @dataclass(frozen=True)
 class Health:
-    """Figures that the status is judged by."""
+    """Data from which the status is made."""
 
     paused: bool  # true if simulated time stands still
     scan_silence: Optional[float]  # [s] time since the last scan came; None before the first
@@ -39,16 +39,16 @@ class Health:
     scan_rate: Optional[float]
     scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
     scan_frame: str
-    mounted: bool  # true if TF has a transform from the lidar to base_link
+    has_lidar_transform: bool  # true if TF has a transform from the lidar to base_link
     # [s] time since the last new transform odom -> base_link came; None if TF has no such transform
     tf_silence: Optional[float]
     tf_age: float  # [s] age of the latest transform odom -> base_link, by its stamp
-    ahead: float  # [s] time by which the scans' clock is ahead of odometry's clock
+    scans_ahead: float  # [s] time by which the scans' clock is ahead of odometry's clock
     state: State
     pillar: str  # state of the pillar: "seen", "remembered" or "unknown"
     reason: str = ""  # reason of the controller's last command
-    disobeyed: str = ""  # sentence on why the robot does not follow the commands; empty if it follows them
-    absence: str = ""  # sentence on why no scans come; empty if unknown
+    disobedience: str = ""  # sentence on why the robot does not follow the commands; empty if it follows them
+    scan_absence: str = ""  # sentence on why no scans come; empty if unknown
 
 
 def level_and_message(health: Health) -> Tuple[int, str]:
@@ -61,9 +61,9 @@ def level_and_message(health: Health) -> Tuple[int, str]:
     error = _error(health)
     if error is not None:
         return DiagnosticStatus.ERROR, error
-    # `ahead` is 0 unless the clocks of scans and odometry differ by more than a tolerance
-    if health.ahead > 0.0:
-        return DiagnosticStatus.WARN, clock_sentence("scans are", health.ahead, "odometry")
+    # `scans_ahead` is 0 unless the clocks of scans and odometry differ by more than a tolerance
+    if health.scans_ahead > 0.0:
+        return DiagnosticStatus.WARN, clock_sentence("scans are", health.scans_ahead, "odometry")
     # a stamp of 0 means that the driver of the lidar does not set stamps
     if health.scan_stamp == 0.0 and health.scan_age > OLD:
         return DiagnosticStatus.WARN, zero_sentence("scans are")
@@ -75,8 +75,8 @@ def level_and_message(health: Health) -> Tuple[int, str]:
         return DiagnosticStatus.WARN, "scans come late"
     if health.tf_age > OLD:
         return DiagnosticStatus.WARN, "odometry comes late"
-    if health.disobeyed:
-        return DiagnosticStatus.WARN, health.disobeyed
+    if health.disobedience:
+        return DiagnosticStatus.WARN, health.disobedience
     if health.state is State.WAITING and health.reason:
         return DiagnosticStatus.WARN, health.reason
     # a robot that was stopped needs no pillar
@@ -88,15 +88,15 @@ def level_and_message(health: Health) -> Tuple[int, str]:
 def _error(health: Health) -> Optional[str]:
     """Sentence on the first cause why the robot does not drive as it should, with the remedy; or None."""
     if health.scan_silence is None or health.scan_silence > TOO_OLD:
-        return health.absence or "no scans; check that the lidar is on and ~scan_topic_name is its topic"
+        return health.scan_absence or "no scans; check that the lidar is on and ~scan_topic_name is its topic"
     if health.scan_fault:
         return f"standing still: {health.scan_fault}; check the driver of the lidar"
-    if not health.mounted:
+    if not health.has_lidar_transform:
         return frame_sentence(health.scan_frame)
     if health.tf_silence is None or health.tf_silence > TOO_OLD:
         return "no transform from odom to base_link; check that odometry is running"
-    if health.ahead > MAX_OFFSET:
-        return f"standing still: {clock_sentence('scans are', health.ahead, 'odometry')}"
+    if health.scans_ahead > MAX_OFFSET:
+        return f"standing still: {clock_sentence('scans are', health.scans_ahead, 'odometry')}"
     # Scans still come, because `scan_silence` was tested above. So a very old stamp is taken as a stamp of
     # another clock. A stamp of 0 is a missing stamp, which causes only a warning. A negative time means
     # "behind".
@@ -143,6 +143,7 @@ class Diagnostics:
             # not have advanced yet
             self._still_polls += 1
         self._last_time = now
+        # a pause changes the status (`level_and_message`), so its begin and its end are published at once
         pauses_now = self._still_polls == STILL_POLLS
         resumes_now = was_paused and self._still_polls == 0
         is_due_at_once = self._new_subscribers.take() or has_changed or pauses_now or resumes_now
@@ -178,7 +179,7 @@ def _values(health: Health) -> List[KeyValue]:
     return [
         KeyValue("scan age", number(health.scan_age, "s")),
         KeyValue("since the last scan", number(health.scan_silence, "s")),
-        KeyValue("scans ahead of odometry", number(health.ahead, "s")),
+        KeyValue("scans ahead of odometry", number(health.scans_ahead, "s")),
         KeyValue("scan rate", number(health.scan_rate, "Hz")),
         KeyValue("TF age", number(health.tf_age, "s")),
         KeyValue("state", health.state.value),

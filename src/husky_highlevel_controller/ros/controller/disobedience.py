@@ -1,4 +1,4 @@
-"""Causes why the robot does not follow the controller's commands, as far as the network shows them.
+"""Reasons why the robot does not follow the controller's commands, as far as the ROS graph shows them.
 
 In: the ROS graph, the simulator's emergency stop. Out: a sentence.
 """
@@ -18,7 +18,7 @@ PAGE = "husky_web"
 
 
 class Disobedience:
-    """Asks who may take the commands; it waits for the master, so a callback does not call it."""
+    """Finds why the commands have no effect; must not run in a callback, because it waits for the master."""
 
     def __init__(self, robot: Robot, commands: rospy.Publisher) -> None:
         """Watch the emergency stop; `commands` is the controller's publisher of commands."""
@@ -38,7 +38,7 @@ class Disobedience:
         """Return the first cause that applies, as the end of a sentence.
 
         The causes are: no subscriber, the emergency stop, a node on an input of higher priority. If none of
-        them applies, the text names what a person should check. It waits for the master's answer.
+        them applies, the text names what a person should check.
         """
         topic = self._commands.resolved_name
         if not self._commands.get_num_connections():

@@ -39,8 +39,8 @@ ARRAY_PERIOD = 0.099
 PATH_STEP = 0.1  # [m] distance between two points of the driven path
 PATH_POINTS = 1000  # largest number of points of the driven path; if there are more, the oldest are removed
 ABOVE_ROBOT = 1.0  # [m] height above base_link of the text with the state, if no pillar is known
-# [rad], [m] text is made so large that it looks TEXT_ANGLE high to a camera that is CAMERA_BEHIND behind the
-# robot, as in rviz/controller.rviz
+# [rad] angle that the text's height covers in the view of a camera; [m] distance of the camera from the robot
+# in rviz/controller.rviz
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
 # Factor on the size of the cylinder in the laser's frame. Without it, this cylinder and the cylinder in odom
 # would be equal and flicker in RViz. With it, this cylinder is inside the cylinder in odom, and visible only
@@ -108,11 +108,11 @@ class Display:
         return [link.endpoint_id for link in self._marker_publisher.impl.connections]
 
     def update(self) -> None:
-        """Show the last scan again to a new subscriber: a paused world has no other. Call it often."""
+        """Show the last scan again to a new subscriber, because no new scan may come. Call it often."""
         if self._new_subscribers.take():
             with self._lock:
                 if self._last_shown is not None:
-                    self._array_stamp = -inf
+                    self._array_stamp = -inf  # otherwise ARRAY_PERIOD would leave the array out
                     self._show(*self._last_shown)
 
     def _show(
@@ -245,7 +245,10 @@ def _pillar_markers(
 
 
 def _height_in_laser(observation: Observation, height: float) -> float:
-    """The z of a height above base_link [m] in the frame of a level lidar, which may be upside-down."""
+    """Convert a height above base_link to z in the frame of a level lidar [m]; 0 if its pose is unknown.
+
+    The lidar may be upside-down.
+    """
     if observation.laser_in_base is None:
         return 0.0
     x, y, _ = observation.laser_in_base.position

@@ -359,10 +359,11 @@ class ControllerNode:
             rospy.logwarn(output.reason)
 
     def _state(self) -> State:
-        """State by the last scan, unless the service has changed it since: a paused world has no scan."""
+        """State by the last scan, corrected if the start/stop service was called since this scan."""
         state = self._controller_state.state
         if not self._enabled:
             return State.STOPPED
+        # STOPPED is out of date, because the robot was started after the last scan
         return State.WAITING if state is State.STOPPED else state
 
     def _examine(self, paused: bool) -> Health:
@@ -389,15 +390,15 @@ class ControllerNode:
             scan_rate=(len(stamps) - 1) / span if span > 0.0 else None,
             scan_fault=self._scan_fault,
             scan_frame=self._scan_frame,
-            mounted=self._placement.lookup(BASE, self._scan_frame) is not None,
+            has_lidar_transform=self._placement.lookup(BASE, self._scan_frame) is not None,
             tf_silence=None if self._tf_time is None else now - self._tf_time,
             tf_age=now - tf_stamp,
-            ahead=self._placement.ahead,
+            scans_ahead=self._placement.ahead_of_odometry,
             state=self._state(),
             pillar=self._pillar_status,
             reason=self._reason,
-            disobeyed=self._disobedience_reason,
-            absence=self._absence_reason,
+            disobedience=self._disobedience_reason,
+            scan_absence=self._absence_reason,
         )
 
 

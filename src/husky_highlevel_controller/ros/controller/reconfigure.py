@@ -1,4 +1,4 @@
-"""Gains and limits that may change while the node runs: dynamic_reconfigure over the frozen records."""
+"""Gains and limits that may change while the node runs: dynamic_reconfigure for frozen dataclasses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dynamic_reconfigure.server import Server
 
 
 class ReconfigureServer:
-    """The records in force; a reader gets a consistent set of them."""
+    """Present gains and limits, as records; every change replaces all records at once."""
 
     def __init__(self, kind: Any, *records: Any) -> None:
         """Serve the parameters of records; `kind` is the module that catkin makes from the .cfg."""

@@ -1,4 +1,4 @@
-"""Cause why no scans come, as far as the network shows it.
+"""Reason why no scans come, as far as the ROS graph shows it.
 
 In: the ROS graph. Out: a sentence.
 """
@@ -16,34 +16,33 @@ PATIENCE = 5.0  # [s] ROS time without a scan after which the node asks the ROS 
 
 
 class ScanAbsence:
-    """Asks who publishes the scans while none come; no callback calls it, because it waits for the master."""
+    """Asks the master who publishes the scans if none come; must not run in a callback, because it waits."""
 
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        # [s] ROS time of the last question to the ROS master; before the first question, begin of the time
-        # without scans; None while scans come
-        self._asked_at: Optional[float] = None
+        # [s] ROS time of the last question to the master, or of the begin of the time without scans if there
+        # was no question yet; None while scans come. The next question comes PATIENCE later
+        self._waiting_since: Optional[float] = None
         self._sentence = ""
 
     def update(self, now: float, scan_time: Optional[float]) -> str:
         """Return why no scans come; empty if they come, or if a node publishes them.
 
         Args:
-            now: ROS time [s]; 0 while there is none.
+            now: ROS time [s]; 0 before the first message on /clock.
             scan_time: ROS time when the last scan came [s]; None before the first.
         """
         scans_come = scan_time is not None and 0.0 <= now - scan_time < PATIENCE
         if scans_come:  # scans come, so an earlier reason is forgotten
-            self._asked_at, self._sentence = None, ""
+            self._waiting_since, self._sentence = None, ""
         # the time may go back, because the simulator may have been started again
-        elif self._asked_at is None or now < self._asked_at:
-            # the time without scans begins now, so the first question comes PATIENCE later. While there is no
-            # ROS time (0), it does not begin
-            self._asked_at = now or None
-        elif now - self._asked_at >= PATIENCE:
+        elif self._waiting_since is None or now < self._waiting_since:
+            # the time without scans begins now, but not while the ROS time is still 0
+            self._waiting_since = now or None
+        elif now - self._waiting_since >= PATIENCE:
             graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
-            self._asked_at = now
+            self._waiting_since = now
             self._sentence = absence_sentence(graph, self._topic) if graph else ""
         return self._sentence
 

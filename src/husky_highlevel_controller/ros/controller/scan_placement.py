@@ -64,7 +64,7 @@ class _PendingScan(NamedTuple):
 class ScanPlacement:
     """Turns every scan into one observation, as soon as TF has the pose of its stamp.
 
-    At most one scan is pending. Of the scans that arrive meanwhile the newest is kept, and is the next.
+    At most one scan is pending. Only the newest of the scans that arrive meanwhile is kept, as the next one.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class ScanPlacement:
         self._pending_scan: Optional[_PendingScan] = None
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
-        # stamp of the latest transform when a scan had waited too long; until a newer transform comes, later
-        # scans do not wait. None if no scan has waited too long
+        # stamp of the newest transform when the last overdue scan gave up waiting; later scans do not wait
+        # until a newer transform comes. None if no scan was overdue
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
@@ -103,8 +103,8 @@ class ScanPlacement:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
             if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed
                 self._clock_offset.add_reference(odometry_stamp)
-            # the stamp is compared with the newest stamp of odometry; the wall time tells how long scans have
-            # been compared
+            # compares the scan's stamp with the newest stamp of odometry; the wall time is for the length of
+            # the window in which stamps are compared
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
             # a smaller stamp means that the simulator was started again
@@ -149,8 +149,8 @@ class ScanPlacement:
         return lookup_transform(self._transforms, parent, child, stamp)
 
     @property
-    def ahead(self) -> float:
-        """Time by which the scans' clock is ahead of odometry's [s]; 0 if it is not."""
+    def ahead_of_odometry(self) -> float:
+        """Time by which the scans' clock is ahead of odometry's clock [s]; 0 if it is not ahead."""
         return max(self._clock_offset.seconds, 0.0)
 
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
@@ -173,16 +173,16 @@ class ScanPlacement:
             return None
         base_in_odom = pose_to_2d(pose_from_transform(transform)) if transform else None
         return Observation(
-            pending.scan, self._laser_in_base(frame), base_in_odom, self._footprint, self.ahead
+            pending.scan, self._laser_in_base(frame), base_in_odom, self._footprint, self.ahead_of_odometry
         )
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
         """Return whether to wait for a better transform of base_link in odom, and the best one so far.
 
-        The best one is the transform at the stamp. The latest one takes its place in three cases, in which no
-        better one comes in time: TF has passed the stamp without it, odometry has stopped, or the scans'
-        clock is ahead of odometry's clock (`ahead` is above 0). A transform with stamp 0 is fixed, so it
-        never gets old. The result is None if TF has no transform, or if the latest one is older than MAX_AGE.
+        The best transform is the one at the stamp. The latest transform is used instead if the best one will
+        not come: TF has passed the stamp without it, odometry has stopped, or the scans' clock is ahead of
+        odometry's clock. The transform is None if TF has none, or if the latest one is older than MAX_AGE. A
+        transform with stamp 0 is fixed, so it never gets old.
 
         Args:
             stamp: stamp of the scan.
@@ -201,12 +201,12 @@ class ScanPlacement:
             if exact is not None or has_passed:
                 return False, exact or latest
         # TF has not reached the stamp yet. A wait is in vain if odometry has stopped, or if the scans' clock
-        # is ahead of odometry's (otherwise `ahead` is 0)
-        has_stopped = self._has_odometry_stopped(newest_stamp, overdue)
-        must_wait = not has_stopped and not self.ahead
+        # is ahead of odometry's clock
+        has_stopped, ahead = self._has_odometry_stopped(newest_stamp, overdue), self.ahead_of_odometry
+        must_wait = not has_stopped and not ahead
         # the last pose of odometry that has stopped is not used after MAX_AGE, because the robot would drive
         # blindly; a fixed transform, with stamp 0, does not age
-        age = (stamp - newest_stamp).to_sec() - self.ahead  # [s] age of the pose by odometry's clock
+        age = (stamp - newest_stamp).to_sec() - ahead  # [s] age of the pose by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
         return must_wait, None if is_old else latest
 

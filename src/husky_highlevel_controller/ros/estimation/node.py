@@ -169,14 +169,14 @@ class LocalizationNode:
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
         """Return the poses of a message's frames; None, with a warning, if TF does not have one of them.
 
-        The frame of the poses of odometry matters only if the filter uses these poses as they are.
+        A message of odometry has two frames: the frame of its velocities, and the frame of its pose.
         """
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
-        # frame of the sensor, which every reading needs for its velocities
+        # the frame of the sensor is always needed, because the velocities are in it
         parents_and_children = [(options.base_link_frame, sensor)]
-        # `config[:6]` says which parts of the pose are used. Their frame is needed, too, unless the filter
-        # uses only the difference of two poses.
+        # The frame of the pose is needed only if the filter uses a part of the pose (`config[:6]`) as it is.
+        # With `differential`, the filter uses only the difference of two poses, which needs no frame.
         if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
             parents_and_children.append((options.odom_frame, msg.header.frame_id))
         poses = []
@@ -189,8 +189,7 @@ class LocalizationNode:
                 self._complain(name, "transform", f"TF has no transform from '{child}' to '{parent}'")
                 return None
             poses.append(conversions.pose_from_transform(stamped))
-        # the pose of the sensor; then the pose of the frame of its poses, if this frame is needed
-        return Mounting(*poses)
+        return Mounting(*poses)  # a missing second pose means that this frame is odom itself
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Put the filter's pose where a message says.

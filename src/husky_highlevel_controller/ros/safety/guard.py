@@ -57,7 +57,7 @@ class Guard:
 
         Args:
             config: the service to call.
-            robot: its twist_mux obeys another input before the controller's input, which is the weakest.
+            robot: names of its topics; zero commands have priority over the controller's commands.
             clock_tolerance: largest offset between the clocks of a sensor and odometry that counts as 0 [s].
             on_odometry: also called with stamp [s] and twist of every odometry message.
             queue_size: number of odometry messages that wait; with 1, only the newest counts.
@@ -166,7 +166,7 @@ class Guard:
     def _call(self) -> Optional[str]:
         """Call the service. Return the reason of a failure, or None."""
         try:
-            answer = rospy.ServiceProxy(self._stop_service, SetBool)(False)
+            answer = rospy.ServiceProxy(self._stop_service, SetBool)(False)  # false stops the controller
         except (rospy.ServiceException, rospy.ROSException) as error:
             return str(error)
         return None if answer.success else f"it answered '{answer.message}'"

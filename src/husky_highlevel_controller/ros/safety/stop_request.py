@@ -1,7 +1,7 @@
 """Stop request of a guard: calls the stop service until it is answered, and commands zero meanwhile.
 
-The service is called in threads of its own, so that neither a sensor's callback nor the repetition hangs with
-a server that accepts a call and never answers.
+Each call of the service has a thread of its own. So a server that accepts a call and never answers blocks
+neither the callbacks of the sensors nor the next call.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ZERO_DELAY = 0.2
 # [s] wall time between two zero commands; it is short, because twist_mux no longer obeys a topic that was
 # silent for 0.5 s
 ZERO_PERIOD = 0.05
-MAX_HUNG_CALLS = 5
+MAX_HUNG_CALLS = 5  # largest number of calls that may hang at the same time; then no new call is made
 
 
 class StopRequest:

@@ -15,8 +15,8 @@ from husky_highlevel_controller.ros.controller.display import how_to_drive_again
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WELL = Health(
     paused=False, scan_silence=0.01, scan_age=0.02, scan_stamp=1000.0, scan_rate=50.0, scan_fault="",
-    scan_frame="front_laser", mounted=True, tf_silence=0.01, tf_age=0.02, ahead=0.0, state=State.DRIVING,
-    pillar="seen",
+    scan_frame="front_laser", has_lidar_transform=True, tf_silence=0.01, tf_age=0.02, scans_ahead=0.0,
+    state=State.DRIVING, pillar="seen",
 )  # fmt: skip
 
 
@@ -26,8 +26,8 @@ WELL = Health(
         ({}, OK, "driving"),
         ({"scan_silence": None}, ERROR, "no scans"),
         ({"scan_silence": 2.5}, ERROR, "no scans"),
-        ({"scan_silence": None, "absence": "no node publishes"}, ERROR, "no node publishes"),
-        ({"absence": "no node publishes"}, OK, "driving"),
+        ({"scan_silence": None, "scan_absence": "no node publishes"}, ERROR, "no node publishes"),
+        ({"scan_absence": "no node publishes"}, OK, "driving"),
         ({"scan_stamp": 0.0, "scan_age": 1e9}, WARN, "scans are stamped 0; set the stamps in their driver"),
         ({"scan_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock; set the clocks"),
         ({"scan_age": 5.0, "tf_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock"),
@@ -39,18 +39,22 @@ WELL = Health(
             ERROR,
             "no transform from odom to base_link; check that odometry is running",
         ),
-        ({"ahead": 0.3}, WARN, "scans are stamped 0.30 s ahead of odometry; set the clocks (chrony)"),
+        ({"scans_ahead": 0.3}, WARN, "scans are stamped 0.30 s ahead of odometry; set the clocks (chrony)"),
         (
-            {"ahead": 2.0, "scan_age": -2.0},
+            {"scans_ahead": 2.0, "scan_age": -2.0},
             ERROR,
             "standing still: scans are stamped 2.00 s ahead of odometry",
         ),
         (
-            {"mounted": False, "scan_frame": ""},
+            {"has_lidar_transform": False, "scan_frame": ""},
             ERROR,
             "scans have no frame_id; set it in the driver of the lidar",
         ),
-        ({"mounted": False, "scan_frame": "laser"}, ERROR, "no transform from 'laser' to 'base_link'"),
+        (
+            {"has_lidar_transform": False, "scan_frame": "laser"},
+            ERROR,
+            "no transform from 'laser' to 'base_link'",
+        ),
         (
             {"scan_fault": "a scan has range_max = 0.0 m"},
             ERROR,
@@ -59,7 +63,7 @@ WELL = Health(
         ({"scan_age": 0.7}, WARN, "scans come late"),
         ({"tf_age": 0.7}, WARN, "odometry comes late"),
         ({"pillar": "unknown", "state": State.SEARCHING}, WARN, "searching: no pillar"),
-        ({"disobeyed": "commanded 0.97 m/s"}, WARN, "commanded 0.97 m/s"),
+        ({"disobedience": "commanded 0.97 m/s"}, WARN, "commanded 0.97 m/s"),
         ({"state": State.WAITING, "reason": "the pillar walked away"}, WARN, "the pillar walked away"),
     ],
 )

@@ -174,9 +174,9 @@ def test_scans_stamped_by_a_clock_that_is_ahead_are_answered_at_ten_hertz(ahead)
         fixture.placement.update()
         answered.update((stamp, fixture.now) for stamp, _ in fixture.answers() if stamp not in answered)
     assert len([at for at in answered.values() if 1002.0 <= at < 1006.0]) >= 40
-    assert fixture.placement.ahead == pytest.approx(ahead, abs=0.021)
+    assert fixture.placement.ahead_of_odometry == pytest.approx(ahead, abs=0.021)
     last = fixture.observations[-1]
-    assert last.ahead_of_odometry == fixture.placement.ahead
+    assert last.ahead_of_odometry == fixture.placement.ahead_of_odometry
     assert last.base_in_odom.x == pytest.approx(last.scan.stamp - ahead, abs=0.05), "where the robot was then"
 
 
@@ -189,4 +189,4 @@ def test_clocks_alike_are_waited_for_to_the_last_even_where_every_pose_is_late()
         fixture.now += 0.01
         fixture.pose(1000.0 + 0.02 * step, float(step))
     assert fixture.answers() == [(pytest.approx(1000.0 + 0.02 * step), step) for step in range(300)]
-    assert fixture.placement.ahead == 0.0
+    assert fixture.placement.ahead_of_odometry == 0.0
