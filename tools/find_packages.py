@@ -26,7 +26,7 @@ from husky_highlevel_controller.dependencies import (
 
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
-DEPTH = 4  # folders from a place down to a package: catkin_ws/src/repository/package from a home folder
+DEPTH = 4  # levels of folders that are searched below a place, as in ~/catkin_ws/src/repository/package
 MOST_FOLDERS = 20_000  # largest number of folders searched below a place; a home folder may have millions
 SYSTEM = {Path("/usr"), Path("/opt")}  # folders of packages that are installed
 # folders of a workspace and of other tools that hold no sources of packages
@@ -88,15 +88,18 @@ def workspace_around(path: Path) -> Optional[Path]:
 
 
 def is_folder(entry: os.DirEntry[str]) -> bool:
-    """Whether an entry is a folder; a link that leads to a loop or into another user's folder is none."""
+    """Return whether an entry is a folder, or a link to a folder."""
     try:
         return entry.is_dir()
-    except OSError:
+    except OSError:  # a link that leads to itself, or into another user's folder
         return False
 
 
 def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
-    """Names and folders of the packages in a place, near its top first; none in another, as for rospack."""
+    """Return the name and folder of each package in a place, the packages near its top first.
+
+    A package in the folder of another package is left out, as rospack does.
+    """
     level, looked = [place], 0
     for _ in range(DEPTH + 1):
         below: List[Path] = []
@@ -133,13 +136,16 @@ def places(*starts: Path) -> List[Path]:
 
 
 def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
-    """File at any depth in the nearest package of that name which has it, as roslaunch finds it."""
+    """Return the path of a file in any folder of a package, as roslaunch finds it; None if there is none.
+
+    If several packages have this name, the first one that has the file counts, see the order above.
+    """
     around = [(name, folder) for place in places(caller) for name, folder in packages_below(place)]
     beside = packages_below(PACKAGE_FOLDER.parent)
     paths = gazebo_packages.package_paths()
     packages = rospkg.RosPack(paths)
     known = [(package, Path(packages.get_path(package)))] if package in packages.list() else []
-    if package == PACKAGE:  # another clone beside this one has the same files
+    if package == PACKAGE:  # this clone counts, and not another clone next to it, which has the same files
         known, beside = [(PACKAGE, PACKAGE_FOLDER), *known], iter(())
     for name, folder in (*around, *known, *beside, (package, gazebo_packages.COMPAT / package)):
         if name == package:
@@ -151,7 +157,7 @@ def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
 
 
 def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
-    """A ROS_PACKAGE_PATH and, behind it, packages around `starts` and beside this clone that it lacks."""
+    """Return a ROS_PACKAGE_PATH, followed by other packages around `starts` and next to this clone."""
     paths = list(paths)
     found: Dict[str, str] = {}
     for place in (*places(*starts), PACKAGE_FOLDER.parent):
@@ -162,16 +168,17 @@ def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
 
 
 def source_workspace(path: Path) -> None:
-    """Source the built catkin workspace that a file or folder lies in, if there is one, in this process."""
+    """Source the built catkin workspace around a file or folder, if there is one, for this process."""
     setups = (folder / "devel" / "setup.bash" for folder in (path, *path.parents))
     setup = next((setup for setup in setups if setup.is_file()), None)
-    if setup is None or PACKAGE_FOLDER / ".dev" in setup.parents:
+    if setup is None or PACKAGE_FOLDER / ".dev" in setup.parents:  # ./dev has sourced its own workspace
         return
     script = 'source "$1" --extend >/dev/null && env -0'
     done = subprocess.run(["bash", "-c", script, "bash", str(setup)], stdout=subprocess.PIPE, check=False)
     if done.returncode == 0:
         variables = [line.partition("=") for line in os.fsdecode(done.stdout).split("\0") if line]
         os.environ.update({name: value for name, _, value in variables})
+        # the workspace may have put another Python first
         os.environ["PATH"] = os.pathsep.join((os.path.dirname(sys.executable), os.environ.get("PATH", "")))
 
 

@@ -22,7 +22,8 @@ import rospkg  # noqa: E402
 from defusedxml import ElementTree  # noqa: E402
 
 COMPAT = Path(__file__).resolve().parents[1] / "compat"
-# packages of which workspaces have copies, with launch files that need Gazebo or other missing packages
+# packages that a workspace may have a copy of, because courses hand them out; the copy's launch files need
+# Gazebo or other packages that are not installed
 COURSE_PACKAGES = (
     "husky_control", "husky_description", "husky_gazebo", "smb_control", "smb_description", "smb_gazebo",
 )  # fmt: skip
@@ -45,13 +46,16 @@ def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
 
 
 def join_copies(paths: List[str]) -> Dict[str, Path]:
-    """Join our packages with copies of COURSE_PACKAGES in a ROS_PACKAGE_PATH. Return the folders by name.
+    """Join each copy of COURSE_PACKAGES in a ROS_PACKAGE_PATH with our package of the same name.
 
-    Without gazebo_ros the launch files of a copy start nothing. The folders are in ~/.ros/gazebo_packages,
-    named by their content, until the copy is gone.
+    Without gazebo_ros, the launch files of a copy start nothing; if it is installed, nothing is joined.
+
+    Returns:
+        Folders of the joined packages by name, ~/.ros/gazebo_packages/DIGEST/NAME. If the copy has gone, a
+        later call removes the folder.
     """
     kept = Path(rospkg.get_ros_home()) / "gazebo_packages"
-    for folder in kept.glob("[!.]*/*"):
+    for folder in kept.glob("[!.]*/*"):  # without the `scratch` folders, which another launch may use
         if not (folder / "package.xml").exists():  # a link to a copy that is gone
             shutil.rmtree(folder.parent, ignore_errors=True)
     packages = rospkg.RosPack(paths)
@@ -87,9 +91,9 @@ def digest(folder: Path) -> str:
 
 
 def join(copy: Path, ours: Path, target: Path) -> None:
-    """Make a package of links to a copy's files and to ours, which replace its launch files and scripts.
+    """Make a package of links to the files of a copy, with our launch files and scripts in place of its own.
 
-    World, pose and sensors of the robot that a launch file of the copy gives stay.
+    Our launch files keep the world, and the pose and sensors of the robot, that the copy's launch files give.
     """
     target.mkdir(parents=True)
     for name in sorted({path.name for path in (*copy.iterdir(), *ours.iterdir())}):
@@ -113,11 +117,15 @@ def references(text: str, names: Set[str]) -> Set[str]:
 
 
 def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
-    """World, pose and sensors that a launch file and its includes in the same folder give the robot."""
+    """Return the world, and the pose and sensors of the robot, that a launch file gives, by argument.
+
+    Includes in the same folder count, too, up to `depth` of them in each other. The file's own defaults are
+    stronger than an include's, and values that it gives to an include without an argument are the strongest.
+    """
     root = ElementTree.parse(file).getroot()
     names = {arg.get("name", "") for arg in root.findall("arg")}
     given: Dict[str, str] = {}
-    fixed: Dict[str, str] = {}
+    fixed: Dict[str, str] = {}  # values for an include that do not depend on an argument of this file
     for include in root.iter("include"):
         name = include.get("file", "")
         inner = file.parent / Path(name).name
@@ -128,22 +136,24 @@ def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
         }
         fixed.update({name: value for name, value in values.items() if not references(value, names)})
     defaults = {arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")}
-    # ours may lack the other arguments of a copy
+    # a default that needs another argument is left out, because our launch file may not have this argument
     given.update({name: text for name, text in defaults.items() if references(text, names) <= WORLD_AND_POSE})
     given.update(fixed)
     return {name: value for name, value in given.items() if name in WORLD_AND_POSE and value}
 
 
 def keep_world_and_pose(copy: Path, link: Path) -> None:
-    """Make a link to a launch file of ours a file with the world, pose and sensors of the copy."""
+    """Replace a link to our launch file by a file with the world, pose and sensors of the copy's file."""
     try:
         given = world_and_pose(copy)
     except (OSError, ParseError, ValueError, LookupError):
         return  # the copy has no such file, or it is not valid XML, has entities or an unknown encoding
     ours = world_and_pose(link)
-    # Noetic's file asks a variable whether there is a lidar, and so does ours, with another default
-    asked = {name for name in SENSORS if "$(" in given.get(name, "")}
-    given = {n: value for n, value in given.items() if n not in asked and value != ours.get(n, value)}
+    # Noetic's launch file reads from the environment whether there is a lidar; our file does so, too, and
+    # keeps its own default
+    from_environment = {name for name in SENSORS if "$(" in given.get(name, "")}
+    # only values that differ from a value of our file are kept
+    given = {n: v for n, v in given.items() if n not in from_environment and v != ours.get(n, v)}
     if not given:
         return
     tree = ElementTree.parse(link)

@@ -43,8 +43,9 @@ from roslaunch import substitution_args
 from husky_highlevel_controller.ros.restart import display_problem
 
 MASTER_TIMEOUT = 3.0  # [s] wall time for a connection to a master elsewhere
-GAZEBO_MESSAGES = "share/gazebo_msgs/python"  # end of the path of the messages that compat/ brings
-OWN_RVIZ, WINDOW = "husky_rviz", "gazebo_gui"  # RViz nodes of this package's launch files
+GAZEBO_MESSAGES = "share/gazebo_msgs/python"  # end of the path to the messages of compat/gazebo_msgs
+# names of this package's RViz nodes: the view of the robot, and the replacement of Gazebo's window
+OWN_RVIZ, GAZEBO_WINDOW = "husky_rviz", "gazebo_gui"
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
 TERMINALS = {
     "xterm",
@@ -160,7 +161,10 @@ def check_integers(config: Any) -> None:
 
 
 def hide_own_package() -> None:
-    """Take this package's workspace out of the environment, because another package has its name."""
+    """Take this package's workspace out of the environment, because another package has its name.
+
+    The messages of compat/gazebo_msgs stay, at the end, because only this workspace has them.
+    """
     own = str(PACKAGE_FOLDER / ".dev")
     for variable in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH", "PYTHONPATH"):
         paths = os.environ.get(variable, "").split(os.pathsep)
@@ -170,10 +174,14 @@ def hide_own_package() -> None:
 
 
 def find_packages_for(file: Path) -> Path:
-    """Make a launch file's own package and stand-ins for Gazebo's found. Return the file, or its stand-in."""
+    """Let roslaunch find the package of a launch file, its neighbours, and stand-ins for Gazebo's packages.
+
+    Returns:
+        The launch file, or its stand-in.
+    """
     folder = file.resolve().parent
     package = find_packages.package_around(folder)
-    if package == PACKAGE_FOLDER:
+    if package == PACKAGE_FOLDER:  # roslaunch finds this package in the workspace of ./dev
         package = None
     if PACKAGE_FOLDER not in folder.parents:
         find_packages.source_workspace(folder)
@@ -182,15 +190,16 @@ def find_packages_for(file: Path) -> Path:
     paths = gazebo_packages.package_paths()
     if package:
         paths.insert(0, str(package))
-    if folder != PACKAGE_FOLDER / "launch":  # this package's own files need no other package
-        # the other packages of its workspace too, which need not be built
+    if folder != PACKAGE_FOLDER / "launch":  # this package's own launch files need no package of a person
         paths = find_packages.add_packages(paths, folder, Path.cwd())
     joined = gazebo_packages.join_copies(paths)
     os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(gazebo_packages.package_path(paths, joined.values()))
     find_resource = substitution_args._find_resource
 
     def find(resolved: str, command: str, arguments: List[str], *others: Any, **named: Any) -> str:
-        if arguments[0] in joined:  # a copy that is built would be found first
+        # roslaunch would find a built copy before the joined package; after this error it searches
+        # ROS_PACKAGE_PATH, where the joined package is the first
+        if arguments[0] in joined:
             raise substitution_args.SubstitutionException("joined with a stand-in")
         return str(find_resource(resolved, command, arguments, *others, **named))
 
@@ -226,23 +235,24 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
     check_quotes(config)
     robots = [node for node in config.nodes if starts_robot(node)]
     for name in arguments.for_simulator:
-        if not robots:
-            refuse(file, name, arguments.known, arguments.known)
+        if not robots:  # no node starts the simulator, so nothing takes the simulator's arguments
+            refuse(file, name, takes=arguments.known, candidates=arguments.known)
     if is_true(arguments.for_simulator.get("exit_on_arrival", "false")):
         for node in robots:
             node.required = True  # the node ends at the arrival, and ends the launch
     if not is_true(arguments.for_simulator.get("rviz", "true")):
-        config.nodes = [n for n in config.nodes if n.package != "rviz" or n.name == WINDOW]
+        config.nodes = [n for n in config.nodes if n.package != "rviz" or n.name == GAZEBO_WINDOW]
     drop_missing_terminals(config)
     drop_missing_rviz(config)
     programs = {(node.package, node.type) for node in config.nodes}
     has_world = "/gazebo_world/world_name" in config.params or ("gazebo_ros", "gzserver") in programs
     for node in config.nodes:
         if (node.package, node.type) == ("gazebo_ros", "spawn_model"):
-            node.output = "screen"  # the node may print why it refuses a model, or become the simulator
+            # the node prints why it refuses a model; if the model is a robot, the simulator takes its place
+            node.output = "screen"
     if has_world and not robots:
         say("warning: the launch file has a world but no robot; add husky_gazebo/launch/spawn_husky.launch")
-    if any(node.package == "rviz" and node.name not in (OWN_RVIZ, WINDOW) for node in config.nodes):
+    if any(node.package == "rviz" and node.name not in (OWN_RVIZ, GAZEBO_WINDOW) for node in config.nodes):
         config.nodes = [node for node in config.nodes if node.name != OWN_RVIZ]  # the file has its own view
 
 
@@ -270,12 +280,12 @@ def shorten_summary(config: Any) -> None:
 
 
 class Failures(roslaunch.pmon.ProcessListener):
-    """Remembers how nodes ended."""
+    """Remembers the first required node that failed."""
 
     def __init__(self) -> None:
-        self.required: Set[str] = set()
-        self.first: Optional[str] = None
-        self.exit_code = 0
+        self.required: Set[str] = set()  # names of the required nodes, such as husky_simulator
+        self.first: Optional[str] = None  # name of the process that failed first, such as husky_simulator-2
+        self.exit_code = 0  # exit code of this process
 
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
         """Roslaunch calls it when a process has ended by itself."""
@@ -285,8 +295,9 @@ class Failures(roslaunch.pmon.ProcessListener):
 
 
 def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
-    """The last FATAL message that a rospy node wrote into its log."""
-    for log in log_folder.glob(f"{process_name.replace('/', '-')}.log"):
+    """Return the last FATAL message that a rospy node wrote into its log; None if there is none."""
+    for log in log_folder.glob(f"{process_name.replace('/', '-')}.log"):  # nothing if the node has no log
+        # a line of the log is [LOGGER][LEVEL] DATE TIME: MESSAGE
         found = re.findall(
             r"\]\[(?:FATAL|CRITICAL)\][^:]*:\d+:\d+,\d+: (.*)", log.read_text(errors="replace")
         )
@@ -302,7 +313,7 @@ def tell(text: str) -> None:
 
 
 def tell_end(text: str) -> None:
-    """Print roslaunch's message on a node; one line on a required one that has ended."""
+    """Print roslaunch's message on a node; if a required node has ended, print one line instead."""
     required = re.search(r"REQUIRED process \[(.*)-\d+\] has died", text)
     if required:
         say(f"{required[1]} has ended, so the launch ends")
@@ -323,7 +334,11 @@ def start_own_master() -> None:
 
 
 def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
-    """Run roslaunch. Return 0, or 1 if a required node failed."""
+    """Run roslaunch with functions of this module in place of some of its own.
+
+    Returns:
+        0, or 1 if a required node failed.
+    """
     roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
     failures = Failures()
     run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
@@ -345,8 +360,8 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             if "--screen" not in arguments.options:
                 shorten_summary(self.config)
             run["robots"] = {n.name for n in self.config.nodes if starts_robot(n)}
-            # names of their processes in roslaunch
             names = [rosgraph.names.ns_join(n.namespace, n.name) for n in self.config.nodes if n.required]
+            # roslaunch leaves out the first slash in the name of a node's process
             failures.required = {name.lstrip("/") for name in names}
 
         def start(self, auto_terminate: bool = True) -> None:
@@ -354,21 +369,24 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             run["started"] = True
 
     def end_also_while_starting(number: int, frame: Any) -> None:
-        """Python programs that still import end at SIGTERM in silence, at SIGINT with a traceback."""
-        if run["forking"]:  # nobody could end a process that is half started
-            run["signal"] = number  # `start_process` comes back to it
+        """End roslaunch and its nodes at a signal, also while roslaunch still starts the nodes."""
+        if run["forking"]:  # a process that is half started cannot be ended, so `start_process` calls again
+            run["signal"] = number
             return
         if not run["started"]:
+            # a Python program that still imports ends in silence at SIGTERM, but with a traceback at SIGINT,
+            # which roslaunch would send
             for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
                 if process.popen is not None and process.popen.poll() is None:
                     os.killpg(process.popen.pid, signal.SIGTERM)
         end(number, frame)
-        if not run["started"]:  # roslaunch would wait for the master that it has ended
+        if not run["started"]:  # otherwise roslaunch would go on, and wait for the master that it has ended
             sys.stdout.flush()
             output.close()
-            os._exit(128 + signal.SIGINT)  # an exception could be raised where Python ignores it
+            os._exit(128 + signal.SIGINT)  # SystemExit could be raised at a place where Python ignores it
 
     def start_process(process: Any) -> Any:
+        # a handler of signals runs in the main thread only, so it cannot interrupt another thread's start
         if run["started"] or threading.current_thread() is not threading.main_thread():
             return start(process)
         run["forking"] = True
@@ -388,14 +406,15 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     name = failures.first.rsplit("-", 1)[0]
     sentence = last_fatal(failures.first, Path(rospkg.get_log_dir()) / run["id"])
     if not sentence and name in run["robots"]:
-        return 1  # the launch of the simulator in it has said why
+        return 1  # this node is a roslaunch of simulator.launch, which has printed the reason
     say(f"error: {name}: {sentence or f'ended with exit code {failures.exit_code}'}")
     return 1
 
 
 def main() -> int:
     """Check, then launch."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ./dev has it ignored, which nodes must not inherit
+    # ./dev starts this program with SIGINT ignored; nodes must not inherit this, because SIGINT ends them
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     file, arguments = find_launch_file(sys.argv[1:])
     file = find_packages_for(file)
     check_master()

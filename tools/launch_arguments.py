@@ -1,7 +1,8 @@
 """Arguments of a launch file: checked before it runs, and passed on to the files that it includes.
 
-Arguments of this package's simulator can be given to any launch file that starts it. A file that includes
-simulator.launch gets them there; the stand-ins of compat/ read them from the environment.
+Arguments of this package's simulator can be given to any launch file that starts it. If the file includes
+simulator.launch, they are passed on to simulator.launch. If the file uses the stand-ins of compat/, they are
+put into the environment, where the stand-ins read them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from roslaunch import substitution_args
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 SIMULATOR = PACKAGE_FOLDER / "launch" / "simulator.launch"
-OF_CONTROLLER = {"naive", "parameters"}  # simulator.launch only hands them on
+# arguments without effect in simulator.launch; it declares them, because controller.launch passes all on
+OF_CONTROLLER = {"naive", "parameters"}
 VARIABLE = "HUSKY_SIMULATOR_ARGUMENTS"  # name:=value words, as on a command line, for stand-ins of compat/
 # variables of the Husky of ROS Melodic, for stand-ins; simulator.launch has the same for robot:=husky_melodic
 MELODIC = {"HUSKY_LMS1XX_TOPIC": "scan", "HUSKY_LMS1XX_PREFIX": "base"}
@@ -62,18 +64,18 @@ def included_files(file: Path) -> Iterator[Tuple[Path, bool]]:
         passes_all = include.get("pass_all_args", "").lower() in ("1", "true")
         try:
             yield Path(substitution_args.resolve_args(include.get("file"), context=context)), passes_all
-        except Exception:  # the name of the included file has an argument
-            if passes_all:
+        except Exception:  # the name of the included file depends on an argument, so it is unknown here
+            if passes_all:  # so the arguments that the launch file takes are unknown, too
                 raise
 
 
 def own_arguments(file: Path) -> Set[str]:
-    """Names of the arguments of this package's files that a launch file includes."""
+    """Return the arguments that a launch file's includes of this package take, at any depth of includes."""
     names: Set[str] = set()
     with contextlib.suppress(Exception):  # roslaunch reports the error, in more detail
         for included, _ in included_files(file):
-            own = PACKAGE_FOLDER in included.resolve().parents
-            names |= (declared_arguments(included) or set()) if own else own_arguments(included)
+            is_ours = PACKAGE_FOLDER in included.resolve().parents
+            names |= (declared_arguments(included) or set()) if is_ours else own_arguments(included)
     return names
 
 
@@ -93,10 +95,14 @@ def pass_on(values: Dict[str, str]) -> None:
 
 
 def check_arguments(file: Path, given: List[str]) -> Arguments:
-    """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence."""
-    declared, own = declared_arguments(file), own_arguments(file)
+    """Check the arguments of a command line; refuse unknown ones, which roslaunch would ignore in silence.
+
+    An argument that the launch file does not take itself is passed on to included files of this package that
+    take it. If no file does, the stand-ins get it for the simulator.
+    """
+    declared, of_included = declared_arguments(file), own_arguments(file)
     of_simulator = set() if file.parent == SIMULATOR.parent else declared_arguments(SIMULATOR) or set()
-    passed_on: Dict[str, str] = {}
+    for_included: Dict[str, str] = {}
     for_simulator: Dict[str, str] = {}
     # people copy arguments from a README that has optional ones in brackets: [verbose:=true]
     given = [re.sub(r"^\[(\w+:=.*)\]$", r"\1", argument) for argument in given]
@@ -107,25 +113,26 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
             raise SystemExit(
                 f"[dev] error: {argument!r} is not a valid argument. Write {mistyped[1]}:={mistyped[2]}"
             )
+        # _name:=value is not an argument for roslaunch
         if assigned and declared is not None and not name.startswith("_") and name not in declared:
-            if name in own:
-                passed_on[name] = value
+            if name in of_included:
+                for_included[name] = value
             elif name in of_simulator:
                 for_simulator[name] = value
             else:
-                refuse(file, name, declared, declared | own | of_simulator)
+                refuse(file, name, declared, declared | of_included | of_simulator)
         # an argument of this name that another package's file declares may mean something else
-        is_ours = file.parent == SIMULATOR.parent or name in passed_on or name in for_simulator
+        is_ours = file.parent == SIMULATOR.parent or name in for_included or name in for_simulator
         if name in ("parameters", "simulator_parameters") and assigned and is_ours:
             check_yaml(name, value)
-    if passed_on:
-        pass_on(passed_on)
+    if for_included:
+        pass_on(for_included)
     if for_simulator:
         words = [f"{name}:={value}" for name, value in for_simulator.items()]
         os.environ[VARIABLE] = shlex.join([*shlex.split(os.environ.get(VARIABLE, "")), *words])
     if for_simulator.get("robot") == "husky_melodic":
         os.environ.update(MELODIC)
-    taken = passed_on.keys() | for_simulator.keys()
+    taken = for_included.keys() | for_simulator.keys()
     options = [argument for argument in given if argument.partition(":=")[0] not in taken]
     return Arguments(options, for_simulator, declared or set())
 
@@ -138,19 +145,19 @@ def refuse(file: Path, name: str, takes: Set[str], candidates: Set[str]) -> None
     raise SystemExit(f"[dev] error: {file.name} has no argument '{name}'{hint} It takes: {known}")
 
 
-def check_yaml(argument: str, name: str) -> None:
+def check_yaml(argument: str, path: str) -> None:
     """Refuse a parameter file that cannot be read; roslaunch would end in a traceback."""
     try:
-        values = yaml.safe_load(Path(name).read_text())
+        values = yaml.safe_load(Path(path).read_text())
     except OSError as error:
         raise SystemExit(
-            f"[dev] error: cannot read {argument}:={name} in {Path.cwd()}: {error.strerror}. Check the path"
+            f"[dev] error: cannot read {argument}:={path} in {Path.cwd()}: {error.strerror}. Check the path"
         ) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
-        where = f"{name}:{mark.line + 1}" if mark else name
+        where = f"{path}:{mark.line + 1}" if mark else path
         raise SystemExit(
             f"[dev] error: {where}: not valid YAML: {getattr(error, 'problem', None) or error}"
         ) from None
     if not isinstance(values, dict):
-        raise SystemExit(f"[dev] error: {name} must have lines 'parameter: value'")
+        raise SystemExit(f"[dev] error: {path} must have lines 'parameter: value'")

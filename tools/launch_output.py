@@ -1,4 +1,7 @@
-"""Output of launched nodes: a repeated traceback is shown once and counted, rospy's longest line is cut."""
+"""Output of launched nodes: each traceback is shown once, and its repetitions are counted.
+
+rospy's long line on a refused connection is shortened, see `refused_connection`.
+"""
 
 from __future__ import annotations
 
@@ -18,31 +21,38 @@ REPORT_PERIOD = 5.0  # [s] wall time between two lines that count
 MAX_LINES = 200  # longest traceback that is held back until its end
 CLOSE_TIMEOUT = 2.0  # [s] longest wait for programs that hold the output open
 TRACEBACK = "Traceback (most recent call last):"
+# first words of the lines that Python prints between the tracebacks of exceptions that caused each other
 BETWEEN = ("During handling of the above exception", "The above exception was the direct cause")
 _COLOUR = re.compile(rb"\x1b(\[([0-9;]*m|[0-9;]*$)|$)")
 
 
 class Folder:
-    """Filter of a stream of bytes: each traceback passes once, except for the numbers in its last line."""
+    """Filter of a stream of bytes: each traceback passes once, and its repetitions are dropped and counted.
+
+    Tracebacks that differ only in the numbers of their last line are repetitions of each other.
+    """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
-        self._line, self._passing = b"", False  # an unfinished line, and whether its begin has passed
-        self._held: List[bytes] = []  # lines of a traceback
-        self._folded = False  # the last traceback was not shown
-        self._counts: Dict[Tuple[str, ...], int] = {}  # number not yet reported, by traceback
-        self._counts_since = now()
+        self._line = b""  # start of a line that has not ended yet and has not passed
+        self._has_start_passed = False  # true if the start of the line has passed, so its rest passes, too
+        self._held: List[bytes] = []  # lines of a traceback that has not ended yet
+        self._is_dropping = False  # true if the last traceback was dropped as a repetition
+        # for each traceback, the number of repetitions that no report has counted yet
+        self._counts: Dict[Tuple[str, ...], int] = {}
+        self._counts_since = now()  # time of the first repetition that no report has counted yet
 
     def feed(self, data: bytes) -> bytes:
         """Take data, and return the part that passes."""
         *lines, self._line = (self._line + data).split(b"\n")
         passed = b"".join(self._take(line + b"\n") for line in lines)
-        if self._line and not self._held and not self._may_be_dropped(self._line):
-            passed, self._line, self._passing = passed + self._line, b"", True
+        # a line without an end passes at once if it can be, such as a question that waits for an answer
+        if self._line and not self._held and not self._must_wait(self._line):
+            passed, self._line, self._has_start_passed = passed + self._line, b"", True
         return passed + self.report_when_due()
 
     def report_when_due(self) -> bytes:
-        """A line for each traceback that came again, if the first has waited for REPORT_PERIOD."""
+        """Return a line for each traceback with repetitions, if the first one came REPORT_PERIOD ago."""
         return self._report() if self._now() - self._counts_since >= REPORT_PERIOD else b""
 
     def close(self) -> bytes:
@@ -51,30 +61,36 @@ class Folder:
         return held + self._report()
 
     def _take(self, line: bytes) -> bytes:
-        if self._passing:
-            self._passing = False
+        """Take a line with its end, and return what passes now."""
+        if self._has_start_passed:
+            self._has_start_passed = False
             return line
         text = _plain(line)
         if self._held:
             return self._hold(line, text)
+        # rospy prints a line with "bad callback" before the traceback of a callback
         if text == TRACEBACK or ": bad callback: " in text:
             self._held = [line]
             return b""
-        if self._folded and (not text or text.startswith(BETWEEN)):
+        if self._is_dropping and (not text or text.startswith(BETWEEN)):
             return b""
-        self._folded = False
+        self._is_dropping = False
         return os.fsencode(shorten(os.fsdecode(line)))
 
     def _hold(self, line: bytes, text: str) -> bytes:
-        """Take another line of a traceback, which ends with the first line that is not indented."""
+        """Hold another line; at the end of the traceback, return all its lines, or drop a repetition.
+
+        A traceback ends with its first line that is not indented.
+        """
         self._held.append(line)
         lines = [_plain(each) for each in self._held]
+        # the line before TRACEBACK, if any, is rospy's line with "bad callback"
         begin = lines.index(TRACEBACK) if TRACEBACK in lines[:2] else None
         if begin is not None and (text == TRACEBACK or text.startswith(" ")) and len(lines) < MAX_LINES:
             return b""
         held, self._held = b"".join(self._held), []
-        self._folded = False
-        if begin is None:
+        self._is_dropping = False
+        if begin is None:  # no traceback follows rospy's line
             return held
         key = (*lines[begin:-1], re.sub(r"\d+", "#", text))
         if key not in self._counts:
@@ -83,7 +99,7 @@ class Folder:
         if not any(self._counts.values()):
             self._counts_since = self._now()
         self._counts[key] += 1
-        self._folded = True
+        self._is_dropping = True
         return b""
 
     def _report(self) -> bytes:
@@ -91,11 +107,13 @@ class Folder:
         self._counts = dict.fromkeys(self._counts, 0)
         return "".join(sentences).encode()
 
-    def _may_be_dropped(self, line: bytes) -> bool:
-        """Return whether a line that begins like this may not pass, or not as it is."""
+    def _must_wait(self, line: bytes) -> bool:
+        """Return whether a line must wait for its end, because it may be dropped or shortened."""
         text = _plain(line)
-        begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._folded else ()))
-        return not self._passing and any(begin.startswith(text) or text.startswith(begin) for begin in begins)
+        begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._is_dropping else ()))
+        return not self._has_start_passed and any(
+            begin.startswith(text) or text.startswith(begin) for begin in begins
+        )
 
 
 def _plain(line: bytes) -> str:
@@ -111,13 +129,18 @@ class FoldedOutput:
 
     @staticmethod
     def _divert(targets: Tuple[int, ...]) -> Tuple[Tuple[int, ...], int, threading.Thread]:
+        """Let `_copy` read what is written to `targets`, numbers of open files with the same output.
+
+        Returns:
+            Targets, a copy of their real output, and the thread of `_copy`.
+        """
         real = os.dup(targets[0])
-        if os.isatty(real):  # nodes that write to a terminal get one
+        if os.isatty(real):  # if the real output is a terminal, nodes write to a terminal, too
             source, sink = pty.openpty()
             attributes = termios.tcgetattr(sink)
-            attributes[1] &= ~termios.OPOST  # the real terminal does this
+            attributes[1] &= ~termios.OPOST  # line ends stay as they are; the real terminal converts them
             termios.tcsetattr(sink, termios.TCSANOW, attributes)
-            with contextlib.suppress(termios.error, AttributeError):  # Python 3.11
+            with contextlib.suppress(termios.error, AttributeError):  # Python before 3.11 has no tcsetwinsize
                 termios.tcsetwinsize(sink, termios.tcgetwinsize(real))
         else:
             source, sink = os.pipe()
@@ -137,8 +160,10 @@ class FoldedOutput:
 
 
 def _copy(source: int, real: int) -> None:
+    """Copy the output from `source` to `real` through a `Folder`, until nobody writes to it any more."""
     folder = Folder()
-    with contextlib.suppress(OSError):  # a terminal without writers is an error, a closed real output too
+    # an OSError ends the copy: nobody writes to the terminal any more, or the real output is closed
+    with contextlib.suppress(OSError):
         while True:
             while not select.select([source], [], [], REPORT_PERIOD)[0]:
                 _write(real, folder.report_when_due())

@@ -14,18 +14,19 @@ import find_packages
 import gazebo_packages
 import rospkg
 
-# commands that make the workspace that would be sourced
+# commands that build a workspace; the caller's workspace is not sourced for them, because they may build it
 BUILDS = ("catkin_make", "catkin_make_isolated", "catkin", "cmake")
 LAUNCHES = ("roslaunch", "rostest")
 
 
 def sees_neighbours(words: List[str]) -> bool:
-    """Return whether a command finds the packages around; our own programs do if they are given a package.
+    """Return whether a command finds the packages around the caller.
 
-    `grade --all` must not, because a submission would find the packages of the others.
+    Programs of this package find them only with an option that takes a package. `grade --all` must not find
+    them, because a submission would find the packages of the other submissions.
     """
-    named = [word for word in words[1:] if word[0:1] != "-"]
-    is_own = words[0] == "rosrun" and named[0:1] == [find_packages.PACKAGE]
+    names = [word for word in words[1:] if word[0:1] != "-"]
+    is_own = words[0] == "rosrun" and names[0:1] == [find_packages.PACKAGE]
     return not is_own or not {"--launch", "--node"}.isdisjoint(words)
 
 
@@ -40,7 +41,7 @@ def with_path(words: List[str], caller: Path) -> List[str]:
 
 
 def launch_here(words: List[str], caller: Path) -> None:
-    """Run roslaunch or rostest of files with the packages that these need."""
+    """Run roslaunch or rostest, with the packages that the files in its command line need."""
     from launch import find_packages_for, start_own_master
 
     start_own_master()
@@ -62,8 +63,9 @@ def launch_here(words: List[str], caller: Path) -> None:
 def warn_of_dependencies(words: List[str]) -> None:
     """Warn of dependencies of a package that are not packages; `words` is the command line of rosrun."""
     packages = rospkg.RosPack()
-    named = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]
-    for sentence in find_packages.dependency_sentences(named[:1]):
+    # the package is the first word after rosrun, or the second one after an option
+    found = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]
+    for sentence in find_packages.dependency_sentences(found[:1]):
         print(f"[dev] warning: {sentence}", file=sys.stderr, flush=True)
 
 
