@@ -66,7 +66,10 @@ class DriveEnd:
             self._touched_at = min(self._touched_at, now)
 
     def reason(self, abandoned: bool = False) -> Optional[Note]:
-        """Return why the run is over, or None if it goes on; `abandoned` if none of its nodes runs."""
+        """Return why the run is over, or None if it goes on.
+
+        `abandoned` is true if no node of the submission runs any more.
+        """
         still = self._now - self._moved_at  # [s] time for which the robot has been at rest
         # after a touch the run goes on for AT_PILLAR seconds; without a touch, `_touched_at` is infinite
         if self._now >= self._touched_at + AT_PILLAR:

@@ -27,7 +27,7 @@ _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z i
 
 
 class Drawn(NamedTuple):
-    """Marker in the world, seen from a vertical axis."""
+    """Place of a drawn marker in the world, and its distance from the pillar's vertical axis."""
 
     # [m] position of the marker: tip of an arrow, centre of a solid, mean of points, or end of a line
     position: Vector3
@@ -95,7 +95,10 @@ def _references_and_outline(
 
 
 def _middle(points: np.ndarray) -> List[float]:
-    """Return the mean of points, (N, 3) [m], or if they lie apart the point of median distance from it."""
+    """Return the mean of points, (N, 3) [m], as the position of their marker.
+
+    If most points are far from their mean, the result is the point with the median distance from the mean.
+    """
     mean = points.mean(axis=0)
     distances = np.linalg.norm(points - mean, axis=1)
     middle = points[np.argsort(distances)[len(points) // 2]]
@@ -115,7 +118,7 @@ def hull_distance(points: np.ndarray) -> float:
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
     squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
-    # place of the point of each line that is nearest to the origin: 0 is `first`, 1 is `second`
+    # nearest point of each line to the origin, as a fraction of the way from `first` (0) to `second` (1)
     share = np.clip(-(first * along).sum(axis=1) / squared_length, 0.0, 1.0)
     nearest = first + share[:, np.newaxis] * along
     return float(np.sqrt((nearest**2).sum(axis=1)).min())

@@ -40,28 +40,33 @@ LOG = "memcheck."  # beginning of the name of valgrind's log; `nodes/submission.
 CPU_TIME, WALL_TIME = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
-MAX_NESTED = 20  # nested parentheses
-# character that stands for each pair of parentheses and everything in it, while C++ code is searched
+MAX_NESTED = 20  # largest number of parentheses inside each other
+# character that replaces a pair of parentheses and everything in it, before C++ code is searched
 IN_PARENTHESES = "\0"
-# a read counts only if one of this number of innermost function calls is in the submission's own code
+# only the DEPTH innermost calls of a call stack are searched for a line of the submission
 DEPTH = 4
+PACE = 1.0  # real-time factor of the simulator, which does not wait for the submission
 
 # line of a call stack: a function, and its place in the source code
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (?:.*) \((?P<file>[^()]+):(?P<line>\d+)\)$")
+# functions that print a value or write it into a text
 _PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
 _TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?size_t|u?int\d+_t)"
+# line that declares one or more variables of a simple type, all without a value
 _DECLARED = re.compile(
     rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
 )
-# pattern of C++ declarations that may leave a variable without a value: numbers, pointers, and classes such
-# as tf::Vector3
+# declaration of numbers, pointers, or classes such as tf::Vector3, which have no value unless the code gives
+# them one; `names` is the rest of the declaration, with the names of the variables and their values
 _VARIABLE = re.compile(
     rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
     r"(?P<names>.*)$",
     re.DOTALL,
 )
+# words that may create memory without a value
 _MEMORY = re.compile(r"\b(?:struct|union|enum|new|malloc|alloca)\b")
-_IGNORED = re.compile(r"//[^\n]*|/\*.*?(?:\*/|\Z)|\#[^\n]*", re.DOTALL)
+# comments and preprocessor lines
+_COMMENTS = re.compile(r"//[^\n]*|/\*.*?(?:\*/|\Z)|\#[^\n]*", re.DOTALL)
 
 
 class Place(NamedTuple):
@@ -112,9 +117,9 @@ def find_unwritten_variable(
         MarkingError: the network or the simulator does not start.
     """
     with Network(folder) as network:
-        # without a socket for true poses, the simulator runs without lockstep, and does not wait for the
-        # submission, which valgrind slows down
-        simulator = simulate(network, trial, replace(robot.config, pace=1.0))
+        # without a socket for true poses, the simulator runs without lockstep, so it does not wait for the
+        # submission, which is slow in valgrind
+        simulator = simulate(network, trial, replace(robot.config, pace=PACE))
         process, _ = start_submission(network, submission, "memcheck")
 
         def subscribes() -> bool:
@@ -131,15 +136,13 @@ def find_unwritten_variable(
             subscribes,
             lambda: read_registrations(network.uri, SIMULATOR_NODES),
         )
-        # choice that the function returns: the given choice, but if this is a guess, the robot to whose scans
-        # the submission has subscribed
-        heard = robot
-        if robot.is_guess:
-            # the choice stays if it is unknown to which robot's scans the submission subscribes
-            heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
-        if heard.config != robot.config:
+        final_choice = robot
+        if robot.is_guess:  # the submission decides by the topic of scans to which it has subscribed
+            listened_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
+            final_choice = robot.after_hearing(listened_config)
+        if final_choice.config != robot.config:
             simulator.kill()
-            simulate(network, trial, replace(heard.config, pace=1.0))
+            simulate(network, trial, replace(final_choice.config, pace=PACE))
             # the submission has already subscribed to this robot's scans, and gets them if it still runs
             gets_scans = process.running
         if gets_scans:  # let the callbacks of the scans run until they have used CPU_TIME
@@ -151,7 +154,7 @@ def find_unwritten_variable(
         log = "\n".join(map(_text, logs))
     # a submission without a root is never checked, see `is_worth_checking`; `or` tells this to mypy
     sources = (submission.root or folder) / "src"
-    return sentence(reads_in(log, sources), sources), heard
+    return sentence(reads_in(log, sources), sources), final_choice
 
 
 def _is_compiled(path: Path) -> bool:
@@ -172,11 +175,13 @@ def _text(path: Path) -> str:
 
 def may_be_unwritten(text: str) -> bool:
     """Return whether C++ code declares, or may declare, a variable without a value."""
-    text = _IGNORED.sub("", text)
+    text = _COMMENTS.sub("", text)
+    # each step replaces the innermost pairs of parentheses, so commas and "=" in arguments are not found
     for _ in range(MAX_NESTED):
         text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
     declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
     names = [name for declaration in declarations for name in declaration["names"].split(",")]
+    # a variable gets its value by "=" or in parentheses
     return bool(_MEMORY.search(text)) or any("=" not in name and IN_PARENTHESES not in name for name in names)
 
 
@@ -201,17 +206,16 @@ def reads_in(log: str, sources: Path) -> List[Read]:
             line = _first_own_line(reading_stack, own_files)  # None if the value is only printed
             if line is not None:
                 found.append(Read(line, origin))
-        # such a stack means that ROS has sent a value that was never written
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
+            # ROS has sent a value that was never written
             found.append(Read(None, origin))
     return found
 
 
 def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
-    """Return the first line of a stack that is in one of the submission's files.
+    """Return the line of the submission that a stack comes from: its innermost call in one of `own_files`.
 
-    The innermost call is the first line. None if no such line is in the first DEPTH calls, or if a function
-    that prints comes before it.
+    None if none of the first DEPTH calls is in these files, or if the value is only printed.
     """
     for line in stack.splitlines()[: DEPTH + 1]:  # the line before the first call is a title
         frame = _FRAME.match(line.strip())

@@ -31,10 +31,10 @@ def observe(
 ) -> None:
     """Let a submission drive, and write drive_N/recording.json of each run.
 
-    Further runs follow only if the robot moves in the first one. A submission is started once for each run.
-    It is started once more if its memory is checked, which can also find the robot that it is for. If it
-    subscribes to the scans of another robot than a guessed one and the check has not found that, for example
-    because the node died in it, the first run starts again.
+    Further runs follow only if the robot moves in the first one. A submission is started once for each run,
+    and once more for the check of its memory. If the robot is a guess, the check finds the robot to whose
+    scans the submission subscribes. If the node dies in the check, the first run finds this robot, and then
+    starts again with it.
 
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.
@@ -50,7 +50,7 @@ def observe(
     if is_worth_checking(submission):
         unwritten_variable, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
-        folder = out / DRIVE
+        folder = out / DRIVE  # gets the number of the run at its end
         # progress bar in simulated seconds, which is full at the deadline; the run may end earlier
         bar = tqdm(
             total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,

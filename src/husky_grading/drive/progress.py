@@ -36,13 +36,12 @@ def wait_while_active(
     """Wait until a condition holds, but only while a program is active; return whether the condition holds.
 
     A program is not active any more if it ends, is idle, or has settled, so that it registers nothing more. A
-    program that waits for CPU time is runnable, so it is not idle and does not settle. So a busy machine ends
-    no wait.
+    program that waits for CPU time is neither idle nor settled, so a busy machine does not end the wait.
 
     Args:
         process: the program.
-        node_count: number of the nodes that it starts; as long as fewer nodes have registered, the program
-            settles later.
+        node_count: number of the nodes that it starts; if some of them have not registered yet, the wait is
+            longer.
         condition: the condition.
         read_graph: returns the registrations of its nodes.
     """
@@ -99,10 +98,14 @@ class _Activity:
 
     @property
     def has_settled(self) -> bool:
-        """Return whether the program has computed and slept for long without a further registration."""
+        """Return whether the program has registered nothing new for long, although it has computed.
+
+        It must have computed for some time, because `is_idle` is for a program that only sleeps.
+        """
         if not self._registered.advertised and not self._registered.subscribed:
             return False
-        patience = 1.0 if len(self._registered.nodes) >= self._node_count else NODE_MISSING
+        is_node_missing = len(self._registered.nodes) < self._node_count
+        patience = NODE_MISSING if is_node_missing else 1.0
         computed = self.cpu_seconds - self._cpu_at_change
         return computed > SETTLED_CPU * patience and computed + self._slept > SETTLED * patience
 

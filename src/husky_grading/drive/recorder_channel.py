@@ -28,7 +28,7 @@ class Assignment:
 
 @dataclass(frozen=True)
 class GoOn:
-    """Message to the recorder: take part in place of the submission, for which lockstep would wait."""
+    """Message to the recorder: take part in place of the submission, because otherwise time never begins."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Choice of the robot that is simulated for a submission, by one rule.
 
-A robot that the teacher names is certain. Otherwise the submission's files name it. If they are not certain,
-the robot is a guess until the submission subscribes to a topic of scans, and then that topic decides.
+A robot that the teacher names is certain. Otherwise the files of the submission name a robot. If the files
+leave a doubt, the robot is a guess until the submission subscribes to a topic of scans. That topic decides.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ class RobotChoice:
     config: MarkingConfig  # settings of the run; `config.robot` is the chosen robot
     # reason for the choice, in a sentence for the student; empty if the teacher has chosen the robot
     why: str = ""
+    # true if the submission's subscription to scans may still change the choice
     is_guess: bool = False
 
     def after_hearing(self, listened: Optional[MarkingConfig]) -> RobotChoice:
-        """Return the choice after the submission has subscribed to scans.
+        """Return the choice after the submission has subscribed to scans; only a guess can change.
 
         `listened` has the robot of these scans; None if that is unknown.
         """
         if listened is None or not self.is_guess:
             return self
-        return RobotChoice(listened, listens_to(listened))
+        return RobotChoice(listened, why=listens_to(listened))
 
     def settled(self) -> RobotChoice:
         """Return the choice for further runs, whose recordings need not repeat the reason."""
@@ -38,8 +39,8 @@ class RobotChoice:
 
 
 def choose_robot(submission: Submission, config: MarkingConfig) -> RobotChoice:
-    """Choose the robot before anything is started."""
+    """Return the robot that the teacher has chosen, otherwise the robot that the submission's files name."""
     if config.robot != AUTO:
         return RobotChoice(config)
     named = submission.robot
-    return RobotChoice(replace(config, robot=named.version), named.why, not named.is_certain)
+    return RobotChoice(replace(config, robot=named.version), named.why, is_guess=not named.is_certain)

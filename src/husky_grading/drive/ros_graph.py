@@ -23,8 +23,8 @@ from husky_highlevel_controller.xml_rpc import ask
 # [s] longest wait for an answer of the ROS master; a submission may have replaced the master by a program
 # that never answers
 ANSWER_DEADLINE = 20.0
-CALLER = "/marking"
-MAX_CALLERS = 5  # at most this number of nodes that call a service is reported
+CALLER = "/marking"  # name of the node that a request to the ROS master comes from
+MAX_CALLERS = 5  # largest number of nodes that are reported as callers of a service
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
 # topics with true positions, which a submission must not read; TRUTH has the robot's pose, and the topics of
 # all objects begin with WORLD

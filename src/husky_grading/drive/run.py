@@ -85,8 +85,8 @@ def drive_submission(
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket = f"{private}/truth"
         packages = tuple(map(str, submission.workspace.packages))
-        # recording with the facts from before the run; the recorder completes it, and adds the data that its
-        # exercise watches to the facts from the submission's files
+        # Recording without a run. `watched` already has the exercise's facts on the submission's files; the
+        # recorder adds the run, and the data that the exercise watches.
         initial = replace(
             not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
         )
@@ -122,20 +122,21 @@ def drive_submission(
 def _closing(
     submission: Submission, submitted: Process, events_file: Path, robot: RobotChoice, cut_off: Optional[Note]
 ) -> Closing:
-    """Return marking's own observations of a run, which complete the recorder's.
+    """Return the data of a run that only marking has, and that the recorder's recording lacks.
 
     Args:
         submission: submission that was started.
-        submitted: its process.
+        submitted: process of the submission.
         events_file: file with the events of that process.
         robot: robot that was simulated.
         cut_off: reason why the run was cut off; None if the recorder has ended it.
     """
-    # packages whose nodes count as the student's work; empty if the student's packages are unknown
+    # packages whose nodes count as the student's work, such as robot_localization in exercise 4; empty if the
+    # student's packages are unknown
     own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
     output = submitted.output
     notes = notes_on(read_events(events_file), output, own_packages)
-    if robot.why:
+    if robot.why:  # the first note gives the reason for the choice of the robot
         notes.insert(0, Note(Kind.ROBOT, robot.why))
     # a problem means that a limit, such as the limit of memory, has ended the submission
     if submitted.problem:
@@ -153,14 +154,14 @@ def _await_joining(
     """Wait until the submission takes part, and return the settings of the robot to whose scans it listens.
 
     These are the settings of `robot`, unless the robot is a guess and the submission listens to another
-    robot's scans. Simulated time begins only when the submission takes part. If it does nothing more before
-    that, the recorder takes part in its place.
+    robot's scans. Simulated time begins only when the submission takes part. If the submission is not active
+    any more before that, the recorder takes part in its place.
 
     Args:
         network: ROS network of the run.
         recorder: recorder, which finds out whether the submission takes part.
         submission: submission that was started.
-        submitted: its process.
+        submitted: process of the submission.
         robot: robot that is simulated.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)  # nodes that do not belong to the submission
@@ -191,16 +192,15 @@ def _follow(
     """Wait until a run is over, and return why it has to be cut off, or None if the recorder has ended it.
 
     A run is cut off after its limit of wall time, if simulated time stands still for STALL_DEADLINE, or if
-    the simulator ends. `on_time` gets the simulated times [s]. If the submission ends, the recorder gets a
-    message.
+    the simulator ends. `on_time` gets the simulated times [s].
     """
     # [s] latest simulated time; wall time at which simulated time last advanced
     latest, advanced_at = 0.0, time.monotonic()
-    # true if the recorder was already informed that the submission has ended
+    # true if the recorder already knows that the submission has ended
     is_end_reported = False
 
     def is_over() -> bool:
-        """Update the times, and return whether nothing more is to be waited for."""
+        """Update the times, and return whether the wait is over."""
         nonlocal latest, advanced_at, is_end_reported
         now = recorder.update().now
         on_time(now)
@@ -232,10 +232,11 @@ def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
 def start_submission(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
     """Start a submission in a network, and return its process and the file of its events.
 
-    The action is "run", or "memcheck" to run it in valgrind.
+    An event is, for example, the end of a node. The action is "run", or "memcheck" to run it in valgrind.
     """
-    events = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
-    create(events).close()
-    own = submission.workspace.own
-    command = starter(events, action, [submission.launchable], submission.parts, own)
-    return network.start(SUBMISSION_FOLDER, command, submission.workspace), events
+    events_file = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
+    create(events_file).close()  # a new file, which has only the events of this start
+    command = starter(
+        events_file, action, [submission.launchable], submission.parts, submission.workspace.own
+    )
+    return network.start(SUBMISSION_FOLDER, command, submission.workspace), events_file

@@ -16,6 +16,7 @@ NEAREST, FARTHEST = 8.0, 20.0
 MAX_OFFSET = 5.0  # [m] largest distance of the start from the world's origin along x and along y
 # [rad] at the start, the pillar is at most this angle to the side, so the robot need not search for it
 SIDE = 1.0
+# texts in the course's world file with the pose and the size of the pillar
 _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
 
 

@@ -56,7 +56,8 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     Args:
         result: result of the student.
         out: folder for the files.
-        packages: folders of packages that were started in place; logs show no path of them or of `out`.
+        packages: folders of packages that were started in place; the logs in the feedback do not show the
+            paths of these folders and of `out`.
 
     Raises:
         OSError: a file cannot be written, for example on a full disk.
@@ -82,7 +83,7 @@ def load_result(path: Path) -> MarkingResult:
     Raises:
         HuskyError: the file does not exist, or is not a result.
     """
-    return load(MarkingResult, path, *SUMS)
+    return load(MarkingResult, path, *SUMS)  # SUMS are keys of the file that are not fields of the result
 
 
 def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], out: Path) -> None:
@@ -167,9 +168,10 @@ def add_step_summary(results: Sequence[MarkingResult]) -> None:
 
 
 def _read_pictures(out: Path) -> List[bytes]:
+    """Return the pictures that `write_pictures` wrote, as PNGs."""
     pictures = []
     for name in PICTURES:
-        with suppress(UnreadableFileError):
+        with suppress(UnreadableFileError):  # a submission without a run has no picture
             pictures.append(read_regular(out / name))
     return pictures
 
@@ -181,21 +183,27 @@ def replays(out: Path) -> Dict[int, Path]:
 
 
 def _ends_of_logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
-    """Return the ends of the output of the build and the nodes, by title."""
+    """Return the ends of the output of the build and the nodes, by title.
+
+    The texts do not show the path of `out` and the paths of `packages`.
+    """
     logs = {"Output of the build": out / "build.log"}
     for number, folder in drive_folders(out).items():
         logs[f"Output of your nodes in run {number}"] = folder / "submission.log"
-    texts, folders = {}, [out, *map(Path, packages)]  # texts do not show the paths of these folders
+    texts, hidden_folders = {}, [out, *map(Path, packages)]
     for title, path in logs.items():
         with suppress(UnreadableFileError):
             text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
             if text:
-                texts[title] = "\n".join(map(printable, hide_places(text, folders).splitlines()))
+                texts[title] = "\n".join(map(printable, hide_places(text, hidden_folders).splitlines()))
     return texts
 
 
 def _files_of_student(place: Path, out: Path) -> List[Tuple[str, str]]:
-    """Return titles and addresses, relative to the class's page, of the files in a student's folder."""
+    """Return title and address of each file of a student, for the page of the class.
+
+    `place` is the path of the student's folder. The path and the addresses are relative to `out`.
+    """
     # title and path in the student's folder of each file that may exist
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for number, folder in drive_folders(out / place).items():

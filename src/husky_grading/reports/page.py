@@ -10,9 +10,10 @@ from urllib.parse import quote
 from husky_grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.drawing.templates import render
 
-LEAD = 1.0  # [s] a replay begins so much simulated time before the moment of the evidence
+LEAD = 1.0  # [s] a replay begins this simulated time before the moment of the evidence
 BARS = 10  # number of bars of the histogram below 100 % of the points; 100 % has one more bar
 BAR_HEIGHT = 60  # [pixels] height of the highest bar
+# CSS class of a result's state; the page counts the results of each state in this order
 COLOURS = {ResultState.MARKED: "ok", ResultState.GRADED_BY_HAND: "person", ResultState.NOT_MARKED: "unmarked"}
 
 
@@ -29,13 +30,15 @@ class Row:
     replays: Tuple[Tuple[int, str, float], ...] = ()
 
     def replay_of(self, item: Item) -> str:
-        """Return the address of the replay of an item's run at its moment; empty if there is none."""
+        """Return the address of the replay of an item's run; empty if there is none."""
         if item.at is None:
             return ""
+        # the feedback contains the replay; the template adds the moment to the link
         if item.drive in [number for number, _, _ in self.replays]:
             return f"#drive_{item.drive}"
+        # the page of a class links to the file of the replay, with the moment
         address = dict(self.files).get(replay_title(item.drive), "")
-        return address and f"{address}#{moment_of(item):.2f}"
+        return f"{address}#{moment_of(item):.2f}" if address else ""
 
     @property
     def open(self) -> float:
@@ -91,7 +94,7 @@ def class_page(
         median=round(100.0 * statistics.median(shares), 1) if shares else None,
         bars=histogram(shares),
         # functions that the template calls
-        grade=_colour_of_points,
+        colour_of_points=_colour_of_points,
         moment_of=moment_of,
     )
 
@@ -113,14 +116,18 @@ def feedback_page(
         (number, replay, moment_of(cause) if cause and cause.drive == number else 0.0)
         for number, replay in (replays or {}).items()
     )
-    row = Row(result, (), tuple(pictures), replays=shown)  # only the page of a class has cells
-    return render("feedback.html", row=row, logs=logs or {}, grade=_colour_of_points, moment_of=moment_of)
+    # cells are only for the page of a class, which has a column for each item
+    row = Row(result, cells=(), pictures=tuple(pictures), replays=shown)
+    return render(
+        "feedback.html", row=row, logs=logs or {}, colour_of_points=_colour_of_points, moment_of=moment_of
+    )
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
-    """Return histogram bars over fractions (0 to 1) of the decided points: count, height [px], label [%].
+    """Return the bars of a histogram: count, height [px] and label [%] of each.
 
-    A fraction at the border of two bars counts in the higher one; 100 % has a bar of its own.
+    `shares` has each student's fraction of the points, without items that are graded by hand. A fraction at
+    the border of two bars counts in the higher one; 100 % has a bar of its own.
     """
     counts = [0] * (BARS + 1)
     for share in shares:

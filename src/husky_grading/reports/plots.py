@@ -44,7 +44,7 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
             plain(f"run {number}: {recording.ended.text if recording.ended else 'no run'}"), fontsize=10
         )
     bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
-    # the dots of any run fit, because all runs have the same colours
+    # the colour bar is made from the dots of the last run; the dots of all runs have the same colours
     figure.colorbar(dots, cax=bar, label="simulated time [s]")
     figure.suptitle(plain(title), fontsize=11)
     return png(figure)
@@ -110,7 +110,7 @@ def _write_label(
 
 
 def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) -> None:
-    """Write the pillar's name on its right edge, seen from a position [m], because markers have the left."""
+    """Write "pillar" on the right, seen from a position [m], because "markers" is on the left."""
     (x, y), radius = recording.pillar, recording.pillar_size.radius
     # [rad] direction from the pillar's centre to its right edge
     angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
@@ -118,9 +118,9 @@ def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) ->
 
 
 def _markers_in_plot(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
-    """Return the markers that a picture shows, without deletions.
+    """Return the added markers that a picture shows.
 
-    Their positions are known, and are less than MAX_DISTANCE_FROM_START from the robot's start.
+    The position of such a marker is finite and less than MAX_DISTANCE_FROM_START from the robot's start.
     """
     start = recording.start
     return [

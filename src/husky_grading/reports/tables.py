@@ -96,7 +96,10 @@ MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
 
 
 def to_moodle(results: Sequence[MarkingResult]) -> str:
-    """Return Moodle's grading worksheet: a line for each result that is complete and not held back."""
+    """Return Moodle's grading worksheet: a line for each result that is complete.
+
+    A result that the teacher holds back has no line, because its student gets no feedback yet.
+    """
     rows = []
     for result in results:
         if result.state is ResultState.MARKED and not result.held:

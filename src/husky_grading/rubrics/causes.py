@@ -46,7 +46,8 @@ HINTS = {
     Kind.MISSING_INCLUDE: "hand in the file that is named, or take its <include> out of the launch file",
     Kind.MISSING_PACKAGE: "hand in the package that is named, or do without it",
 }
-# kinds of notes that explain lost points only if no node of the submission runs
+# kinds of notes on packages and nodes of others; `first_cause` uses such a note, but only if no node of the
+# submission runs
 OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
 # kinds of notes that never explain lost points
 HARMLESS = {
@@ -71,17 +72,18 @@ def hint_on(cause: Note) -> str:
 
 
 def causes(recording: Recording) -> List[Note]:
-    """Return the notes that can be the cause of a loss, so none on robot, flood or prefixes."""
-    harmless = HARMLESS | OF_OTHERS
+    """Return the notes that can explain lost points."""
+    explains_nothing = HARMLESS | OF_OTHERS
     if _ran_to_the_end(recording):
-        harmless.add(Kind.NODE_ENDED)
-    return [note for note in recording.notes if note.kind not in harmless]
+        explains_nothing.add(Kind.NODE_ENDED)
+    return [note for note in recording.notes if note.kind not in explains_nothing]
 
 
 def _ran_to_the_end(recording: Recording) -> bool:
     """Return whether a node of the submission still ran at the end of the run."""
     if recording.ended and recording.ended.kind is Kind.DEADLINE:
-        # commands still came, so the node that ended was another one, such as one that only sets something up
+        # The controller still ran if its commands came until the deadline. A node that has ended was then
+        # another node, such as one that only sets something up.
         return bool(len(recording.commands)) and recording.times[-1] - recording.commands[-1] < SILENT
     return bool(recording.ended and recording.ended.kind in RAN_ON)
 

@@ -21,7 +21,9 @@ def by_hand(why: str = "") -> str:
 
 
 def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
-    """Return one item for all runs, with the evidence of the worst; graded by hand if the item of one run is.
+    """Return one item for all runs, with the evidence of the worst run.
+
+    The item is graded by hand if the item of a run is graded by hand.
 
     Args:
         items: items of the runs; the first run is in the course's world.
@@ -68,7 +70,7 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     Items on the displays of RViz stay as they are, because they do not depend on a run.
 
     Args:
-        items: items by the run that was made.
+        items: items with the points of our run; another run may give other points.
         cause: sentence on the variable that the submission reads before it writes it.
     """
     judged: List[Item] = []
@@ -85,9 +87,10 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
 
 
 def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[Item]:
-    """Return items: if they lost points, they are graded by hand, because other launch files fit as well.
+    """Return the items of a submission with several launch files that fit the exercise equally well.
 
-    The first of `launch_files` was started.
+    The first of `launch_files` was started. Items that lost points are graded by hand, because the student
+    may have meant another file.
     """
     started, *others = launch_files
     reason = f"its launch files {started} and {', '.join(others)} fit equally well, and {started} was started"

@@ -16,8 +16,7 @@ from husky_highlevel_controller.robot import load_robot
 FEW = 3  # fewer than FEW markers or moments are not enough for a judgement
 # a fault is reported if at least this fraction of the tested markers has it
 MOSTLY = 0.8
-# for each metre between robot and pillar, a marker may be off a mirrored or swapped position by this distance
-# more [m]
+# [m/m] tolerance of a mirrored or swapped position, for each metre between robot and pillar
 IMAGE_SLOPE = 0.1
 COORDINATE_TOLERANCE = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
 POSITION_TOLERANCE = 0.15  # [m] a marker counts as being at a position up to this distance from it
@@ -59,19 +58,19 @@ class Seen(NamedTuple):
 
     x: float  # [m] x of the marker in base_link, positive ahead of the robot
     y: float  # [m] y of the marker in base_link, positive to the left of the robot
-    distance: float  # [m] distance from base_link to the pillar's axis
-    bearing: float  # [rad] direction of the pillar in base_link, 0 ahead, positive to the left
+    pillar_distance: float  # [m] distance from base_link to the pillar's axis
+    pillar_bearing: float  # [rad] direction of the pillar in base_link, 0 ahead, positive to the left
     slack: float  # [m] distance up to which `is_near` is true
 
     @property
     def pillar_x(self) -> float:
         """Return the pillar's coordinate ahead [m]."""
-        return self.distance * cos(self.bearing)
+        return self.pillar_distance * cos(self.pillar_bearing)
 
     @property
     def pillar_y(self) -> float:
         """Return the pillar's coordinate to the left [m]."""
-        return self.distance * sin(self.bearing)
+        return self.pillar_distance * sin(self.pillar_bearing)
 
     def is_near(self, x: float, y: float) -> bool:
         """Return whether the marker is at a position [m]."""
@@ -107,10 +106,9 @@ def find_fault(
         return fault
     if _are_mostly_true([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
-    # a marker that is at the pillar, seen from above, can only be wrong because of its height; it is at the
-    # pillar up to `tolerance` [m] from the pillar's axis
+    # a wrong marker that is at the pillar, seen from above, can only be wrong because of its height
     height = recording.pillar_size.height
-    # a distance of 0 leaves out the slack that grows with it, so only markers close to the pillar count
+    # [m] tolerance as if the robot were at the pillar, so that only markers close to the pillar count
     tolerance = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
     has_wrong_height = [
         distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
@@ -131,17 +129,18 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame  # the first marker stands for all, because few submissions use several frames
-    # Each frame except odom is taken as a frame that turns with the robot. In such a frame, the x and y of
-    # the student are coordinates as seen from the robot.
+    # every frame except odom counts as a frame that turns with the robot, so the student has computed x and y
+    # as seen from the robot
     turns_with_robot = frame != "odom"
-    # x of the origin of the marker's frame in base_link; any other frame is taken as the lidar's. It is
-    # subtracted, because the student has computed whole metres in the marker's frame.
-    origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x  # [m]
+    # [m] x of the origin of the marker's frame in base_link; every frame except base_link counts as the
+    # lidar's frame
+    origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x
     # test of each fault on one marker, seen from base_link; the first fault that most markers have counts
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: (
             turns_with_robot and abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
         ),
+        # the student's coordinates are in the marker's frame, so x is converted from base_link to this frame
         Kind.WHOLE_METRES: lambda seen: (
             turns_with_robot and _is_whole(seen.x - origin_x) and _is_whole(seen.y)
         ),
@@ -174,20 +173,22 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
         # on, but its position belongs to its stamp.
         if not marker.problem and is_off_axis(recording, marker.at, rules):
             at = marker.stamp or marker.at  # [s] a stamp of 0 means the time at which the marker came
-            distance, bearing = pillar_from_robot(recording, at)
-            # [m] tolerance for a mirrored or swapped position; it grows with the distance of the pillar
-            slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
+            pillar_distance, pillar_bearing = pillar_from_robot(recording, at)
+            # [m] tolerance with which a marker is at a mirrored or swapped position: the distance for half of
+            # the points, and more for a pillar that is far away
+            slack = rules.marker_half + slack_of(recording, pillar_distance, rules)
+            slack += IMAGE_SLOPE * pillar_distance
             x, y = _from_robot(recording, marker.position, at)
-            seen_markers.append(Seen(x, y, distance, bearing, slack))
+            seen_markers.append(Seen(x, y, pillar_distance, pillar_bearing, slack))
     return seen_markers
 
 
 def _is_on_another_beam(seen: Seen, radius: float) -> bool:
     """Return whether a marker has the distance of a pillar of this radius [m], but not its bearing."""
     distance = hypot(seen.x, seen.y)
-    distance_error = max(abs(distance - seen.distance) - radius, 0.0)
+    distance_error = max(abs(distance - seen.pillar_distance) - radius, 0.0)
     # [m] distance of the marker from the line between the robot and the pillar
-    across = abs(seen.y * cos(seen.bearing) - seen.x * sin(seen.bearing))
+    across = abs(seen.y * cos(seen.pillar_bearing) - seen.x * sin(seen.pillar_bearing))
     # the distance is right, and the direction is clearly more wrong than the distance
     return distance_error <= POSITION_TOLERANCE and across > 2.0 * distance_error
 
@@ -198,7 +199,10 @@ def _are_mostly_true(tests: Sequence[bool]) -> bool:
 
 
 def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> bool:
-    """Return whether a marker is on the lidar, `mount` [m] ahead of base_link, or at its frame's origin."""
+    """Return whether a marker is on the lidar, or at the origin of odom or base_link if that is its frame.
+
+    `mount` is the lidar's distance ahead of base_link [m].
+    """
     start = recording.start  # origin of odom
     from_start = hypot(marker.position[0] - start.x, marker.position[1] - start.y)
     if marker.frame == "odom" and from_start <= POSITION_TOLERANCE:
@@ -245,15 +249,17 @@ def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
     """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0."""
     distance, bearing = pillar_from_robot(recording, at)
     mirror_error = 2.0 * distance * abs(sin(bearing))  # [m] distance from the pillar to a mirrored marker
-    # [m] a marker with a larger error scores 0; the slack is added in the next line
+    # [m] error at which the score falls to 0, because it falls linearly from 1 at `marker_full` to 0.5 at
+    # `marker_half`
     zero_score_error = 2.0 * rules.marker_half - rules.marker_full
     return mirror_error > zero_score_error + slack_of(recording, distance, rules)
 
 
 def slack_of(recording: Recording, robot_distance: float, rules: Rules) -> float:
-    """Return the tolerance [m] that the robot's distance from the pillar [m] and a thick pillar add.
+    """Return what is added to the rubric's distances [m], which are for the course's pillar and a near robot.
 
-    A marker on the pillar's near side is as right as one on its axis.
+    The addition grows with the robot's distance from the pillar [m], and with the pillar's radius, because a
+    marker on the surface of a thick pillar is right, too.
     """
     return rules.marker_per_metre * robot_distance + recording.pillar_size.radius - PILLAR_RADIUS
 

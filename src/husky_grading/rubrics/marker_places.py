@@ -37,8 +37,8 @@ from husky_highlevel_controller.robot import load_robot
 MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# a moment gets a score if at least this fraction of the drawn markers has this score or a higher score; the
-# evidence calls this fraction "half"
+# a moment gets a score if at least this fraction of the drawn markers has this score or a higher score. The
+# sentence for the student names this fraction in words: "half of the drawn ones must be right".
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
@@ -87,7 +87,7 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
 
 
 def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
-    """Return the score of markers that are judged together, with a sentence for the student.
+    """Return one score for the markers of a namespace, or of all namespaces, and a sentence for the student.
 
     The sentence says how long the markers were right and how far they were from the pillar. If some were
     wrong, it adds the fault that most of them have, and the first wrong one.
@@ -99,12 +99,14 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     """
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
-    # the sentence begins with topic and frame of the first marker; most submissions use only one of each
+    # The sentence begins with topic and frame of the first marker, because most submissions use only one of
+    # each. A stamp of 0 is named, because TF at another time then gives the position.
     title = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     # RViz does not draw a marker that has a `problem`
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
         evidence = f"{title}: not visible: {invisible[0].problem}"
+        # a marker is not `finite` if one of its numbers is NaN or infinity
         kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
         return Placement(0.0, evidence, invisible[0].at, kind)
     # score of each marker; the key is `id()`, because several markers may be equal
@@ -258,7 +260,7 @@ def _seconds(moments: Sequence[Moment]) -> float:
 
 
 def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
-    """Return the mean score of the right moments, times a factor for the time in which markers are right.
+    """Return the mean score of the moments that have points, times a factor for the fraction of their time.
 
     The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. The time with the pillar ahead
     counts as half of the time at most, because there a wrong sign of y makes no difference.
@@ -266,10 +268,10 @@ def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
     Args:
         groups: result of `_by_direction`, so the moments with the pillar to the side come first.
     """
-    right = [moment for group in groups.values() for moment in group if moment.score > 0.0]
-    if not right:
+    with_points = [moment for group in groups.values() for moment in group if moment.score > 0.0]
+    if not with_points:
         return 0.0
-    mean_score = sum(each.seconds * each.score for each in right) / _seconds(right)
+    mean_score = sum(each.seconds * each.score for each in with_points) / _seconds(with_points)
     right_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
     if fractions_ahead:  # a second group exists: the moments with the pillar ahead
         aside, ahead = map(_seconds, groups.values())
