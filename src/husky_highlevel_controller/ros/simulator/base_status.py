@@ -1,8 +1,8 @@
 """/status and /diagnostics of a real Husky's base, once per simulated second.
 
 Stands in for husky_base 0.6.10 (Noetic, repository husky_robot). Names, thresholds and levels of the four
-diagnostics are the original's. No test runs the original, which needs the base's board:
-`test_robot_launch_drives.py` reads this one's messages.
+diagnostics are the original's. No test runs the original, because it needs the base's board.
+`test_robot_launch_drives.py` reads the messages of this module.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class BaseStatus:
         self._published_at: Optional[float] = None
 
     def update(self, power: PowerState, e_stop: bool, stamp: float) -> None:
-        """Publish both if a period is over at `stamp` [s]; to be called several times a second."""
+        """Publish status and diagnostics if they are due at `stamp` [s]. Call it several times a second."""
         if self._published_at is not None and stamp - self._published_at < PERIOD - 1e-6:
             return
         self._published_at = stamp

@@ -22,9 +22,9 @@ class CallQueue:
     Calls that step or reset the simulation wait until the owner is not in the middle of a step itself.
     """
 
-    def __init__(self, on_change: Callable[[str], None] = lambda _: None) -> None:
-        """Call `on_change` with a sentence about each request that changed or read the world."""
-        self.on_change = on_change
+    def __init__(self, report: Callable[[str], None] = lambda _: None) -> None:
+        """Call `report` with a sentence about each request that changed the world or read its true state."""
+        self.report = report
         self._calls: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._calls_between_steps: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._arrived = threading.Event()
@@ -49,22 +49,26 @@ class CallQueue:
     ) -> Tuple[bool, str]:
         """`call` work that returns a sentence on its result. Return success and a message; log a refusal.
 
-        If the work `changes` the world, `on_change` gets the sentence, too.
+        If the work `changes` the world, `report` gets the sentence, too.
         """
         try:
             sentence = self.call(work, between_steps)
             if changes:
-                self.on_change(sentence)
+                self.report(sentence)
             return True, sentence
         except HuskyError as error:
             rospy.logwarn(f"refused: {error}")
             return False, str(error)
 
-    def offer(self, name: str, kind: Any, work: Callable[[Any], str], **how: bool) -> None:
-        """Offer a service that asks for work on each request; it responds with `ask`'s answer, if it can."""
+    def offer(self, name: str, kind: Any, work: Callable[[Any], str], **options: bool) -> None:
+        """Offer a service that lets the owner do `work` for each request.
+
+        The response has a success and a message, as `ask` returns them; `options` are further arguments of
+        `ask`.
+        """
 
         def respond(request: Any) -> Tuple:
-            answer = self.ask(partial(work, request), **how)
+            answer = self.ask(partial(work, request), **options)
             return () if kind is Empty else answer  # the response of an Empty service has no fields
 
         rospy.Service(name, kind, respond)

@@ -57,7 +57,8 @@ class Commands:
         self._senders: Dict[str, Tuple[str, float]] = {}
         # nodes that have already sent more than one command for one scan
         self._double_senders: Set[str] = set()
-        # name of the node that sent the last command that is not zero and that no stronger topic blocks
+        # name of the last node whose command was not zero; commands that a topic of higher priority blocks do
+        # not count
         self.driver = ""
         self._mux = CommandMux(topics.velocity)  # decides by priority which command topic the robot obeys
         self._is_refusing = False  # true after a call of `refuse`; from then on, the robot obeys no command
@@ -82,8 +83,9 @@ class Commands:
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
         """Return the topic and the twist of each new command to obey, oldest first.
 
-        Commands count from `stamp` [s], from which the mux measures when each input expires. The mux drops a
-        command while an input of higher priority is active, and all commands during an emergency stop.
+        `stamp` [s] is the time of these commands for the mux, which lets an input expire some time later. The
+        mux drops a command while an input of higher priority is active, and all commands during an emergency
+        stop.
         """
         obeyed: List[Tuple[str, Twist2D]] = []
         if self._is_refusing:
@@ -135,14 +137,14 @@ class Commands:
                 self._findings.tell(sender, sentence)
 
     def has_sender(self) -> bool:
-        """Return whether a controller is connected; one of the direct input's senders is our own."""
+        """Return whether a controller is connected; this node itself is one sender of the direct input."""
         return (
             self._main_subscriber.get_num_connections() > 0
             or self._direct_subscriber.get_num_connections() > 1
         )
 
     @property
-    def locked(self) -> bool:
+    def e_stop_is_on(self) -> bool:
         """Return whether the emergency stop is on."""
         return self._mux.locked
 
@@ -150,8 +152,8 @@ class Commands:
         """Obey no command of any node from now on. Any thread."""
         self._is_refusing = True
 
-    def forget(self) -> None:
-        """Reset everything except the emergency stop."""
+    def forget_commands(self) -> None:
+        """Drop waiting commands, and treat every input as silent; the emergency stop stays."""
         self._arrived.clear()
         self._mux.forget()
 

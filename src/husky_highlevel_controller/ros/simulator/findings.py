@@ -1,6 +1,6 @@
 """Faults of other nodes that only the simulator can see, logged, and kept for `./dev doctor`.
 
-In: sentences on nodes, from any thread. Out: the log, and a parameter beside the simulator's name.
+In: sentences on nodes, from any thread. Out: the log, and a parameter in the simulator's namespace.
 """
 
 from __future__ import annotations

@@ -139,15 +139,15 @@ class GazeboServices:
     def _ask_simulation(self, read: Any, data: str) -> Tuple[Any, str]:
         """Call `read` in the simulation's thread. Return its result and a sentence, or None and the reason.
 
-        `data` is a name of the data that `read` returns. The name is in the sentence. The program that
-        records a graded run gets this sentence, too.
+        `data` says what is read, and is the subject of the sentence. The program that records a graded run
+        gets this sentence, too.
         """
         try:
             result = self._calls.call(read)
         except HuskyError as error:
             rospy.logwarn(f"refused: {error}")
             return None, str(error)
-        self._calls.on_change(f"{data} was read")
+        self._calls.report(f"{data} was read")
         return result, f"{data} was read"
 
     def _on_get_state(self, request: GetModelStateRequest) -> GetModelStateResponse:

@@ -87,9 +87,10 @@ def _launches() -> Iterator[Set[str]]:
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         # list of the running processes, and list of the ended processes; None if this roslaunch has ended
         processes = ask(uri, "list_processes")
+        running = processes[0] if processes else []
         # roslaunch appends a number to the name of each node, as in "husky_simulator-3"; the number is cut
         # off
-        yield {name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0]}
+        yield {name.rsplit("-", 1)[0] for name, _ in running}
 
 
 def launched() -> Set[str]:
@@ -118,7 +119,7 @@ class SecondFilter:
         self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
-        """Leave the filter to a new publisher of the topic, if one roslaunch has started it and this node.
+        """Leave the filter to a new publisher of the topic, if the same roslaunch has started both nodes.
 
         A node that was started in another way is a mistake, which `second_publishers` finds.
         """

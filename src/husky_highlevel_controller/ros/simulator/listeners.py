@@ -2,8 +2,8 @@
 
 A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
 clock advances. Its messages do not distinguish it from a node that computes, but its threads do. A thread
-that waits for a message runs from the moment it is sent. Unread messages show nothing, because rospy reads
-none during a callback, in which it may sleep.
+that waits for a message runs from the moment when the message is sent. Unread messages show nothing, because
+rospy reads none during a callback, in which it may sleep.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import rospy
 # 11, two of three runs of such a node gave other results than before.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two checks whether the processes sleep
-# names of two files of a thread in /proc: STAT has its state; SCHEDULE counts its turns on a CPU, if the
-# kernel supports this
+# names of two files of a thread in /proc: STAT has its state; SCHEDULE counts its turns (how often the kernel
+# has let it run on a CPU), if the kernel supports this
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
 COUNTS_TURNS = SCHEDULE != STAT  # whether the kernel counts the turns of each thread
@@ -41,10 +41,10 @@ Turns = Dict[str, bytes]  # content of the file SCHEDULE by thread; it changes w
 class Listeners:
     """The processes on this machine that subscribe to a publisher's topic.
 
-    A process in Python does not run while it waits for the clock. If all that receive the topic or
-    the clock are in Python, they are asleep as soon as they have run after a tick, and two looks see all
-    threads asleep, none of which ran in between. Otherwise processes that receive the topic are asleep after
-    ASLEEP_FOR without a running thread.
+    Two checks find out whether they are asleep. The short check is for processes in Python, which do not run
+    while they wait for the clock. They are asleep if those that receive the clock have run since the last
+    tick, and no thread has run between two looks. The long check is for all processes: those that receive the
+    topic are asleep after ASLEEP_FOR without a running thread.
     """
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
@@ -62,7 +62,8 @@ class Listeners:
         # true if all processes that receive the topic are on this machine, where they can be seen
         self._sees_all_receivers = False
         self._all_in_python = False  # true if all processes in `_processes` run Python
-        # turns on the CPU of the threads of each process, when all processes were last found asleep
+        # turns of the threads of each process when all were last found asleep; a process with other turns has
+        # run since then
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
@@ -76,25 +77,21 @@ class Listeners:
             return False
         end, last_turns = time.monotonic() + ASLEEP_FOR, None
         while True:
-            # None means that a thread of this process works
+            # None means that a thread of this process works, so it may be about to send something
             if self._own_threads.turns() is None:
                 return False
-            # turns on a CPU by process; None for a process with a running thread
+            # turns by process; None for a process with a running thread
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
-            # Python processes are asleep if two things are true. First, each process that receives /clock has
-            # run since the last tick, so it has received the tick. Second, no thread has run between the last
-            # check and this check.
-            is_certain = self._all_in_python and turns == last_turns and self._have_run(turns)
-            # Otherwise the processes are asleep, Python or not, if no check within ASLEEP_FOR has found a
-            # running thread in a process that receives the topic. A process that receives only the clock does
-            # not count here.
-            if is_certain or time.monotonic() >= end:
+            # A process that has run since the last tick has received this tick. If the turns are equal, no
+            # thread has run since the last look.
+            passes_short_check = self._all_in_python and turns == last_turns and self._have_run(turns)
+            # the long check ends at `end`; it ignores processes that receive only the clock
+            if passes_short_check or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
-            # Python processes are checked a second time without a pause, because two equal checks may be
-            # enough
+            # the second look comes without a pause, because two equal looks are enough for the short check
             if last_turns is not None or not self._all_in_python:
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
@@ -110,7 +107,7 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # the short check of Python processes compares the turns of each thread
+        # the short check needs turns, so it is not made on a kernel that does not count them
         self._all_in_python = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
@@ -138,7 +135,7 @@ class _Threads:
             self._forget(thread)
 
     def turns(self) -> Optional[Turns]:
-        """Return the turns on a CPU of all threads except the caller's, or None if one of them runs."""
+        """Return the turns of all threads except the caller's, or None if one of them runs."""
         try:
             threads = os.listdir(self._folder)[:MAX_THREADS]
         except OSError:  # the process has just ended

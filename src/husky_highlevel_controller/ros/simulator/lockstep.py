@@ -1,7 +1,8 @@
 """Lockstep: holds the simulated clock until a command has answered the last scan.
 
-In: a scan is sent, the clock goes on, a command arrives. Out: waits. `Mode` says how long they are, and
-`LeadLimit` holds a clock that is neither in lockstep nor bound to wall time.
+In: calls when a scan is sent, when the clock ticks, and when a command arrives. Out: waits of the thread that
+owns the simulation, as the table of `Mode` says. `LeadLimit` is for a clock that is neither in lockstep nor
+bound to wall time.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import rospy
 from husky_highlevel_controller.ros.simulator.graph import Partners
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 
-# [s] wall times
 PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start of simulated time waits for a controller
 # [s] if no command answers a scan within this wall time, lockstep ends with a warning
 ANSWER_TIMEOUT = 5.0
@@ -43,7 +43,7 @@ AWAKE = 10  # number of scans that a controller must answer in a row to count as
 
 
 class Mode(Enum):
-    """Mode of lockstep. Listeners are the processes that receive the scans; idle: none of their threads runs.
+    """Mode of lockstep. Listeners are the processes that receive the scans; they are idle if no thread runs.
 
     ==============  ==================  ==========================  ==========================================
     mode            waits after a scan  waits at a tick of /clock   next mode
@@ -59,8 +59,9 @@ class Mode(Enum):
     FREE            not at all          not at all                  none
     ==============  ==================  ==========================  ==========================================
 
-    The first three become SLEEPING when listeners are idle and no command has come for SLEEP_TIMEOUT, twice:
-    in between the clock is nudged. All become FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
+    In the first three modes, the clock is nudged (moved to just before its next tick) when listeners are idle
+    and no command has come for SLEEP_TIMEOUT. When this happens again, the mode becomes SLEEPING. Every mode
+    becomes FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
     """
 
     WATCHED = 1
@@ -116,7 +117,7 @@ class Lockstep:
 
     def command_arrived(self, topic: str) -> None:
         """Take a command on any velocity topic for the answer to the last scan. Any thread."""
-        if self._answered_topics is not None:
+        if self._answered_topics is not None:  # None means that there is no scan to answer yet
             self._answered_topics.add(topic)
         self._has_commanded = True
         self._answered.set()
@@ -134,7 +135,7 @@ class Lockstep:
                 f"{partners.command_topics}"
             )
         missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
-        self._wait_or_end(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
+        self._wait_or_end_lockstep(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:
         """Call before a scan is published: commands until now do not answer it."""
@@ -184,16 +185,16 @@ class Lockstep:
 
         Args:
             meanwhile: serves calls, and is called again and again.
-            again: sends the tick once more. rospy.sleep looks at the clock, then waits for the next tick, so
-                it misses a tick in between.
+            again: sends the tick once more, because rospy.sleep may have missed it: it misses a tick that
+                comes after it has read the clock and before it waits for the next tick.
         """
         self._wait_until_idle(meanwhile)
         if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
         # `begin_scan` is called before the tick of a scan, so `_answer_is_due` means that this tick belongs
-        # to a scan. The scan is not sent yet. So a command that is already here was caused by the tick. The
-        # controller works at ticks of /clock, so from now on the simulator always waits at ticks.
+        # to a scan. The scan is not sent yet, so a command that is already here was caused by the tick. This
+        # controller sends commands at ticks of /clock, so from now on the simulator always waits at ticks.
         if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
@@ -203,10 +204,11 @@ class Lockstep:
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
     ) -> None:
-        """Wait for the command that answers a scan.
+        """Wait for the command that answers a scan, or until the controller is known to sleep (SLEEPING).
 
-        Until the very first command the scan is sent once more, by `resend`. Later, idle listeners get one
-        more tick of the clock, by `nudge`. Listeners that are idle after that sleep by simulated time.
+        If no command comes, one attempt is made to get it. Before the very first command, `resend` sends the
+        scan again. Later, `nudge` moves the clock, when the listeners are idle. Listeners that are idle after
+        this attempt sleep by simulated time.
         """
         waits_for_first = not self._has_commanded  # true before the very first command
         # [s] wall time at which the wait began; it begins again with the resend or the nudge
@@ -232,7 +234,7 @@ class Lockstep:
 
         if self._answered.is_set():
             return
-        self._wait_or_end(is_over, ANSWER_TIMEOUT, "no command answers the scan")
+        self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
         # the command came only after a nudge, so the controller sleeps in simulated time; from now on, the
@@ -248,7 +250,7 @@ class Lockstep:
             return self._listeners.asleep()
 
         if self._mode is Mode.SLEEPING:
-            self._wait_or_end(
+            self._wait_or_end_lockstep(
                 are_idle, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy"
             )
         elif self._mode in _WATCHING_MODES:
@@ -258,7 +260,7 @@ class Lockstep:
                     self._mode = Mode.ANSWERING  # some listeners, such as RViz, are never idle
                 time.sleep(0.001)
 
-    def _wait_or_end(
+    def _wait_or_end_lockstep(
         self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
     ) -> None:
         """Wait until something is done; after `timeout` [s] of wall time, warn and end lockstep (FREE)."""
@@ -278,11 +280,11 @@ class LeadLimit:
     """Lets the simulation be some scans ahead of the controller's answers, and no more.
 
     At 20 times real time a controller that gets no CPU for 20 ms lets the robot drive blindly for 0.4 s.
-    A controller that answers some scans only is not waited for.
+    The simulation does not wait for a controller that answers only some of the scans.
     """
 
     def __init__(self, is_on: bool) -> None:
-        """Limit the lead if `is_on`, and begin with a controller that is waited for."""
+        """Limit the lead if `is_on`; a controller counts as answering in time until it fails to."""
         self._is_on = is_on
         # true while the controller answers scans in time; otherwise a wait makes no sense
         self._follows = is_on

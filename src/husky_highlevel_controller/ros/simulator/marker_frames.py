@@ -68,7 +68,7 @@ class MarkerFrames:
 
 def marker_sentence(node: str, topic: str, frame: str, frames: AbstractSet[str]) -> str:
     """Return a sentence on a marker in an unknown frame, with the frame that is probably meant."""
-    nearest = get_close_matches(frame, sorted(frames), 1, 0.5)
+    nearest = get_close_matches(frame, sorted(frames), n=1, cutoff=0.5)
     remedy = f"did you mean '{nearest[0]}'?" if nearest else "copy the header of the scan"
     return (
         f"{node} publishes a marker on {topic} in the frame '{frame}', which TF does not have, so RViz "

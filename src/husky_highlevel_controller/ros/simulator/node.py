@@ -62,7 +62,6 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 MAX_STEPS = 100_000  # largest number of physics steps that one request of ~step may ask for
 # if the machine reaches less than this fraction of the requested real-time factor, a warning is logged
 SLOW_FRACTION = 0.9
-# [s] wall times
 PAUSE_POLL_PERIOD = 0.05  # [s] longest wait for a service call during a pause; then /clock is published again
 # [s] longest wait for the other launched nodes, if the real-time factor is unlimited; then time begins
 # without them
@@ -118,7 +117,7 @@ class SimulatorNode:
         )
         # at unlimited speed without lockstep, the simulation could run far ahead of a slow controller, so
         # this limit makes the simulation wait
-        self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
+        self._lead_limit = LeadLimit(start.has_unlimited_speed and not start.lockstep)
         self._findings = Findings()  # mistakes of other nodes, for the log and for ./dev doctor
         self._commands = Commands(config.robot, self._lockstep, self._lead_limit, self._findings)
         # if the ROS master no longer knows this node, no new program can stop the robot, so all commands are
@@ -196,7 +195,8 @@ class SimulatorNode:
         """Wait for the nodes that would miss the begin of simulated time.
 
         RViz shows the begin of a run. In lockstep, or at unlimited speed, a controller that starts late would
-        miss the first scans. In lockstep, the recorder of a graded run must also be ready.
+        miss the first scans. In lockstep, the recorder of a graded run must also be ready. A world that is
+        paused waits only in lockstep, because its time begins later.
         """
         publishers = self._publishers
         # simulated time also waits for the subscribers of these topics, because a message that is lost at the
@@ -210,7 +210,7 @@ class SimulatorNode:
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._serve_while_time_waits)
             publishers.truth_log.wait_to_begin(self._serve_while_time_waits)
-        elif self._start.real_time_factor == 0.0 and not self._paused:
+        elif self._start.has_unlimited_speed and not self._paused:
             self._wait_for_launch(partners)
 
     def _use_wall_time_if_not_simulated(self) -> None:
@@ -218,7 +218,7 @@ class SimulatorNode:
 
         Other nodes then ask TF for transforms at the present wall time.
         """
-        if self._publishers.tells_time:
+        if self._publishers.uses_simulated_time:
             return
         self._simulation.set_stamp(time.time())
         if self._start.real_time_factor != 1.0:
@@ -234,7 +234,7 @@ class SimulatorNode:
         self._publishers.publish_clock(self._simulation.stamp)
 
     def _wait_for_launch(self, partners: Partners) -> None:
-        """Wait for the launched nodes; at full speed ten simulated seconds pass while a controller starts."""
+        """Wait for the launched nodes; otherwise ten simulated seconds may pass while a controller starts."""
 
         def missing() -> str:
             """Return a sentence on the launched nodes that have not joined; empty if nothing is missing."""
@@ -313,7 +313,7 @@ class SimulatorNode:
         self._publishers.publish_points(snapshot, self._simulation.points)
         self._gazebo.publish(snapshot)  # poses and velocities of all models, on the same topic as in Gazebo
         if snapshot.power is not None and self._status:
-            self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
+            self._status.update(snapshot.power, self._commands.e_stop_is_on, snapshot.stamp)
         if self._display:
             self._display.update(snapshot.stamp)  # markers of the world for RViz
         if self._camera:
@@ -351,7 +351,10 @@ class SimulatorNode:
                 rospy.loginfo(f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time")
 
     def _notice_arrival(self, snapshot: Snapshot) -> None:
-        """Log an arrival in a thread of its own, because it asks the master first; not for a recorder."""
+        """Log an arrival at a pillar, in a thread of its own, because it asks the master first.
+
+        In a run that is graded, or if the node arrival_exit logs it, the arrival is not logged here.
+        """
         arrival = self._arrival.update(snapshot.true_state, self._pillars)
         if arrival and not (self._has_arrival_exit or self._publishers.is_graded):
             threading.Thread(target=self._tell_arrival, args=(arrival, self._commands.driver)).start()
@@ -424,14 +427,14 @@ class SimulatorNode:
         """Pause or resume the world, and return a sentence with the time."""
         self._paused = paused
         self._paused_topic.publish(paused)
-        # wall time has passed during the pause, so the stamp may need a new value
+        # without simulated time, the stamps are wall times, and wall time has passed during the pause
         self._use_wall_time_if_not_simulated()
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:
         """Reset robot and world, and return a sentence with the time."""
         self._simulation.reset()
-        self._commands.forget()
+        self._commands.forget_commands()
         self._forget_touches()
         return f"the world is as at the start; time continues from {self._simulation.stamp:.3f} s"
 
@@ -442,7 +445,7 @@ class SimulatorNode:
         """Load another world, and return a sentence about it."""
         world = self._read_world(request.world_name)
         self._simulation.load_world(world)
-        self._commands.forget()
+        self._commands.forget_commands()
         self._forget_touches()
         # the name of the world is a parameter, so that other nodes can read it
         rospy.set_param("~world_name", request.world_name)

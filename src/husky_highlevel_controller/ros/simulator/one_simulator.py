@@ -1,9 +1,10 @@
-"""Check that no simulator runs on this master yet. A second one would set another time, or end the first.
+"""Check that no simulator runs on this master yet. A second one would set another time, or end the first one.
 
 In: the ROS master. Out: the name of the simulator that runs already, the other publishers of /clock.
 
-A launch file asks while it is read, before any of its nodes starts. Its nodes have the names of the running
-nodes, and the master ends the first of each name. Only the standard library, because every launch waits.
+A launch file runs this check while it is read, before its nodes start. The check comes so early because the
+master ends a running node when another node of the same name starts. This module imports only the standard
+library, because every launch waits for the check.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def why_not_two(name: str, master_uri: str) -> str:
 
 
 def has_own_master(command_line: Sequence[str]) -> bool:
-    """Return whether a program that reads a launch file starts its own master despite $ROS_MASTER_URI.
+    """Return whether the program that reads a launch file starts a new master in place of $ROS_MASTER_URI.
 
     Only rostest does so, unless it has the option --reuse-master.
     """

@@ -44,6 +44,11 @@ class StartConfig:
         """Start pose of the robot in the world."""
         return Pose2D(self.x, self.y, self.yaw)
 
+    @property
+    def has_unlimited_speed(self) -> bool:
+        """Return whether simulated time never waits for wall time."""
+        return self.real_time_factor == 0.0
+
 
 def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     """Return the private parameters of the node: start of the simulation, simulator, depth camera.

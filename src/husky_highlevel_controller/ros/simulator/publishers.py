@@ -62,10 +62,11 @@ class Publishers:
         self._bumped_bodies: Set[str] = set()
         # connections to the subscribers of /tf at the last check for new subscribers
         self._transform_connections: List[Any] = []
-        self.leaves_filter = False  # true if another node publishes the estimated pose; any thread may set it
+        # true if another node publishes the estimated pose; any thread may set it
+        self.has_other_filter = False
 
         # true if nodes take the time from /clock; otherwise they use wall time
-        self.tells_time = bool(rospy.get_param("/use_sim_time", False))
+        self.uses_simulated_time = bool(rospy.get_param("/use_sim_time", False))
         self.truth_log = TruthLog()
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
 
@@ -167,7 +168,7 @@ class Publishers:
             # this node leaves them out
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
             # without a transform of the wheels or of odom, the message would be empty
-            if with_wheels or not self.leaves_filter:
+            if with_wheels or not self.has_other_filter:
                 publish_if_subscribed(
                     self.transforms, self._moving_tree_to_msg, snapshot.stamp, odometry, with_wheels
                 )
@@ -184,13 +185,13 @@ class Publishers:
 
     def leave_filter_to(self, node: str) -> None:
         """Leave the filtered odometry and the transform of odom to another node; any thread may call it."""
-        self.leaves_filter = True
+        self.has_other_filter = True
         rospy.loginfo(
             f"{node} publishes {self.filter_topic}, so the simulator leaves it and {ODOM} -> {BASE} to {node}"
         )
 
     def send_last_transforms(self) -> None:
-        """Send the last transforms to new subscribers: while time stands still no others come.
+        """Send the last transforms to new subscribers, which get no others while time stands still.
 
         Call it in the thread that publishes, because rospy has one buffer for all messages of a publisher, so
         two threads would mix their messages.
@@ -206,7 +207,7 @@ class Publishers:
         # a robot_state_publisher sends no transforms at time 0, so this node sends the transforms of the
         # wheels
         with_wheels = stamp == 0.0 or not self._has_state_publisher()
-        if with_wheels or not self.leaves_filter:
+        if with_wheels or not self.has_other_filter:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
 
     @staticmethod
@@ -223,7 +224,7 @@ class Publishers:
         """Keep a snapshot, which new subscribers get while time has not begun."""
         if snapshot.odometry is not None:
             self._last_odometry = snapshot.stamp, snapshot.odometry
-            if self._world_transforms:
+            if self._world_transforms:  # a latched topic, so new subscribers get this message later
                 publish(self._world_transforms, self._world_tree_to_msg(snapshot, snapshot.odometry))
         self._kept_scan = snapshot.scan
 
@@ -257,7 +258,7 @@ class Publishers:
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
             )
-        if not self.leaves_filter:
+        if not self.has_other_filter:
             publish_if_subscribed(
                 self._odometry, conversions.odometry_to_msg, odometry.filtered, stamp, ODOM, BASE
             )
@@ -276,7 +277,7 @@ class Publishers:
 
         All are in one message, because each message costs a system call and wakes every subscriber.
         """
-        with_base = not self.leaves_filter
+        with_base = not self.has_other_filter
         poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []
         if with_wheels:
             poses += self._wheel_poses(odometry)
@@ -288,6 +289,7 @@ class Publishers:
         """Transforms from the world to the robot's true pose, to its wheels, and to odom."""
         base_in_world = snapshot.robot.pose_in_world
         base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
+        # odom is level, because the filter is planar, so it is found from the planar part of the true pose
         odom_in_world = compose(pose_from_2d(pose_to_2d(base_in_world)), inverse(base_in_odom))
         wheels = zip(self._wheels, self._wheel_poses(odometry))
         tree = [(WORLD, BASE, base_in_world), (WORLD, ODOM, odom_in_world)]
@@ -303,7 +305,10 @@ class Publishers:
         return any(link.endpoint_id.endswith(STATE_PUBLISHER) for link in self.joints.impl.connections)
 
     def publish_clock(self, stamp: float) -> None:
-        """Set the time of this node, which does not subscribe to /clock, and publish it [s]."""
+        """Set the time [s] of this node, which does not subscribe to /clock, and publish the time.
+
+        New subscribers of /tf get the last transforms, because the time is published also during a pause.
+        """
         now = conversions.time_to_msg(stamp)
         self._set_time(rospy.Time(now.secs, now.nsecs))
         publish_if_subscribed(self.clock, Clock, now)
@@ -315,7 +320,7 @@ class Publishers:
 
     def _set_time(self, now: rospy.Time) -> None:
         """Set rospy's time of this process, if the node uses simulated time."""
-        if self.tells_time:
+        if self.uses_simulated_time:
             # Private function of rospy, which rospy's own subscriber of /clock also calls. A subscription to
             # /clock would cost the simulator 3 % more CPU time in lockstep, and would set the time too late.
             rospy.rostime._set_rostime(now)

@@ -52,7 +52,8 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
     if not STANDING_TIME <= stamp < DURATION - STANDING_TIME:
         return STOP
     rate = 2.0 * pi / lap * (1.0 if stamp < middle else -1.0)
-    return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(rate * (stamp - middle) - yaw))
+    planned_yaw = rate * (stamp - middle)  # [rad]; 0 in the middle of the drive, where the two laps meet
+    return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(planned_yaw - yaw))
 
 
 def messages_of_drive(

@@ -1,4 +1,4 @@
-"""RViz windows of a launch: which of them have still to load before they draw.
+"""RViz windows of a launch: finds the RViz nodes whose window is not open yet.
 
 In: the names of the launched nodes, the ROS master. Out: names.
 

@@ -1,7 +1,7 @@
 """True poses, and calls that changed the world, over a private socket to the parent process.
 
-ROS topics and parameters can be written by every node; a Unix socket whose listener is gone after the first
-connection cannot. Grading uses only these messages.
+Every node can write to ROS topics and parameters. But no node can write to this Unix socket, because its
+listener accepts only the first connection. So grading uses only the messages on the socket.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class TruthLog:
             self._wait_for_reader()
 
     def _wait_for_reader(self) -> None:
-        """Wait for the byte with which the reader answers; give it up if it has closed or is too slow."""
+        """Wait for the byte by which the reader lets the run go on; end the log if the byte does not come."""
         try:
             if self._socket is not None and not self._socket.recv(1):
                 raise ConnectionResetError("it has closed the socket")
@@ -79,7 +79,7 @@ class TruthLog:
         self._socket = None
 
     def write_line(self, key: str, value: Any) -> None:
-        """Write a line."""
+        """Write a line with one key and its value."""
         if self._socket is None:
             return
         try:

@@ -82,7 +82,7 @@ class _Server(InteractiveMarkerServer):
         self._on_feedback(feedback)
 
     def send(self) -> None:
-        """Send changes and a keep-alive, also while the clock stands still."""
+        """Send changes and a keep-alive. The library's timer would send none while the clock stands still."""
         try:
             self.applyChanges()
             super().keepAlive(None)
@@ -118,7 +118,7 @@ class WorldDisplay:
             self.refresh()
 
     def refresh(self) -> None:
-        """Draw new and moved bodies, and delete others; nothing without a subscriber."""
+        """Draw new and moved bodies, and erase deleted bodies, if a node shows the markers."""
         if self._transforms is None and any(tool.get_num_connections() for tool in self._tools):
             # this node listens to TF only when one of RViz's tools is connected, because TF costs CPU time
             self._transforms = tf2_ros.Buffer(debug=False)

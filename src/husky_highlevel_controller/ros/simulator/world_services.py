@@ -34,6 +34,7 @@ class WorldServices:
         calls.offer("~spawn", srv.SpawnObject, self._spawn)
         calls.offer("~delete", srv.DeleteObject, self._delete)
         calls.offer("~move", srv.MoveObject, self._move)
+        # `offer` is for responses with only success and a message, and a list has more fields
         rospy.Service("~list", srv.ListObjects, self._on_list)
 
     def _spawn(self, request: srv.SpawnObjectRequest) -> str:
@@ -75,7 +76,7 @@ class WorldServices:
         """Answer a request for the list of bodies; an unknown frame is a failure with a sentence."""
         try:
             response: srv.ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
-            self._calls.on_change("the true poses of all bodies were listed")
+            self._calls.report("the true poses of all bodies were listed")
             return response
         except HuskyError as error:
             return srv.ListObjectsResponse(False, str(error), [], [])
@@ -83,7 +84,7 @@ class WorldServices:
 
 def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
     """Bodies of an SDF model or a URDF, given as text; HuskyError if it cannot be simulated."""
-    check_name(name)  # links have names of their own, which are free, as in a world file
+    check_name(name)  # the names of the model's links may be any text, as in a world file
     if is_urdf(model_xml):
         bodies = [parse_urdf_object(model_xml, name, pose_in_world)]
     else:

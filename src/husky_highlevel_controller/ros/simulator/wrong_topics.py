@@ -63,7 +63,7 @@ class SecondPublisher(NamedTuple):
 
 
 class UnreadParameter(NamedTuple):
-    """Parameter below a node's name that no node has read, and a like one that the node asked for in vain."""
+    """Unread parameter below a node's name, and a similar parameter that the node asked for in vain."""
 
     node: str
     parameter: str
@@ -151,12 +151,12 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
 
 
 def unread_parameters(master_uri: str) -> List[UnreadParameter]:
-    """Return the master's list of parameters that no node has read; empty if it keeps none."""
+    """Return the parameters that no node has read; only `./dev launch`'s master lists them."""
     return [UnreadParameter(*map(str, each[:3])) for each in read_unread_parameters(master_uri)]
 
 
 def absent_topics(graph: Graph) -> List[AbsentTopic]:
-    """Return the nodes that use a topic of Gazebo which no other side has."""
+    """Return the nodes that publish a topic of ABSENT to nobody, or that subscribe to one in vain."""
     return [
         AbsentTopic(node, topic, publishes)
         for node, topic, publishes, _ in _one_sided(graph)
@@ -165,7 +165,7 @@ def absent_topics(graph: Graph) -> List[AbsentTopic]:
 
 
 def absent_services(master_uri: str) -> List[AbsentService]:
-    """Return the nodes that ask for a service of Gazebo in vain; none if the master keeps no list."""
+    """Return the nodes that ask for a service of Gazebo in vain; only `./dev launch`'s master lists them."""
     # each row of the master's list has a node and the service that it asked for
     asked = [AbsentService(*map(str, row[:2])) for row in read_absent_services(master_uri)]
     return [
@@ -196,8 +196,8 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
     """Yield the nodes that publish a topic without subscribers, or subscribe to one without publishers.
 
-    A row is the node, the topic, whether the node publishes, and the nodes of the other side by topic. The
-    nodes of TOOLS are left out.
+    A row has the node, the topic, whether the node publishes, and the nodes of the other side by topic: all
+    subscribers for a publisher, all publishers for a subscriber. The nodes of TOOLS are left out.
     """
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     for publishes, nodes_by_topic, other_side in sides:
@@ -265,9 +265,9 @@ def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, s
 
     Args:
         topic: topic that no node of the other side uses.
-        node: node that uses the topic; its own topics are not meant.
+        node: node that uses the topic; topics that only this node uses are not suggested.
         other_side: nodes by topic that publish, if `node` subscribes, and the other way round.
-        types: types of messages by topic; only topics of the same type are meant.
+        types: types of messages by topic; only topics of the same type are suggested.
     """
     candidates = []
     for other, nodes in other_side.items():
