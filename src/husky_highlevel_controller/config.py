@@ -1,8 +1,9 @@
 """Typed records from ROS parameters, YAML or JSON: one reader, whose errors name file, key and value.
 
 A field's `metadata` describes it: "min" and "max" bound a number, "help" says what it is, "choices" lists the
-texts that are allowed, "length" is of a tuple, "optional" text may be empty, "shape" is of an array.
-A record that refuses two values together raises ValueError in its `__post_init__`.
+texts that are allowed, "length" is the length of a tuple, "shape" is the shape of an array, and with
+"optional" a text may be empty. A field without `metadata` is not a parameter, but a file may have it.
+A record raises ValueError in its `__post_init__` if two of its values do not fit together.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from husky_highlevel_controller.datatypes import HuskyError
 
 Record = TypeVar("Record")
-# plain names of types, for errors about files; errors about parameters use Python's names, such as float
+# names of types in errors about files; errors about parameters use Python's names, such as float
 _TYPE_NAMES = {str: "text", int: "whole number", float: "number", bool: "truth value"}
 
 
@@ -42,9 +43,9 @@ def number(low: float, high: float, help_text: str, default: Any = MISSING) -> A
 
 
 def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[Any]:
-    """Make one instance of each record class from one flat set of parameters, all of which must be there.
+    """Make one instance of each record class from one set of parameters, all of which must be given.
 
-    Fields without `metadata` are not for users.
+    Fields without `metadata` are not parameters, so they keep their defaults.
 
     Args:
         values: parameter names and values; nested records are nested mappings.
@@ -58,7 +59,7 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
     results = []
     for record in records:
         names |= {item.name for item in fields(record) if item.metadata}
-        results.append(_record(record, values, source, parameters_only=True))
+        results.append(_record(record, values, source, from_parameters=True))
     unknown = sorted(set(values) - names)
     if unknown:
         raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(names))}")
@@ -88,7 +89,7 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
         full_name, new_values = source + item.name, values_by_field.get(item.name, {})
         if "" in new_values:
             changed[item.name] = _value(
-                hints[item.name], new_values[""], full_name, item.metadata, parameters_only=True
+                hints[item.name], new_values[""], full_name, item.metadata, from_parameters=True
             )
         elif new_values:
             nested = getattr(record, item.name)
@@ -116,7 +117,7 @@ def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
     for key in value:
         if key not in names:
             raise ConfigError(f"{source}{key!r} is not known; there are: {', '.join(names)}")
-    return typing.cast(Record, _record(kind, value, source, parameters_only=False))
+    return typing.cast(Record, _record(kind, value, source, from_parameters=False))
 
 
 def to_plain(value: Any) -> Any:
@@ -155,21 +156,22 @@ def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
     return from_plain(kind, content, f"{path}: ")
 
 
-def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: bool) -> Any:
+def _record(kind: Any, values: Mapping[str, Any], source: str, from_parameters: bool) -> Any:
     """Make an instance of a record class; the caller checks for unknown keys.
 
-    With `parameters_only`, fields without metadata keep their defaults, and every other field must be given.
+    With `from_parameters`, every field with metadata must be given. Fields without metadata are not
+    parameters, so they keep their defaults.
     """
     hints, values_by_field = _hints(kind), {}
     for item in fields(kind):
-        if parameters_only and not item.metadata:
+        if from_parameters and not item.metadata:
             continue
         if item.name in values:
             name = source + item.name
             values_by_field[item.name] = _value(
-                hints[item.name], values[item.name], name, item.metadata, parameters_only
+                hints[item.name], values[item.name], name, item.metadata, from_parameters
             )
-        elif parameters_only or _is_required(item):
+        elif from_parameters or _is_required(item):
             raise ConfigError(f"{source}{item.name} is missing{_help_text(item.metadata)}")
     try:
         return kind(**values_by_field)
@@ -186,7 +188,7 @@ def _is_required(item: Field) -> bool:
     return item.default is MISSING and item.default_factory is MISSING
 
 
-def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
+def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:
     """Return a value from YAML or JSON as the type of a field; ConfigError if it does not fit.
 
     Args:
@@ -194,70 +196,73 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         value: plain value.
         name: path of the value, for messages.
         metadata: limits of the field, such as `min`, `max` and `choices`.
-        parameters_only: read parameters of a node, which must all be there, instead of a saved record.
+        from_parameters: true for parameters, all of which must be given; false for a YAML or JSON file, in
+            which fields with a default may be absent.
     """
     # for example, Tuple[float, ...] has the origin tuple and the arguments (float, ...)
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Union:  # Optional[X] is a short form of Union[X, None]
-        return None if value is None else _value(args[0], value, name, metadata, parameters_only)
+        return None if value is None else _value(args[0], value, name, metadata, from_parameters)
     if is_dataclass(kind):
-        return _nested_record(typing.cast(Type, kind), value, name, parameters_only)
+        return _nested_record(typing.cast(Type, kind), value, name, from_parameters)
     if hasattr(kind, "_fields"):  # a named tuple
         hints = list(_hints(kind).values())
-        return kind(*_items(hints, value, name, metadata, parameters_only))
+        return kind(*_items(hints, value, name, metadata, from_parameters))
     # a list or tuple of any length, whose elements have one type
     if origin is abc.Sequence or (origin is tuple and args[-1] is Ellipsis):
         kinds: Sequence[Any] = [args[0]] * len(_checked_list(value, name, metadata))
-        return _items(kinds, value, name, metadata, parameters_only)
+        return _items(kinds, value, name, metadata, from_parameters)
     if origin is tuple:
-        return _items(args, value, name, metadata, parameters_only)
+        return _items(args, value, name, metadata, from_parameters)
     if origin in (dict, abc.Mapping):
-        if value is None and not parameters_only:
+        if value is None and not from_parameters:
             value = {}  # a YAML key with nothing after it has the value None; it counts as an empty mapping
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {_short(value)} is not a mapping")
         return {
-            str(key): _value(args[1], each, f"{name}/{key}", metadata, parameters_only)
+            str(key): _value(args[1], each, f"{name}/{key}", metadata, from_parameters)
             for key, each in value.items()
         }
     if isinstance(kind, type) and issubclass(kind, Enum):
         choices = {"choices": [each.value for each in kind]}
-        # no parameter of a node has an Enum type, so the value comes from a file
-        return kind(_plain_value(str, value, name, choices, parameters_only=False))
+        # a parameter never has an Enum type, so the value comes from a file
+        return kind(_plain_value(str, value, name, choices, from_parameters=False))
     if kind is np.ndarray:
         return _array(value, name, metadata["shape"])
     if kind is Path:
-        return Path(_plain_value(str, value, name, metadata, parameters_only))
-    return _plain_value(kind, value, name, metadata, parameters_only)
+        return Path(_plain_value(str, value, name, metadata, from_parameters))
+    return _plain_value(kind, value, name, metadata, from_parameters)
 
 
-def _nested_record(kind: Type[Record], value: Any, name: str, parameters_only: bool) -> Record:
+def _nested_record(kind: Type[Record], value: Any, name: str, from_parameters: bool) -> Record:
     """Return a record inside another one from its value; ConfigError if it does not fit.
 
-    `name` is the path of the record for messages. With `parameters_only`, it is a nested set of parameters of
-    a node; otherwise it comes from a file.
+    `name` is the path of the record, for messages. `from_parameters` is as for `_value`.
     """
-    if parameters_only:
+    if from_parameters:
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {value!r} is not a set of parameters")
-        return typing.cast(Record, read_config(value, name + "/", kind)[0])
+        (record,) = read_config(value, name + "/", kind)
+        return typing.cast(Record, record)
     has_defaults_only = all(not _is_required(item) for item in fields(kind))  # type: ignore[arg-type]
     if value is None and has_defaults_only:
         value = {}  # a YAML key with nothing after it has the value None; the record then gets its defaults
-    # errors call a key inside the record "name/key", and a value that is not a record "name = value"
+    # `source` is the start of each error: "name/key is missing" for a key of the record, but "name = 3 is not
+    # a mapping" for a value that cannot be a record
     source = f"{name}/" if isinstance(value, dict) else f"{name} = "
     return from_plain(kind, value, source)
 
 
-def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
+def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:
     """Return the entries of a list as a tuple, each as its type of `kinds`; ConfigError if one is wrong."""
     entries = _checked_list(value, name, metadata)
-    # a list of any length has as many `kinds` as entries, so only a field's own "length" limits its entries
+    # for Tuple[X, ...] and Sequence[X], the caller gives as many `kinds` as there are entries; then only the
+    # "length" of the field limits the number of entries
     length = metadata.get("length", len(kinds))
     if len(entries) != length or len(entries) != len(kinds):
         raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")
     return tuple(
-        _value(kind, each, f"{name}/{number}", metadata, parameters_only)
+        _value(kind, each, f"{name}/{number}", metadata, from_parameters)
         for number, (kind, each) in enumerate(zip(kinds, entries))
     )
 
@@ -279,15 +284,15 @@ def _array(value: Any, name: str, shape: Any) -> np.ndarray:
     return array
 
 
-def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
+def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:
     """Return a number, text or truth value as its type; ConfigError if it does not fit, as for `_value`."""
     help_text = _help_text(metadata)
     if kind is Any:
         return value
     # YAML reads 1 as an int; for a parameter of type float, an int is accepted
     if type(value) is not kind and not (kind is float and type(value) is int):
-        # parameters have Python's names of types, and files have plain names
-        type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
+        # an error about a parameter calls the type "float", and an error about a file calls it "number"
+        type_name = kind.__name__ if from_parameters else _TYPE_NAMES[kind]
         raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
@@ -296,7 +301,7 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
             raise ConfigError(f"{name} = {value} is out of range {low}..{high}{help_text}")
     if "choices" in metadata and value not in metadata["choices"]:
         raise ConfigError(f"{name} = {value!r} is not one of: {', '.join(metadata['choices'])}")
-    # an empty text is a mistake, unless the field is optional or is not for users
+    # an empty text is a mistake, unless the field is optional or has no metadata
     if kind is str and not value and metadata and not metadata.get("optional"):
         raise ConfigError(f"{name} is empty{help_text}")
     return kind(value)

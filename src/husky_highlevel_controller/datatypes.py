@@ -217,9 +217,9 @@ class Scan:
 
     @cached_property
     def returns(self) -> np.ndarray:
-        """Ranges with every driver's kind of miss as +inf, (N,) [m].
+        """Ranges, in which every beam that met nothing has +inf, (N,) [m].
 
-        A miss is +inf by REP 117, 0.0 from the LMS1xx driver, NaN or `range_max` from others.
+        REP 117 asks for +inf, but the LMS1xx driver gives 0.0, and other drivers give NaN or `range_max`.
         """
         returns = np.where((self.ranges < self.range_max) & (self.ranges != 0.0), self.ranges, np.inf)
         returns.setflags(write=False)

@@ -94,7 +94,7 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
 
 
 def end_if_missing(group: str = "launch") -> None:
-    """Exit with 1 and a sentence if something is missing."""
+    """Exit with 1 and a sentence if a package of the group is missing or too old."""
     text = missing_sentence(group)
     if text is not None:
         print(f"error: {text}", file=sys.stderr)

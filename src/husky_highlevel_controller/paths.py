@@ -1,6 +1,6 @@
 """Paths of data files: the package's worlds, launch files, configuration and robots; PyBullet's meshes.
 
-In: where the modules lie. Out: folders.
+In: the place of the modules. Out: folders.
 """
 
 from __future__ import annotations

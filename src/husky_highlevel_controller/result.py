@@ -1,4 +1,4 @@
-"""Result of a command, in evaluation and in marking: tables and a verdict, in one form of each kind.
+"""Result of a command, in evaluation and in marking: tables and a verdict, as text, as Markdown or in a file.
 
 In: values. Out: text by `str`, Markdown, CSV, Parquet; by `config.to_json` a file that `config.load` reads.
 Results of the same values are equal.
@@ -19,6 +19,7 @@ WIDTH = 110  # largest number of characters of a line
 MIN_WRAPPED = 30
 # pattern of a text that a spreadsheet runs as a formula; a negative number is not a formula
 FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")
+# HTML code for each character that has a meaning in Markdown or HTML
 ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
 
 
@@ -81,7 +82,7 @@ class Table:
         return "\n".join(f"| {' | '.join(map(plain_markdown, line))} |" for line in texts)
 
     def to_csv(self) -> str:
-        """Header and rows, without cells that a spreadsheet runs as a formula."""
+        """Header and rows; an apostrophe before a text keeps a spreadsheet from running it as a formula."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.header)

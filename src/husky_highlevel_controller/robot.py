@@ -1,7 +1,7 @@
 """Robot description as data: names, topics, sizes, masses and limits, from config/robots/.
 
 The first section of the file, `robot`, is the record `Robot`; the other entries are the simulator's sensors
-(`simulator/simulation.py`). docs/robots.md lists the steps for a further robot.
+(`simulator/simulator_config.py`). docs/robots.md lists the steps for a further robot.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
 ROBOTS = ("husky", "smb")
-# other names of a robot; husky_melodic differs from husky only in the topic and the frame of the lidar, and
-# launch files set them
+# other names of a robot, and the robot; husky_melodic differs from husky only in the topic and the frame of
+# the lidar, which the launch files set
 VERSIONS = {"husky_melodic": "husky"}
 
 
@@ -70,7 +70,7 @@ class LidarMount:
 
 @dataclass(frozen=True)
 class ImuMount:
-    """Position of the IMU in base_link, whose axes are its own."""
+    """Position of the IMU in base_link; its axes are parallel to those of base_link."""
 
     frame: str = setting("frame in the headers of its messages")
     x: float = number(-5.0, 5.0, "[m]")
@@ -116,21 +116,16 @@ class Robot:
     def footprint(self) -> Footprint:
         """Footprint from above: the hull, and the wheels of either side."""
         separation, width = self.drive.wheel_separation, self.wheels.width
-        # hull: half its length and half its width; wheels: half the length of both wheels of a side, and the
-        # distances of their inner and outer edges from the robot's middle line
+        half_strip = self.wheels.base / 2.0 + self.drive.wheel_radius  # middle to the end of a wheel
         return Footprint(
-            (self.hull.length / 2.0, self.hull.width / 2.0),
-            (
-                self.wheels.base / 2.0 + self.drive.wheel_radius,
-                (separation - width) / 2.0,
-                (separation + width) / 2.0,
-            ),
+            hull=(self.hull.length / 2.0, self.hull.width / 2.0),
+            wheels=(half_strip, (separation - width) / 2.0, (separation + width) / 2.0),
         )
 
 
 @lru_cache(maxsize=None)
 def robot_file(name: str) -> Dict[str, Any]:
-    """Content of config/robots/NAME.yaml; ConfigError if there is no robot of that name."""
+    """Content of config/robots/NAME.yaml of a robot or version; ConfigError if there is no such name."""
     name = VERSIONS.get(name, name)
     if name not in ROBOTS:
         raise ConfigError(f"robot '{name}' is not {' or '.join(ROBOTS)}")

@@ -1,4 +1,4 @@
-"""URDF reader: checked links, joints, shapes, numbers and poses of a robot description, and <origin> written.
+"""URDF reader: checked links, joints, shapes, numbers and poses of a robot description; writer of <origin>.
 
 In: URDF text and its XML elements. Out: values; a `DescriptionError` names the element and its text.
 """
@@ -17,6 +17,7 @@ from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy, rpy_from_quat
 
 MAX_NUMBER = 1e6  # a URDF with a larger number is refused; the numbers of real robots are far smaller
+# attributes that have the size of a shape, separated by a space, and how many numbers each attribute has
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
 
 Elements = Dict[str, ET.Element]  # elements by name
@@ -31,7 +32,7 @@ class DescriptionError(HuskyError):
 
 
 def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:
-    """Root, links and joints of a URDF; DescriptionError if it is not a URDF or one has no name."""
+    """Root, links and joints of a URDF; DescriptionError if the text is not a URDF, or a name is missing."""
     try:
         robot = defusedxml.ElementTree.fromstring(text)
     except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
@@ -109,14 +110,14 @@ def number_of(element: Optional[ET.Element], attribute: str, where: str) -> floa
 
 
 def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tuple[float, ...]]]:
-    """Shape of a <collision> or <visual>, and its sizes [m]; None if there is none of SIZES.
+    """Shape of a <collision> or <visual>, and its sizes [m]; None if it has no shape of SIZES.
 
     Sizes are a box's edges, a cylinder's radius and length, a sphere's radius, a mesh's scale (no unit).
     """
     shape = element.find("geometry/*")
     if shape is None or shape.tag not in SIZES:
         return None
-    names, count = SIZES[shape.tag]  # names of the attributes, and how many numbers each of them has
+    names, count = SIZES[shape.tag]
     default = (1.0, 1.0, 1.0) if shape.tag == "mesh" else None
     sizes = [numbers_of(shape, name, where, count, default) for name in names.split()]
     return shape, sum(sizes, ())  # the tuples of all attributes become one
@@ -138,7 +139,10 @@ def joined_links(
 
 
 def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
-    """Poses in a link of all links that joints connect with it, whether below or above it."""
+    """Poses of all links that joints connect with the link `root`, in its frame.
+
+    The other links may be below or above `root`. `joined` is as from `joined_links`.
+    """
     neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
     for parent, child, pose_child_in_parent in joined:
         neighbours[parent].append((child, pose_child_in_parent))

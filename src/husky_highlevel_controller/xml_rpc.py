@@ -31,7 +31,7 @@ def server(uri: str, deadline: float) -> ServerProxy:
 
 
 def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Optional[Tuple[int, Any]]:
-    """Code and value of a method of a master, node or roslaunch; None if none answers in time.
+    """Code and value that a master, node or roslaunch returns for a method; None without an answer in time.
 
     The code is 1 for success, -1 for a refusal, 0 for a failure (http://wiki.ros.org/ROS/Master_API).
 
@@ -39,7 +39,7 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
         uri: address of the master, node or roslaunch.
         method: name of the method.
         *arguments: arguments of the method; the first one is the name of the caller.
-        deadline: longest time of the answer [s].
+        deadline: longest time to wait for the answer [s].
     """
     try:
         with server(uri, deadline) as api:

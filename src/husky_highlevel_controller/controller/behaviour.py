@@ -99,7 +99,8 @@ class ControllerState(NamedTuple):
     started_at: Optional[float] = None
     base_in_odom: Optional[Pose2D] = None  # pose of base_link in odom at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
-    # [s] stamp of the last scan for which TF knew the robot's pose in odom; inf if there was no such scan
+    # [s] stamp of the last scan for which TF knew the robot's pose in odom; inf if there was no such scan,
+    # because odometry that has never come is not lost
     odom_at: float = inf
     # true if an earlier scan showed walls around the robot; a scan without any return is then a fault of the
     # lidar
@@ -271,8 +272,8 @@ def _close_at(
     if target is None or not to_be_touched(target, control):
         return None
     # a robot that is close stays close up to a larger gap, so that a noisy gap does not start the time again
-    near = RESUME_ERROR if controller_state.close_at is not None else TOUCH_GAP
-    if target.gap > near:
+    largest_gap = TOUCH_GAP if controller_state.close_at is None else RESUME_ERROR
+    if target.gap > largest_gap:
         return None
     return stamp if controller_state.close_at is None else controller_state.close_at
 
@@ -305,7 +306,7 @@ def _act(
         observation: the scan, and the poses at its stamp.
         target: pillar in base_link, seen or remembered; None if its position is unknown.
         pillar_seen: whether this scan shows the pillar.
-        visibility: evidence of this scan about the remembered position.
+        visibility: whether the remembered position is hidden, out of view or empty in this scan.
         enabled: whether the robot may move.
         control: gains and limits.
     """
@@ -323,8 +324,7 @@ def _act(
     # without inf has no beams, or every return is too close to be valid
     if not measured and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
-    # a track is doubtful if the last tracked object walked and the present object is not confirmed, because
-    # it may be the same object
+    # the last tracked object walked away, and this one may be the same, because it is not confirmed yet
     if controller_state.track.doubtful and target is not None:
         return _wait("the pillar moves away; waiting until it stands")
 
@@ -381,9 +381,8 @@ def _search(
         observation.outline,
         control,
     )
-    # the search begins with a whole turn on the spot and then drives forwards; only this scan is checked. An
-    # empty world has no returns, but here an earlier scan showed walls, so this scan is a fault of the
-    # lidar; the robot must not drive forwards, and the search keeps its old state
+    # the search has turned once around before it drives. An earlier scan showed walls (`in_room`), but this
+    # scan has no return, so the lidar is faulty: the robot must not drive, and the search keeps its old state
     if twist.linear > 0.0 and not measured and controller_state.in_room:
         problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"
         return _wait(problem, controller_state.search)
@@ -408,8 +407,8 @@ def _drive(
     Args:
         controller_state: state with `close_at` and stamp of this scan, and with the action of the last scan.
         target: pillar in base_link.
-        visible: whether this scan shows the pillar, without which the robot does not arrive.
-        visibility: evidence of this scan about the remembered position.
+        visible: whether this scan shows the pillar; the robot arrives only if it does.
+        visibility: whether the remembered position is hidden, out of view or empty in this scan.
         obstacles_in_base: obstacles near the robot, (N, 2) [m].
         outline: footprint of the robot.
         control: gains and limits.

@@ -1,6 +1,6 @@
 """Least-squares fits of a circle, a line and a corner to a segment of beams.
 
-In: a `Segment`. Out: a `Circle`, and the errors of one line and of two lines.
+In: a `Segment`. Out: a `Circle`, and the errors of a line and of a corner, which is two lines.
 
 Sums over many beams are matrix products. The small systems of equations are solved with plain numbers.
 """
@@ -15,10 +15,10 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts in the fit as much as this many beams
-# weight in the fit of the expectation that the circle's centre lies on the line through the middle beam
+# the fit expects the circle's centre on the line through the middle beam, with this weight
 _PLACE_WEIGHT = 1e-3
-# weight in the fit of the expected distance of the centre; it is tiny, and only keeps the equations solvable
-# if the beams do not determine the distance
+# the fit expects the centre at a certain distance, with this weight; it is tiny, and only keeps the equations
+# solvable if the beams do not determine the distance
 _MIN_WEIGHT = 1e-6
 # weight instead of _RADIUS_WEIGHT and _PLACE_WEIGHT when the radius is computed from the beams alone
 _FREE_WEIGHT = 1e-4
@@ -126,7 +126,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     Args:
         segment: beams to fit.
         radius: expected radius [m].
-        noise: differences in range not worth explaining [m].
+        noise: range differences below this are noise [m].
     """
     # x is measured from `origin`, which is near the centre, because small numbers have small rounding errors
     origin, directions = segment.near + radius, segment.directions
@@ -188,8 +188,7 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
 
     Args:
         circle: x, y and r [m]; the centre is expected at the origin.
-        products: sums over the beams of the products of the derivatives by x, y, r and the error, in this
-            order; the last row is not used.
+        products: matrix of sums as in `Products`; its last row is not used.
         radius: expected radius [m].
     """
     x, y, r = circle
@@ -208,7 +207,7 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     Args:
         products: as for `fit_step`, at the circle that is changed.
         count: number of beams.
-        noise: differences in range not worth explaining [m].
+        noise: range differences below this are noise [m].
     """
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
     # covariance of x, y and r if each beam's error had the variance 1; the small weights do not express an
@@ -240,38 +239,41 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 
 
 # On a straight wall, the range r of a beam satisfies 1 / r = a cos + b sin, with cosine and sine of the
-# beam's angle. Multiplied by r^2, this is r = a r^2 cos + b r^2 sin. A fit of this form minimises the errors
-# of r, which are measured along the beams.
+# beam's angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin. A fit of this form
+# minimises the errors of r, which are measured along the beams.
 
 
 def line_sum_squared_error(segment: Segment) -> float:
-    """Sum of squares along the beams of the best line [m^2]."""
+    """Sum of the squared errors of the best line, measured along the beams [m^2]."""
     terms = _terms(segment)
     u, v, w = (terms @ terms.T).tolist()
     return float(line_squared_error(np.array((u[0], u[1], v[1], u[2], v[2], w[2]))))
 
 
 def corner_sum_squared_error(segment: Segment) -> float:
-    """Sum of squares along the beams of the best two lines, one for each side of a cut [m^2]."""
+    """Sum of the squared errors of the best corner, which is two lines, measured along the beams [m^2]."""
     terms = _terms(segment)
-    # products uu, uv, vv, ur, vr, rr of each beam, with the terms u = r^2 cos, v = r^2 sin and the range r.
-    # The error of a line's fit follows from the sums of these products over its beams.
+    # products uu, uv, vv, ur, vr, rr of each beam, from whose sums `line_squared_error` fits a line
     products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]
-    # the corner may lie behind any beam; `left` has the sums up to this beam, `right` the sums of the beams
-    # after it
+    # the corner may lie behind any beam, so each is tried; `left` has the sums up to this beam, `right` the
+    # sums of the beams after it
     left = np.cumsum(products, axis=1)
     right = left[:, -1:] - left
     return float((line_squared_error(left[:, :-1]) + line_squared_error(right[:, :-1])).min())
 
 
 def _terms(segment: Segment) -> np.ndarray:
-    """r^2 cos, r^2 sin and r, (3, M)."""
+    """The terms u = r^2 cos, v = r^2 sin and the range r of each beam, (3, M)."""
     ranges = segment.ranges
     return np.vstack([segment.directions * (ranges * ranges), ranges])
 
 
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
-    """Sum of squares left by r = a u + b v, from the sums of uu, uv, vv, ur, vr, rr, (6, ...)."""
+    """Sum of the squared errors of r = a u + b v with the best a and b, for one segment or for many [m^2].
+
+    `sums` has the sums of uu, uv, vv, ur, vr, rr over the beams, (6, ...), with u = r^2 cos and v = r^2 sin
+    of a beam of range r.
+    """
     uu, uv, vv, ur, vr, rr = sums
     # this keeps the determinant above 0 if all beams have almost the same direction
     determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)

@@ -2,8 +2,8 @@
 
 In: a scan's segments. Out: the segments that may be pillars, to be fitted one by one.
 
-`fit_circle` takes about 0.1 ms for a segment, and a hedge makes hundreds of segments. Here one geometric fit
-runs for all of them in the same arrays. It rejects only segments that miss a limit by a clear margin, and the
+`fit_circle` takes about 0.1 ms for a segment, and a hedge makes hundreds of segments. Here all segments are
+fitted together, in common arrays. Only segments that miss a limit by a clear margin are rejected, and the
 exact fit decides about the rest, so that the pillars found are the same as without the screen.
 """
 
@@ -45,7 +45,7 @@ _SAMPLES = 16  # up to this many of the beams that should meet a circle are chec
 
 @dataclass(frozen=True)
 class PillarConfig:
-    """Limits of a pillar: size, number of beams, clearance."""
+    """Limits of a pillar: size, errors of the fitted circle, number of beams."""
 
     pillar_radius: float = number(0.02, 2.0, "radius of the pillar to find [m]", default=0.2)
     pillar_height: float = number(
@@ -75,10 +75,10 @@ class _Fits(NamedTuple):
 
 
 def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segments:
-    """Return the segments that the exact fit may find to be pillars, from one or more segments.
+    """Return the segments that may be pillars; at least one segment must be given.
 
-    The screen has the tests of the exact fit, with margins, for all segments at once, so that clutter takes
-    little time.
+    The tests are those of the exact fit, with margins. They run for all segments at once, so that a scan of
+    many objects takes little time.
     """
     fits = _geometric_fits(segments, config.pillar_radius, config.range_noise)
     candidates = (
@@ -92,16 +92,16 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     # circle
     fits = _Fits(*(column[candidates] for column in fits))
     missing, hidden = _silhouettes(scan, fits, slack=HIT_SLACK * config.max_residual)
-    # the circle leads by HIDDEN_ODDS, which is a negative lead of the line
+    # true if the circle fits better than a line by HIDDEN_ODDS, so that the lead of the line is negative
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
-    # the results belong to the segments that are still candidates. Few beams may pass through the circle,
-    # compared with those that lie on it. If another object hides a part of it, it must clearly beat a line.
+    # a tenth as many beams as lie on the circle may pass through it. If another object hides a part of the
+    # circle, it must fit clearly better than a line. The results have an entry for each candidate only.
     candidates[candidates] = (missing <= fits.counts // 10) & ((hidden == 0) | beats_line)
     return segments.select(candidates)
 
 
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
-    """Fit a circle to every segment at once, with the steps of `fit_circle`, and compute the lead of a line.
+    """Fit a circle to each segment as `fit_circle` does, and compare it with a line (`_Fits.line_lead`).
 
     These fits discard segments quickly. `fit_circle` fits the remaining segments exactly, and its docstring
     has the equations. Here the arrays of B beams lie segment by segment; sums over the beams of each of the S
@@ -110,7 +110,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     Args:
         segments: beams to fit.
         radius: expected radius [m].
-        noise: differences in range not worth explaining [m].
+        noise: range differences below this are noise [m].
     """
     beams, ranges, count, near, step = segments
     starts = segments.starts
@@ -124,9 +124,8 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # nine numbers for each beam; each is the product of two of the values dx, dy, 1 and error, times the
-    # weight of the beam. The value 1 stands for the derivative by the radius, which is -1, so the sums with
-    # it get their sign below.
+    # nine products for each beam, of two of the values dx, dy, 1 and error, times the weight of the beam. The
+    # derivative by the radius is -1 and not 1, so three of the sums change their sign below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

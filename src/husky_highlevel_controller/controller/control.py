@@ -89,6 +89,7 @@ def to_be_touched(target: Target, config: ControlConfig) -> bool:
 def steer(target: Target, config: ControlConfig) -> Twist2D:
     """Twist by the proportional laws: limited, never backwards, slower if the pillar is not ahead."""
     speed = config.p_gain_vel * remaining_distance(target, config)
+    # with a gain of 0, the robot does not drive at all
     if config.p_gain_vel > 0.0 and to_be_touched(target, config):
         speed = max(speed, MIN_TOUCH_SPEED)
         if target.gap < TOUCH_SLOW_FROM:

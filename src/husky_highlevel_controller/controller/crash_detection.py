@@ -6,13 +6,13 @@ The change of velocity counts, not the peak of a sample, because on a real A200 
 (flooring) to 90 m/s^2 (snow) are vibration. Vibration swings back within 0.1 to 0.2 s, but the speed that a
 collision takes stays lost. So
 
-    change = mean velocity over the last AFTER - mean velocity over BEFORE, `window` earlier
-    loss = change against the direction of travel - the same change of the wheels
+    change = mean velocity of the last AFTER seconds - mean velocity of BEFORE seconds, `window` earlier
+    loss = speed that this change takes from the robot - speed that the wheels lose in the same time
 
 is compared with `max_loss` on smooth ground. On ground that shakes the robot it is compared with
-`max_loss_rough` plus `vibration_factor` times the vibration of the other two axes. Sideways, the detector
-uses the velocity that the robot gains within a window beyond speed times yaw rate, and keeps. The allowance
-for rough ground is twice as large there.
+`max_loss_rough` plus `vibration_factor` times the vibration of the other two axes. A push from the side is a
+crash, too. Its size is the sideways velocity that the robot gains within `window` and then keeps, without the
+part that driving a curve causes. For a push, the allowance for rough ground is twice as large.
 
 The direction of gravity is tracked from gyro and accelerometer, so neither the orientation in the messages
 nor a level mount is needed.
@@ -91,7 +91,7 @@ class Change(NamedTuple):
     vibration_before: float  # [m/s] vibration of the ground, averaged until the change of velocity began
 
     def excess(self, config: CrashConfig) -> float:
-        """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
+        """Loss or push without the part that the ground may cause [m/s]; above `max_loss`, it is a crash."""
         # a push from the side also causes vibration, so the sideways limit depends only on the vibration
         # before the push
         return max(
@@ -100,7 +100,7 @@ class Change(NamedTuple):
         )
 
     def _allowance(self, vibration: float, config: CrashConfig) -> float:
-        """Loss that the ground may cause beyond `max_loss` at this vibration [m/s]."""
+        """Change of velocity that ground with this vibration may cause, in addition to `max_loss` [m/s]."""
         for_rough_ground = min(vibration / ROUGH_VIBRATION, 1.0) * max(
             config.max_loss_rough - config.max_loss, 0.0
         )
@@ -108,12 +108,11 @@ class Change(NamedTuple):
 
 
 class _Increment(NamedTuple):
-    """Velocity increment of a sample without gravity, along the ground as base_link points, and upwards."""
+    """Change of velocity since the last sample, without gravity: along the ground, and upwards."""
 
     stamp: float  # [s]
-    ahead: float  # [m/s] change of the forward velocity since the last sample
-    # [m/s] change of the velocity to the left since the last sample, without the part from driving a curve
-    left: float
+    ahead: float  # [m/s] change of the forward velocity
+    left: float  # [m/s] change of the velocity to the left, without the part that driving a curve causes
     up: float  # [m/s]
 
 
@@ -131,7 +130,7 @@ class CrashDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the samples that were judged, as after a jump of time."""
+        """Forget the judged samples, as after a jump of time; later samples are judged without them."""
         # unit vector upwards in the IMU's frame; None before the first sample
         self._vertical: Optional[Vector3] = None
         # [s] time constant of `_vertical`; it begins at 0 and grows, so `_vertical` is at first a plain mean
@@ -141,10 +140,11 @@ class CrashDetector:
         # [s] time between the last two stamps; number of samples that have the last stamp
         self._period, self._samples_of_stamp = 0.0, 1
         self._increments: Deque[_Increment] = deque()
-        # stamp [s]; square of the velocity that the body gained sideways and upwards within the time
-        # `config.window` [m^2/s^2]
-        self._squared_changes: Deque[Tuple[float, float]] = deque()
-        self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s]; vibration at this time [m/s]
+        # stamp [s]; squared velocity that the body had gained sideways and upwards since `config.window`
+        # before this stamp [m^2/s^2]
+        self._squared_swings: Deque[Tuple[float, float]] = deque()
+        # stamp [s]; vibration of the ground, which is the root of the mean of _squared_swings [m/s]
+        self._vibrations: Deque[Tuple[float, float]] = deque()
         # result of the last call of `add_sample`; None if the call evaluated no sample
         self.change: Optional[Change] = None
 
@@ -158,15 +158,15 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf  # no IMU sample has come since this odometry
-        # [s] stamp before which wheel speeds are not needed any more: the next sample needs those of MEMORY
-        # before the last sample, but speeds are not kept longer than LONGEST_DELAY for samples that are late
+        # [s] older wheel speeds are dropped. The next sample needs the speeds since MEMORY before the last
+        # judged sample; if this sample is very old, only the speeds of LONGEST_DELAY + MEMORY are kept
         oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
         while self._wheel_speeds[0][0] < oldest:
             self._wheel_speeds.popleft()
 
     @property
     def delay(self) -> float:
-        """Age difference of the first and the last sample that wait for odometry [s]."""
+        """Time between the oldest and the newest sample that wait for odometry [s]."""
         return (
             self._waiting_samples[-1][0].stamp - self._waiting_samples[0][0].stamp
             if self._waiting_samples
@@ -176,9 +176,10 @@ class CrashDetector:
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
     ) -> Optional[float]:
-        """Take one IMU sample; judge all samples that odometry covers.
+        """Take one IMU sample, and judge the waiting samples whose odometry has come.
 
-        On a busy machine samples arrive before their odometry, and braking would look like a crash.
+        On a busy machine a sample arrives before its odometry. Without the odometry, braking would look like
+        a crash, so the sample waits.
 
         Args:
             sample: sample of an IMU with a rate of 20 Hz or more.
@@ -191,7 +192,7 @@ class CrashDetector:
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
         if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:
-            self._waiting_samples.clear()  # time goes back
+            self._waiting_samples.clear()  # time goes back, and this is not just one sample that comes late
         self._waiting_samples.append((sample, imu_in_base))
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
         # a call returns only one crash, so after a crash the remaining samples wait for the next call
@@ -205,10 +206,11 @@ class CrashDetector:
         return loss
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
-        """Return whether odometry of a time [s] has come, or is no longer waited for.
+        """Return whether the odometry that a sample needs has come, or is no longer waited for.
 
-        `now` is the stamp of the newest sample [s]. The change that a sample judges ends LATENESS before the
-        sample, and the newest odometry may be up to one of its periods before that end.
+        Args:
+            stamp: stamp of the sample [s].
+            now: stamp of the newest sample [s].
         """
         # odometry has stopped, or the sample has waited for too long
         if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
@@ -218,6 +220,8 @@ class CrashDetector:
             return False
         # the shorter of the last two periods of odometry, because a lost message makes a period too long
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
+        # with this sample, a change is judged that ended LATENESS before it (see `_judge_change`); the last
+        # odometry before this end may be one period older than the end
         return stamp - newest_stamps[0] <= min(periods, default=0.0) + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
@@ -231,8 +235,6 @@ class CrashDetector:
             self.reset()
             self._last_stamp, self._vertical = sample.stamp, unit(sample.specific_force)
             return None
-        # the sample is older than the last sample, or has the same stamp because the clock of the stamps is
-        # coarse
         if duration <= 0.0:
             if duration == 0.0 and self._increments:
                 self._average_into_last(sample, imu_in_base)
@@ -246,7 +248,10 @@ class CrashDetector:
         return self._judge_change()
 
     def _average_into_last(self, sample: ImuSample, imu_in_base: Quaternion) -> None:
-        """Make the last velocity change the mean over all samples of its stamp."""
+        """Make the last velocity increment the mean over all samples with its stamp.
+
+        Several samples have the same stamp if the clock of the stamps is coarse.
+        """
         self._samples_of_stamp += 1
         last, increment = self._increments.pop(), self._increment(sample, self._period, imu_in_base)
         share = 1.0 / self._samples_of_stamp
@@ -257,9 +262,9 @@ class CrashDetector:
     def _level_vertical(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
         """Turn `_vertical` by the gyro, and pull it slowly towards the measured force.
 
-        At rest the measured force points upwards, against gravity. The accelerations of the wheels and of the
-        curve are subtracted from the force before. A force that still differs much from gravity is believed
-        less. `duration` is the time since the last sample [s].
+        At rest the measured force points upwards, against gravity. Driving adds the accelerations of the
+        wheels and of the curve, so these are subtracted from the force. A force that still differs much from
+        gravity is a shock, so it pulls less. `duration` is the time since the last sample [s].
         """
         assert self._vertical is not None
         # seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration;
@@ -310,9 +315,9 @@ class CrashDetector:
         ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force
         vertical = dot(force, self._vertical) - GRAVITY
-        # forces of shocks from below are limited, because the ground causes them and not a crash. A large
+        # a shock from below comes from the ground and is not a crash, so its forces are limited. A large
         # force ahead is reduced by the size of the vertical force at the same time. The forces to the left
-        # and up are cut off at fixed limits.
+        # and up are cut off; the limit to the left is higher, because the body rolls on its tyres.
         force_ahead = _damped(dot(force, ahead), vertical)
         force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
         return _Increment(
@@ -323,12 +328,12 @@ class CrashDetector:
         )
 
     def _judge_change(self) -> Optional[float]:
-        """Return the change of velocity [m/s] that ended LATENESS ago if it is a crash, otherwise None.
+        """Judge the change of velocity that ended LATENESS ago; return its size [m/s] if it is a crash.
 
-        The change is the mean velocity over the last AFTER, minus the mean velocity over a time of length
-        BEFORE, which ends `window` before AFTER begins. The change is compared with the vibration of the
-        ground. `change` gets the result. It stays None at the start, until the vertical has been learnt for
-        LEARNING_TIME, or up to LEARNING_ROUGH on rough ground.
+        The change is the mean velocity of the last AFTER seconds, minus the mean velocity of BEFORE seconds.
+        The time `window` lies between the two. What counts of the change, and the vibration of the ground,
+        are stored in `change`. Nothing is judged until the direction of gravity has been learnt, which takes
+        LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
         """
         window, end = self._config.window, self._last_stamp - LATENESS
         longest = AFTER + window + BEFORE
@@ -346,8 +351,6 @@ class CrashDetector:
             age = end - stamp
             if age < -1e-6:
                 break
-            # an increment between the times of the two mean velocities counts fully; other increments count
-            # partly
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
@@ -367,26 +370,28 @@ class CrashDetector:
         is_crash = self.change.excess(self._config) > self._config.max_loss
         return hypot(change_ahead, change_left) if is_crash else None
 
-    def _add_vibration(self, square: float, end: float) -> Tuple[float, float]:
-        """Take the squared velocity that a window gained sideways and upwards [m^2/s^2].
+    def _add_vibration(self, squared_swing: float, end: float) -> Tuple[float, float]:
+        """Take the squared velocity that the body gained sideways and upwards in the last `window` [m^2/s^2].
 
         Returns:
-            The ground's vibration at the time `end` [s], as root of the mean over MEMORY, and its vibration
-            before the change that is judged [m/s].
+            The vibration of the ground until the time `end` [s], and the vibration until the change that is
+            judged began; both are the root of the mean of these squares over MEMORY [m/s].
         """
-        self._squared_changes.append((end, square))
-        while end - self._squared_changes[0][0] > MEMORY:
-            self._squared_changes.popleft()
-        vibration = sqrt(sum(each for _, each in self._squared_changes) / len(self._squared_changes))
+        self._squared_swings.append((end, squared_swing))
+        while end - self._squared_swings[0][0] > MEMORY:
+            self._squared_swings.popleft()
+        vibration = sqrt(sum(each for _, each in self._squared_swings) / len(self._squared_swings))
         self._vibrations.append((end, vibration))
         while self._vibrations[0][0] < end - AFTER - self._config.window:
             self._vibrations.popleft()
         return vibration, self._vibrations[0][1]
 
     def _weight(self, age: float) -> float:
-        """Weight of a velocity increment of this age [s] in the difference of the two mean velocities.
+        """Weight, 0 to 1, of a velocity increment in the change of the mean velocity (see `_judge_change`).
 
-        It rises from 0 to 1 within AFTER, stays 1 within `window`, and falls to 0 within BEFORE.
+        `age` is the time from the increment to the end of the change [s]. An increment between AFTER and
+        BEFORE counts fully. An increment within one of them changes only a part of that mean, so it counts
+        partly.
         """
         remaining = AFTER + self._config.window + BEFORE - age
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
@@ -403,8 +408,9 @@ class CrashDetector:
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # possible changes of the wheels' speed, which are the changes by odometry for five shifts in time,
-        # and 0, so that wheels that speed up do not make the loss larger
+        # possible changes of the wheels' speed: the change by odometry for each of five shifts in time, with
+        # the same weights as the change by the IMU; and 0, because wheels that only speed up take no speed
+        # from the robot
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
@@ -434,7 +440,8 @@ class CrashDetector:
 def _damped(force: float, vertical: float) -> float:
     """Return a horizontal force [m/s^2] without the part that a shock from below explains.
 
-    Only the part above SHOCK_FORCE can be due to such a shock.
+    The part of the force up to SHOCK_FORCE always counts. The rest is reduced by the size of the vertical
+    force.
     """
     size = abs(force)
     return copysign(min(size, SHOCK_FORCE) + max(size - SHOCK_FORCE - abs(vertical), 0.0), force)

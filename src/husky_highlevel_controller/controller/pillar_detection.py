@@ -1,4 +1,4 @@
-"""Pillar detection in a lidar scan: segmentation, circle fit, rival shapes.
+"""Pillar detection in a lidar scan: segmentation, circle fit, and a comparison with lines and corners.
 
 In: one `Scan`. Out: the pillars in it, in the laser's own frame.
 
@@ -66,7 +66,7 @@ _MAX_SKIPPED = 2  # two beams may lie on one pillar if at most this many beams b
 def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     """Pillars of a scan in the laser's frame, nearest first.
 
-    Pillars of few beams (far away) may turn out to be other objects from nearer by.
+    A far pillar is seen by few beams, so from nearer by it may turn out to be another object.
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid_count):
         return []  # all beams have the same direction, or no beam has a return
@@ -89,9 +89,10 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
 
 
 def cluster(scan: Scan, config: PillarConfig) -> Segments:
-    """Split the valid beams, one or more, into segments that may each lie on one body.
+    """Split the valid beams, at least one, into segments that may each lie on one body.
 
-    The pillar's size limits the distance between neighbours. Single beams amid a segment are omitted.
+    The pillar's size limits the distance between neighbours in a segment. A beam that alone meets another
+    body, between beams of one segment, is omitted.
     """
     (beams,) = scan.valid.nonzero()
     ranges = scan.returns[beams]
@@ -131,8 +132,8 @@ def _starts(
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
         # the formula for `depth` is largest at a spacing of one radius; a larger spacing counts as one radius
         spacing = np.minimum(spacing, radius)
-        # [m] largest difference of two ranges on one pillar; it occurs if one of the beams meets the edge of
-        # the circle
+        # [m] largest difference of two ranges on one pillar: one beam meets the edge of the circle, and the
+        # other beam, at `spacing` from the edge, meets the circle this much earlier
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
@@ -149,7 +150,7 @@ def _starts(
 
 
 def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
-    """Mask of segments with enough beams that are not wider or deeper than a pillar there, (S,) bool."""
+    """Mask of segments with enough beams, and not wider or deeper than a pillar at their range, (S,) bool."""
     beams, ranges, counts, near, step = segments
     starts, step = segments.starts, abs(step)
     far = np.maximum.reduceat(ranges, starts)
@@ -202,27 +203,26 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
     """
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
-    # beams that pass through the circle speak against a pillar; a tenth of the number of beams on the circle
-    # is allowed
+    # a tenth as many beams as lie on the circle may pass through it
     if missing > beams // 10:
         return False
     noise = beams * config.range_noise**2  # [m^2] sum of the squared errors that noise alone would make
 
-    def beats_circle(error_of_rival: Callable[[Segment], float], parameters: int, odds: float) -> bool:
-        """Return whether a rival shape wins, because its lead over the circle is `odds` or more.
+    def beats_circle(error_of_shape: Callable[[Segment], float], parameters: int, odds: float) -> bool:
+        """Return whether another shape fits better than the circle, by a lead of `odds` (see LINE_ODDS).
 
-        `error_of_rival` fits the rival to a segment and returns the sum of its squared errors [m^2]. The
-        rival has so many `parameters`. LINE_ODDS defines the lead.
+        `error_of_shape` fits the shape to a segment and returns the sum of its squared errors [m^2];
+        `parameters` is the number of parameters of the shape.
         """
 
         def lead(sum_squared_error: float) -> float:
-            """Lead over the circle of a rival with this sum of squared errors [m^2]."""
+            """Lead over the circle of the shape if this is the sum of its squared errors [m^2]."""
             return max(beams - parameters, 1) * log(
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        # at first, the rival gets an error of 0; if the circle wins even then, the rival need not be fitted
-        return not (lead(0.0) < odds or lead(error_of_rival(segment)) < odds)
+        # if even an error of 0 would not be enough, the shape need not be fitted
+        return not (lead(0.0) < odds or lead(error_of_shape(segment)) < odds)
 
     # normally, the line wins only if it fits better than the circle by LINE_ODDS. If beams are hidden, the
     # line wins unless the circle fits better than the line by HIDDEN_ODDS.
@@ -243,12 +243,14 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
     # beams within `half_angle` [rad] of the circle's centre should meet the circle, which is made smaller to
-    # leave out its edge. One more beam on either side is checked, too.
+    # leave out its edge
     inner_radius = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
     # index of the beam that would point exactly to the circle's centre; it is usually not a whole number
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    half_width = half_angle / step + 1.0  # number of beams that are checked on either side of `centre`
+    # number of beams that are checked on either side of `centre`; the last beam need not meet the circle, but
+    # counts as hidden if a nearer object hides it
+    half_width = half_angle / step + 1.0
     # [m] a beam hits the circle if its range differs from the expected range by at most this
     slack = HIT_SLACK * config.max_residual
     first, last = ceil(centre - half_width), floor(centre + half_width)
@@ -264,8 +266,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     if len(others):
         # [rad] angle between a beam and the direction of the circle's centre
         angle = (others - centre) * step
-        # the line of a beam passes the circle's centre at the distance `across`; it meets the circle at the
-        # length `depth` before the point that is nearest to the centre
+        # a beam passes the circle's centre at the distance `across`; it meets the circle `depth` [m] before
+        # its point that is nearest to the centre
         across, square = distance * np.sin(angle), circle.radius * circle.radius
         depth = np.sqrt(square - np.minimum(across * across, square))
         # [m] range minus the range at which the beam should meet the circle; negative if the beam ends in

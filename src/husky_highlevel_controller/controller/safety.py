@@ -1,4 +1,4 @@
-"""Braking distance and collision check of the stop guards; one stop per danger.
+"""Braking distance and collision check of the stop guards; a danger stops the robot only once.
 
 In: scans and velocities. Out: the clearance, and whether to call for a stop now.
 
@@ -23,7 +23,7 @@ from husky_highlevel_controller.robot import DriveConfig, Robot
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05
 FASTEST = 100.0  # [m/s], [rad/s] a faster measured velocity cannot be right, so the robot must stop
 PATH_STEPS = 12  # number of poses on the way to standstill at which the clearance is checked
-# [m] the robot approaches an obstacle if the clearance gets smaller by more than this before the robot stands
+# [m] the robot moves towards an obstacle if the clearance shrinks by more than this before the robot stands
 APPROACH = 1e-3
 STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop has been started again
 
@@ -116,7 +116,10 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
-    """Ends of the beams from above, in base_link, (N, 2) [m]; returns too near to measure count."""
+    """Ends of the beams in base_link, (N, 2) [m]; a return of -inf counts as `range_min`.
+
+    By REP 117, -inf means that an object is too near to measure its range.
+    """
     too_near = scan.ranges == -np.inf
     ranges, counted = np.where(too_near, scan.range_min, scan.ranges), scan.valid | too_near
     ranges, bearings = ranges[counted], scan.bearings[counted]
@@ -147,8 +150,8 @@ def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tup
     """Return the latch at a time [s], and whether to stop now; begin with Latch().
 
     A danger trips the latch, and only then the robot is stopped. The latch is ready again when the robot was
-    started: when it moves after it stood, or still moves when it should have stood for long. A time before
-    the stop means a new run.
+    started: when it moves after it stood, or still moves STOPPING_TIMEOUT after the stop. A time before the
+    stop means a new run.
     """
     if latch.tripped_at is not None:
         elapsed = stamp - latch.tripped_at

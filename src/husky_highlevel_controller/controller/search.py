@@ -22,6 +22,7 @@ LOOK_AHEAD = 1.0
 SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
 _FREE_BESIDE = 0.15  # [m] the way is free only if there is this much space on either side of the footprint
 _OWN_BODY = 0.01  # [m] returns nearer to the footprint than this come from the robot itself
+# [rad] turns away from the goal that `free_bearing` tries: 0, and up to 120 degrees to either side
 _SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
 # [m] returns with a longer range are ignored, because they are not within LOOK_AHEAD of the robot
 _NEAR_RANGE = 2.0
@@ -34,10 +35,9 @@ _QUARTER_TURN = pi / 2.0
 class Search(NamedTuple):
     """Progress of the search."""
 
-    leg: int = 0  # number of straight parts of the search path that have begun
-    # [rad] angle by which the robot must still turn before the next straight part begins
-    to_turn: float = _FULL_TURN
-    to_drive: float = 0.0  # [m] remaining length of the current straight part of the search path
+    leg: int = 0  # number of legs, which are the straight parts of the spiral, that have begun
+    to_turn: float = _FULL_TURN  # [rad] angle by which the robot must still turn before the next leg
+    to_drive: float = 0.0  # [m] remaining length of the current leg
     pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan
 
 
@@ -64,7 +64,7 @@ def search_on(
     Returns:
         The search for the next call, and the command.
     """
-    # motion since the last call; it is subtracted from the remaining turn or from the remaining straight part
+    # motion since the last call; it is subtracted from the remaining turn or from the remaining leg
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
@@ -73,16 +73,14 @@ def search_on(
         search = search._replace(to_turn=search.to_turn - turned)
         if search.to_turn > 0.0:
             return search, Twist2D(0.0, config.search_rate)
-        # the turn has ended, so the next straight part of the search path begins; every second part is longer
-        # than the part before it
+        # the turn has ended, so the next leg begins; every second leg is longer than the leg before it
         length = config.search_radius_step * (1 + search.leg // 2)
         search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
     search = search._replace(to_drive=search.to_drive - driven)
-    # the straight part has its full length, so the robot turns once to look around, and then to the next
-    # direction
+    # the leg has its full length, so the robot turns once to look around, and then to the next direction
     if search.to_drive <= 0.0:
         return search._replace(to_turn=_FULL_TURN + _QUARTER_TURN), Twist2D()
-    # an obstacle ends the straight part, so the robot only turns to the next direction
+    # an obstacle ends the leg, so the robot only turns to the next direction
     if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
         return search._replace(to_drive=0.0, to_turn=_QUARTER_TURN), Twist2D()
     return search, Twist2D(SEARCH_SPEED, 0.0)
@@ -98,7 +96,7 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
         return np.empty((0, 2))
     ranges = scan.returns[beams]
     # element i is true if beams i - 1 and i hit the same body; one beam without a return may lie between
-    # them. The first and the last element have no such pair of beams, so they are false.
+    # them. A beam is kept if it hits the same body as the beam before it or the beam after it.
     is_one_body = np.zeros(len(beams) + 1, dtype=bool)
     is_one_body[1:-1] = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
     beams = beams[is_one_body[1:] | is_one_body[:-1]]
@@ -131,7 +129,8 @@ def free_bearing(
 ) -> Optional[float]:
     """Return the direction nearest to `goal` that has a free path [rad], or None if there is none.
 
-    If two are equally near, it is the direction that the robot faces more.
+    If two are equally near, it is the direction that the robot faces more. In the direction of `goal` itself,
+    only `length` [m] must be free, and in any other direction LOOK_AHEAD.
     """
     if is_free(points_in_base, goal, length, outline):
         return goal

@@ -22,8 +22,9 @@ MAX_OFFSET = 0.55
 class ClockOffset:
     """Lasting offset between the clocks that stamp two streams of messages.
 
-    Each message is compared with the newest stamp of the reference. A late message makes a difference
-    as well, but not every message in WINDOW is late, so the smallest (ahead) or largest (behind) counts.
+    The stamp of each message is compared with the newest stamp of the reference. A late message makes a
+    difference, too, but not every message in WINDOW is late. So the smallest difference counts if the clock
+    of the messages is ahead, and the largest difference if it is behind.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -31,7 +32,7 @@ class ClockOffset:
         self.seconds = 0.0  # [s] time by which the messages' clock is ahead of the reference's clock
         self._tolerance = tolerance
         self._newest_reference: Optional[float] = None  # [s], newest stamp
-        self._new_references = self._message_count = 0
+        self._new_references = self._message_count = 0  # numbers of new stamps and of messages in this window
         # [s] at the start of the window of comparison: wall time, stamp of the first message, newest stamp of
         # the reference
         self._window_begin = (0.0, 0.0, 0.0)
@@ -42,7 +43,7 @@ class ClockOffset:
     def add_reference(self, stamp: float) -> None:
         """Take a stamp [s] of the reference; it may be a repeated one."""
         if self._newest_reference is not None and stamp < self._newest_reference:
-            self._message_count = 0  # time has gone back, so a new run has begun
+            self._message_count = 0  # time has gone back, so a new window begins
         self._new_references += stamp != self._newest_reference
         self._newest_reference = stamp
 
@@ -76,14 +77,13 @@ class ClockOffset:
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
-        # [s] if the clocks are equal, the message that comes soonest after a message of the reference may
-        # still be this much later: one period of the reference, or one period of the messages if this is
-        # shorter
+        # [s] the smallest difference is at most this if the clocks are equal: a message is at most one period
+        # of the reference newer than the newest reference, and the first message after a reference is at most
+        # one period of the messages newer
         slack = min(period, abs(stamp - first) / (self._message_count - 1))
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
-        # if the clocks are equal, the smallest difference is at most `slack`, which is within the tolerance
         if self._smallest_difference > tolerance:
             return self._smallest_difference
         # if the clocks are equal, the largest difference is about one period, because some message comes

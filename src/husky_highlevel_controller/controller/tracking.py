@@ -2,16 +2,16 @@
 
 In: the pillars of a scan, and the pose of the lidar. Out: the tracked pillar, and its estimate.
 
-The first pillar seen, or the nearest of several, is tracked until its position proves to be empty. That is so
-if the position is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. Time in which a near
-position is hidden counts a tenth, so it is given up after 5 s, but not by a robot that has arrived. A
+The first pillar seen, or the nearest of several, is tracked until its position proves to be empty. A position
+is empty if it is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. Time in which something
+hides a near position counts a tenth, so it is given up after 5 s, but not by a robot that has arrived. A
 position out of view is kept as long as odom lasts, and becomes less and less certain. A pillar at a position
-that was given up is accepted again only if more beams fall on it, which means from nearer by.
+that was given up is accepted again only if more beams fall on it, which happens from nearer by.
 
 An estimate is confirmed when it was seen from positions BASELINE apart, or for WATCH_TIME. Before that it is
 also given up after EMPTY_TIMEOUT out of view or hidden. An estimate that moves by WALK within WATCH_TIME is a
-leg or a wheel and not a pillar, so it is dropped. Then pillars elsewhere come first, and the next one must be
-confirmed before the robot drives to it.
+leg or a wheel and not a pillar, so it is dropped. After that, pillars at other positions are preferred, and
+the robot drives to the next pillar only when it is confirmed.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ _DRIFT = 0.02
 # a pillar of a scan can be the remembered pillar if their distance is below _GATE [m] plus _GATE_FRACTION of
 # the pillar's range, plus the uncertainty of the remembered position
 _GATE, _GATE_FRACTION = 0.5, 0.03
+# [m] a larger standard deviation of a position counts as this, which limits the distance of a match
+_LARGEST_DEVIATION = 0.3
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
 # [m], [s] a pillar is confirmed if the lidar has seen it from two positions that are BASELINE apart, or for
 # WATCH_TIME; a walking person would move in this time, because a step takes 0.6 s
@@ -67,7 +69,7 @@ class Visibility(Enum):
 
 
 class Anchor(NamedTuple):
-    """Positions of an estimate and of the lidar, at most WATCH_TIME ago."""
+    """Earlier estimate and lidar position, at most WATCH_TIME old, from which their motion is measured."""
 
     estimate: Estimate
     laser: Tuple[float, float]  # [m] position of the lidar in odom
@@ -141,14 +143,13 @@ def follow(
             track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
             if track.missed_time <= EMPTY_TIMEOUT:
                 return track, None, visibility
-            # a confirmed pillar is given up only if its position looked empty, or if it stayed hidden
-            # although it is near; this speaks against the position, so the position is rejected. A pillar
-            # that is not confirmed may only have been hidden or out of view, which proves nothing about its
-            # position.
+            # a confirmed pillar is given up only if its position looked empty, or stayed hidden although it
+            # is near, so its position is rejected. A pillar that is not confirmed may only have been hidden
+            # or out of view; its position is rejected only if it looks empty.
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
 
-    # no pillar is tracked now, so the nearest one is taken; the object that walked comes last, because true
-    # is sorted behind false
+    # no pillar is tracked now, so the nearest one is taken, but the object that walked comes last (`sorted`
+    # puts false before true)
     for sighting in sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting)):
         if not _is_rejected(sighting, track):
             return _updated(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN
@@ -161,11 +162,12 @@ def aged(estimate: Estimate, stamp: float) -> Estimate:
 
 
 def _walks(track: Track, pillar: Pillar) -> bool:
-    """Return whether the estimate has moved from its anchor by more than errors of pose and sighting."""
+    """Return whether the estimate has moved from its anchor by more than WALK and the possible errors."""
     assert track.estimate is not None
     assert track.anchor is not None
     before, now = track.anchor.estimate, track.estimate
-    errors = _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(before.deviation, 0.3)
+    # [m] a part of the pillar's range, and three standard deviations of the position of the anchor
+    errors = _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(before.deviation, _LARGEST_DEVIATION)
     return hypot(now.x - before.x, now.y - before.y) > WALK + errors
 
 
@@ -204,11 +206,11 @@ def _is_rejected(sighting: Sighting, track: Track) -> bool:
 
 
 def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
-    """Return how much of the time without a sighting counts against the pillar, 0 to 1.
+    """Return the fraction of the time since the last scan that counts as missed time, 0 to 1.
 
-    The time counts fully if the position looks empty or the track is not confirmed. It counts less if
-    something hides a near pillar, because the lidar should see a pillar that is so near; with `keep_hidden`,
-    it does not count then. Otherwise the time does not count, for example if a far pillar is hidden.
+    All of it counts if the position looks empty or the track is not confirmed. A part of it counts if
+    something hides a near position, because the lidar normally sees a pillar that is so near; `keep_hidden`
+    sets this part to 0. Nothing counts if a far position is hidden, or if a position is out of view.
     """
     estimate = track.estimate
     assert estimate is not None
@@ -222,7 +224,7 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
 
 
 def _give_up(track: Track, reject: bool) -> Track:
-    """Return the track without its estimate; remember the position if it is rejected."""
+    """Return a track without a pillar, which still knows the bad positions; `reject` adds this position."""
     assert track.estimate is not None
     rejected = track.rejected
     if reject:
@@ -237,8 +239,8 @@ def _give_up(track: Track, reject: bool) -> Track:
 def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     """Return what the beams that should meet a remembered pillar say about it.
 
-    The position is empty if most of these beams reach the pillar or pass beyond it, which they do only if no
-    nearer object hides it. Without the pillar in the scan, such beams prove that it is gone.
+    The caller has not found the pillar in the scan. The position is empty if most of these beams reach it or
+    pass beyond it, because then no nearer object hides the pillar.
     """
     step = scan.angle_increment
     center_in_odom = (estimate.x, estimate.y, laser_in_odom.position[2])
@@ -272,7 +274,7 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
     for sighting in sightings:
         pillar, (x, y, _) = sighting
         # [m] largest distance of a match, with three standard deviations of the remembered position
-        gate = _GATE + _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
+        gate = _GATE + _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, _LARGEST_DEVIATION)
         error = hypot(x - estimate.x, y - estimate.y) / gate
         if error < smallest_error:
             nearest, smallest_error = sighting, error
@@ -293,7 +295,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
     radius = pillar.radius
     # [m^2] variance of a measured centre; its standard deviation is 5 mm plus a quarter of the distance
     # between two beams at the pillar
-    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2  # [m^2]
+    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2
     old = track.estimate
     if old is not None:
         old_variance = _deviation_at(old, scan.stamp) ** 2
@@ -308,6 +310,7 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
         missed_time=max(track.missed_time - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),
         updated_at=scan.stamp,
+        # a new pillar is watched from its first sighting on (see `_walks` and `_confirmed_if_watched`)
         anchor=track.anchor or Anchor(estimate, laser_in_odom.position[:2]),
     )
 

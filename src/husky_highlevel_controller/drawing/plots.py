@@ -49,7 +49,7 @@ def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
 
 
 def _axes_from_above(plot: Any, frame: str) -> None:
-    """Prepare axes for x and y [m] at one scale; `frame` is the end of their labels."""
+    """Prepare axes for x and y [m] at one scale; `frame` is added to their labels, such as " in odom"."""
     plot.set_aspect("equal", adjustable="datalim")
     plot.margins(0.08)
     plot.grid(alpha=0.3)
@@ -86,7 +86,7 @@ def draw_paths(
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
     """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
-    # transposed rotation matrix, because points are rows and stand before it
+    # transposed rotation matrix, because each point is a row, which stands to the left of the matrix
     rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
     # corners of the robot's outline, and of the arrow on it, as multiples of half the length and half the
     # width

@@ -83,8 +83,8 @@ def _robot(name: str) -> Dict[str, Any]:
         "height": drive.wheel_radius - wheels.height,  # [m] height of base_link above the ground
         # [m] x, y and z of the hub of the front left wheel in base_link, and radius
         "wheel": [wheels.base / 2.0, drive.wheel_separation / 2.0, wheels.height, drive.wheel_radius],
-        # [m] distance of the wheels by which a turn makes them roll; it is larger than the real distance,
-        # because the wheels skid
+        # [m] distance between left and right wheels from which the page computes how a turn rolls them; it is
+        # larger than the real distance, because the wheels skid
         "track": drive.wheel_separation * drive.wheel_separation_multiplier,
         "body": _packed(body),
         "tyre": _packed(wheel),

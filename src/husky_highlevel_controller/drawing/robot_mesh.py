@@ -65,7 +65,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
 
 
 def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
-    """Triangles (M, 3, 3) [m] whose corners lie in the middle of cells, without triangles of no area."""
+    """Triangles with each corner moved to the middle of its cell, (M, 3, 3) [m], without flat triangles."""
     cells = np.round(triangles / cell)
     flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
     corners: np.ndarray = np.unique(cells[~flat], axis=0) * cell

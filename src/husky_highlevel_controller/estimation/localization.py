@@ -1,7 +1,7 @@
 """Localization: estimates at a steady rate from readings of several sensors, in the order of their stamps.
 
 In: readings as they arrive. Out: estimates at multiples of 1 / frequency, each as soon as every sensor has
-reported beyond it. The same readings give the same estimates, to the bit, however fast they are played and
+sent a later reading. The same readings give the same estimates, to the bit, however fast they are played and
 however the sensors' messages interleave.
 """
 
@@ -33,7 +33,7 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] an estimate is predicted to its own time if the last measurement is at least this old
+        # [s] if the last measurement is at least this old, the next estimate is a prediction for its own time
         self._sensor_timeout = (
             1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
         )
@@ -51,7 +51,10 @@ class Localization:
         self._next_period = 0  # time of the next estimate, as a number of periods from time 0
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
-        """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""
+        """Start again at a stamp [s], with a robot at rest; older readings are forgotten.
+
+        `pose` is x, y and yaw in odom, (3,) [m, m, rad], and `covariance` is its covariance, (3, 3).
+        """
         self._ekf.set_pose(stamp, pose, covariance)
         self._waiting_readings, self._pose_set_at = [], stamp
         self._next_period = ceil(stamp * self._frequency)
@@ -66,7 +69,7 @@ class Localization:
         Args:
             name: name of the sensor, such as odom0.
             reading: its reading.
-            mounting: frames of the reading's numbers.
+            mounting: pose of the sensor, and pose of the frame in which it gives its poses.
             silent: names of the sensors for which the filter does not wait if their last reading is older
                 than the newest one by PATIENCE; None for all sensors.
 
@@ -100,7 +103,10 @@ class Localization:
         return due_estimates + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
-        """Time that every sensor has reported beyond, except the sensors that are given up [s]."""
+        """Time up to which the readings of every sensor have come, without the sensors that are given up [s].
+
+        A sensor is given up if it is in `silent` and has sent nothing for PATIENCE.
+        """
         oldest_allowed = max(self._last_stamps.values()) - PATIENCE
         given_up = {
             name for name in silent if self._last_stamps.get(name, self._first_stamp) < oldest_allowed

@@ -51,7 +51,8 @@ class PlanarEkf:
     def __init__(self, noise: Optional[np.ndarray] = None, initial: Optional[np.ndarray] = None) -> None:
         """Make a filter at the origin; `noise` is the growth of its covariance per second, (8, 8).
 
-        `initial` is the covariance of states that the first measurement does not hold, (8, 8).
+        `initial` is the covariance before the first measurement, (8, 8). The first measurement replaces the
+        covariance of the states that it measures.
         """
         self._process_noise = np.diag(PROCESS_NOISE) if noise is None else noise
         initial = INITIAL_VARIANCE * np.eye(STATES) if initial is None else initial
@@ -84,11 +85,12 @@ class PlanarEkf:
         step = stamp - self.estimate.stamp
         if step <= 0.0:
             return self.estimate
-        return predict(self.estimate, stamp, CLOCK_STEP if step > MAX_STEP else step, self._process_noise)
+        clock_was_set = step > MAX_STEP
+        return predict(self.estimate, stamp, CLOCK_STEP if clock_was_set else step, self._process_noise)
 
 
 def predict(estimate: MotionEstimate, stamp: float, step: float, process_noise: np.ndarray) -> MotionEstimate:
-    """Predict an estimate by `step` seconds, and give it the stamp `stamp`."""
+    """Predict an estimate by `step` seconds; `stamp` is the new stamp, also if a clock was set meanwhile."""
     state = estimate.state
     jacobian = transition_jacobian(state, step)
     covariance = jacobian @ estimate.covariance @ jacobian.T + step * process_noise
@@ -120,7 +122,7 @@ def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
 
 
 def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimate:
-    """An estimate corrected by a measurement at its time; Joseph's form keeps the covariance positive."""
+    """The estimate, corrected by a measurement of its time; Joseph's form keeps the covariance positive."""
     _, measured, values, noise = measurement
     stamp, state, covariance = estimate
     noise = noise.copy()

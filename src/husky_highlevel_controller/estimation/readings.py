@@ -51,9 +51,9 @@ class Reading(NamedTuple):
 
 
 class Mounting(NamedTuple):
-    """Frames of a reading's numbers."""
+    """Poses of a sensor and of the frame in which it gives its poses."""
 
-    sensor_in_base: Pose = Pose()
+    sensor_in_base: Pose = Pose()  # pose of the sensor in base_link
     pose_frame_in_odom: Pose = Pose()  # pose in odom of the frame in which the sensor gives its poses
 
 
@@ -108,10 +108,16 @@ class MotionSensor:
         return Reading(stamp, finite_pose, *finite_arrays)
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
-        """Planar measurements of base_link, without the motion that its yaw rate [rad/s] adds."""
-        parts = [self._pose(reading, mounting)]
-        for measure in (self._velocity, self._acceleration):
-            parts.append(measure(reading, mounting.sensor_in_base, yaw_rate))
+        """Return the planar measurements of base_link that a reading gives.
+
+        `yaw_rate` is the yaw rate of the robot [rad/s]; the motion that it adds at the sensor is removed.
+        """
+        sensor_in_base = mounting.sensor_in_base
+        parts = [
+            self._pose(reading, mounting),
+            self._velocity(reading, sensor_in_base, yaw_rate),
+            self._acceleration(reading, sensor_in_base, yaw_rate),
+        ]
         return [part for part in parts if part is not None and part.states]
 
     def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
@@ -122,10 +128,10 @@ class MotionSensor:
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # `turn` is the rotation of the covariance and of the used variables to the axes of the result
+        # `turn` is the rotation from the axes of the reading to those of the result, for the covariance and
+        # the mask of the used values
         pose, turn = reading.pose, mounting.pose_frame_in_odom
         if self._is_imu:
-            # attitude of base_link, and rotation about z by the yaw of the mounting
             pose, turn = _level_attitude(pose, mounting.sensor_in_base)
         elif self._config.differential:
             turn = Pose()  # the result is a velocity along base_link's axes, so nothing must be rotated
@@ -151,9 +157,9 @@ class MotionSensor:
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """Velocity of base_link: the sensor's, without the part that `yaw_rate` adds at its position [rad/s].
+        """Velocity of base_link, from the velocity of the sensor; None if it is not measured or not used.
 
-        None if the velocity is not measured or not used.
+        The velocity that the robot's `yaw_rate` [rad/s] adds at the sensor's position is removed.
         """
         if reading.velocity is None or not self._velocity_used.any():
             return None
@@ -199,10 +205,10 @@ def _numbers(pose: Pose) -> np.ndarray:
 
 
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
-    """Return the attitude of base_link by an IMU's attitude, and the rotation about z by the mounting's yaw.
+    """Return the attitude of base_link from that of an IMU, and the yaw of the mounting as a rotation.
 
-    As in robot_localization, the mounting's angles are subtracted one by one; roll and pitch then turn with
-    its yaw.
+    As in robot_localization, the three angles of the mounting are subtracted one by one. Then its yaw turns
+    the vector (roll, pitch).
     """
     offsets = rpy_from_quat(sensor_in_base.quat_xyzw)
     angles = [wrap_angle(a - b) for a, b in zip(rpy_from_quat(attitude.quat_xyzw), offsets)]
@@ -226,7 +232,15 @@ def _turned_covariance(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def _planar(
     stamp: float, states: Tuple[int, ...], used: np.ndarray, values: np.ndarray, covariance: np.ndarray
 ) -> Measurement:
-    """Measurements of three states, from the three of six values that lie on the plane."""
+    """Return the used values that lie on the plane (see ON_PLANE) as a measurement of states.
+
+    Args:
+        stamp: stamp of the measurement [s].
+        states: the three states that belong to ON_PLANE.
+        used: mask of the used values, (6,).
+        values: values along or about x, y and z, (6,).
+        covariance: covariance of the values, (6, 6).
+    """
     kept = [i for i in ON_PLANE if used[i]]
     chosen = tuple(state for state, i in zip(states, ON_PLANE) if used[i])
     return Measurement(stamp, chosen, values[kept], covariance[np.ix_(kept, kept)])
