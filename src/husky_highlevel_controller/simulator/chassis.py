@@ -33,10 +33,10 @@ HullContact = Tuple[Vector3, Vector3, float]
 
 
 class Chassis:
-    """The robot in a Bullet world: one rigid body, whose wheels turn in numbers only.
+    """The robot in a Bullet world: one rigid body; the turning of the wheels is only computed.
 
-    A wheel obeys its commanded speed exactly (Gazebo: ideal velocity interface), so its angle is the sum of
-    its speeds, and its motor's torque follows from the ground's force and its own inertia.
+    A wheel always has its commanded speed, as with Gazebo's ideal velocity interface. So the torque of its
+    motor follows from the ground's force and the wheel's inertia.
     """
 
     def __init__(self, bullet: RobotWorld, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
@@ -49,7 +49,7 @@ class Chassis:
         self._yaw_inertia = float(robot.inertia[2, 2])
 
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
-        """Put the robot into a Bullet world that has none."""
+        """Add the robot to a Bullet world in which there is no robot."""
         self._gravity = gravity
         # [rad] angles of the wheels since the start, also beyond one turn
         self._wheel_angles = [0.0] * len(self._robot.wheels)
@@ -92,7 +92,7 @@ class Chassis:
         )
 
     def observe(self) -> RobotState:
-        """Read the robot's pose and velocity; kept as `state`."""
+        """Read the robot's pose and velocity, keep them as `state`, and return them."""
         pose, velocity, spin = self._bullet.robot_motion()
         self._base_axes = axes_from_quat(pose.quat_xyzw)
         # the products of vectors are written out in this class, because function calls cost time in every
@@ -107,7 +107,7 @@ class Chassis:
     def drive(self, speeds: Sequence[float]) -> None:
         """Turn the wheels at these speeds [rad/s], and push the robot with the ground's forces, for one step.
 
-        It also computes the motors' torques. Loads and footprints come from the last `update_contacts`.
+        The motors' torques are computed, too. Loads and footprints come from the last `update_contacts`.
         """
         robot, state, dt = self._robot, self.state, self._dt
         com_x, com_y, _ = robot.com
@@ -150,7 +150,7 @@ class Chassis:
         pushes += [
             (self._hull_friction(point, normal, load), point) for point, normal, load in self._hull_contacts
         ]
-        # turn the forces and points from base_link into the world; (ax, ay, az) is base_link's x axis there
+        # turn the forces and points from base_link into the world; a, b and c are base_link's axes there
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._base_axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:
@@ -166,8 +166,8 @@ class Chassis:
     def _downhill(self) -> Tuple[float, float]:
         """Acceleration of gravity along the ground, on base_link's x and y [m/s^2].
 
-        The direction of the ground follows from the normal forces; without such a force the result is gravity
-        itself.
+        The slope of the ground follows from the normal forces. If there are no such forces, the result is the
+        whole gravity on x and y.
         """
         gx, gy, gz = along_axes(self._base_axes, self._gravity)
         nx, ny, nz = self._ground_force
@@ -241,10 +241,11 @@ class Chassis:
         return tuple(sorted(bumped_bodies))
 
     def _wheel_at(self, point: Vector3) -> Optional[int]:
-        """Index of the wheel on whose tyre a point of base_link lies; None if it is on the hull."""
+        """Return the index of the wheel whose tyre has a point in base_link; None if the hull has it."""
         x, y, z = point
         for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
             if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:
+                # the surface of a tyre is the tread, at depth 0, and the flanks, at FLANK_DEPTH
                 depth = radius - hypot(x - wheel_x, z - wheel_z)
                 if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
                     return index

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from math import isfinite, pi
-from typing import List
+from typing import List, Tuple
 
 from husky_highlevel_controller.datatypes import (
     Body,
@@ -66,32 +66,19 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
     log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
     plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))  # endless, but drawn with edges of 100 m
     is_taken = any(body.name == "ground_plane" for body in world.bodies)
+    # a taken name makes the plane another body of the model `ground_plane`
     name = "ground_plane::added" if is_taken else "ground_plane"
     ground = Body(name, Pose(), collisions=(plane,), visuals=(plane,))
     return replace(world, bodies=(*world.bodies, ground))
 
 
 def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
-    """Height [m] of the level floor under all wheels, over the xy plane of a level pose; 0 if there is none.
+    """Return the height of the level floor under all wheels, over a level pose [m]; 0 if there is none.
 
     The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
     slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
-    # The floor is searched downwards, from a height above any slab. A drop is the distance down to the first
-    # body. It is 0 if the search begins inside a solid body, and inf if there is no body below. `_drops` has
-    # the drops at the four corners of a square, which with _WHEEL_REACH are about under the wheels.
-    top, drops = MAX_SLAB, _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
-    # if the drops are 0 at the corners near the wheels and at the corners of the larger square with
-    # _FLOOR_REACH, then all corners are inside a wide body
-    is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
-    if is_in_wide_body:
-        for step in range(1, round(MAX_RISE / _RISE_STEP)):
-            height_above = MAX_SLAB + _RISE_STEP * step
-            drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
-            if all(drops_above):  # no drop is 0, so this height is above the wide body
-                top, drops = height_above, drops_above
-                break
-        # if the wide body is higher than MAX_RISE, the drops stay 0, and no floor is found
+    top, drops = _drops_at_wheels(scene, pose_on_ground)
     # [m] height of the floor under the first corner of the robot; used below only if the floor is level
     height = top - drops[0]
     if height < 0.0:
@@ -104,8 +91,26 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
 
 
+def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
+    """Return a height over the pose that is above the floor [m], and the drops from there near the wheels.
+
+    The height is MAX_SLAB, or more if the pose is inside a wide body. If the top of this body is not found up
+    to MAX_RISE, the drops are 0.
+    """
+    drops = _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
+    # a wide body also contains the corners of the larger square with _FLOOR_REACH
+    is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
+    if is_in_wide_body:
+        for step in range(1, round(MAX_RISE / _RISE_STEP)):
+            height_above = MAX_SLAB + _RISE_STEP * step
+            drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
+            if all(drops_above):  # no drop is 0, so this height is above the wide body
+                return height_above, drops_above
+    return MAX_SLAB, drops
+
+
 def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
-    """Return the distances [m] from four corners over a level pose down to the first body; 0 in a solid.
+    """Return the drops at four corners: distances down to the first body [m], 0 in a solid, inf if no body.
 
     The corners are `height` m above the pose, and `reach` m from it along both of its axes.
     """

@@ -53,16 +53,16 @@ class Simulation:
     ) -> None:
         """Build the world, with the robot on the floor at `start`.
 
-        The search for the floor begins at `start_height` [m]. If base_link on the floor is lower than
-        `start_height`, by MAX_DROP at most, the robot falls from `start_height`, as in Gazebo.
+        If base_link on the floor would be up to MAX_DROP lower than `start_height`, the robot starts at this
+        height and falls, as in Gazebo.
 
         Args:
             world: bodies and gravity.
             robot: masses, wheels and frames.
-            config: rates, sensors and limits; the wheels' distance and radius come from `robot` instead.
+            config: rates, sensors and limits; but `robot` gives the wheels' distance and radius.
             start: first pose of base_link in the world.
             seed: random seed of all noise.
-            start_height: height of the start pose in the world [m].
+            start_height: height of the start pose in the world [m]; the search for the floor begins here.
 
         Raises:
             HuskyError: a period is not a multiple of the physics step.
@@ -111,7 +111,7 @@ class Simulation:
         """Reset everything except the stamp to the state of a new simulation.
 
         Args:
-            seed: seed of all noise; None for the seed before.
+            seed: seed of all noise; None keeps the last seed.
 
         Raises:
             ValueError: the seed is negative. Then nothing changes.
@@ -120,8 +120,8 @@ class Simulation:
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
             devices.append((self._equipment.points, POINTS_STREAM))
-        # Each device has random numbers of its own, because its stream is the spawn key. None, the stream of
-        # the planar lidar, means no key. A negative seed raises ValueError here, before anything changes.
+        # The stream of a device is its spawn key, so each device has random numbers of its own. The planar
+        # lidar's stream is None: it has no key. A negative seed raises ValueError here, before any change.
         spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
         seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed
@@ -134,26 +134,23 @@ class Simulation:
         self._equipment.drive.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
-        self._chassis.place(self._landing(self._start_pose), self._world.gravity)
+        self._chassis.place(self._pose_on_or_above_floor(self._start_pose), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
 
     def _pose_on_floor(self, pose: Pose) -> Pose:
-        """Pose of base_link when the wheels stand on the floor, or on the xy plane of a pose without one."""
+        """Return the pose of base_link on the floor, or on the xy plane of the pose if there is no floor."""
         height = floor_height(self._objects.scene(), pose)
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
-    def _landing(self, requested: Pose) -> Pose:
-        """Return the pose of base_link at a requested pose in the world: on the floor below it.
-
-        If the requested pose is up to MAX_DROP above the floor, its height is kept, and the robot falls.
-        """
+    def _pose_on_or_above_floor(self, requested: Pose) -> Pose:
+        """Return a pose of base_link on the floor; up to MAX_DROP above it, keep the requested height."""
         on_floor, height = self._pose_on_floor(requested), requested.position[2]
         x, y, floor = on_floor.position
         is_above_floor = floor < height <= floor + MAX_DROP
         return Pose((x, y, height), on_floor.quat_xyzw) if is_above_floor else on_floor
 
     def load_world(self, world: World) -> None:
-        """Restart in another world.
+        """Replace the world, and restart the simulation in it.
 
         Raises:
             HuskyError: the world cannot be simulated, or something stands at the start. Then nothing changes.
@@ -221,7 +218,7 @@ class Simulation:
     def at_start(self) -> Snapshot:
         """Return the snapshot before the first step, with odometry and scan.
 
-        Copies of the odometer and the lidar measure it, so that it does not change later results.
+        Copies of the odometer and the lidar make these measurements, so that later results do not change.
         """
         odometry = copy(self._odometer).sample(None, yaw_rate=0.0, step=0)
         samples = {}
@@ -241,13 +238,13 @@ class Simulation:
         return self._equipment.points.sample(self._chassis.state)
 
     def _measure_power(self, speeds: Tuple[float, float]) -> PowerState:
-        """The power since the last reading of the encoders; speeds of the (left, right) wheels in rad/s."""
+        """Update the battery for the period since the last reading; `speeds` (left, right) are in rad/s."""
         power = self._equipment.power
         assert power is not None
-        radius, torques = self._drive_config.wheel_radius, self._chassis.torques
-        sides = (torques[0] + torques[2], torques[1] + torques[3])
-        treads = (speeds[0] * radius, speeds[1] * radius)
-        return power.update(sides, treads, self._equipment.drive.steps * self.dt)
+        front_left, front_right, rear_left, rear_right = self._chassis.torques
+        torques = (front_left + rear_left, front_right + rear_right)
+        radius, period = self._drive_config.wheel_radius, self._equipment.drive.steps * self.dt
+        return power.update(torques, (speeds[0] * radius, speeds[1] * radius), period)
 
     @property
     def bodies(self) -> Mapping[str, Body]:
@@ -262,7 +259,7 @@ class Simulation:
     def pose_world_in_odom(self) -> Pose:
         """Pose of the world in odom, by the filtered odometry.
 
-        The filter is planar, so odom is level, and as high as base_link of a robot that stands on z = 0.
+        The filter is planar, with base_link at z = 0. So odom is level, as high as base_link over the ground.
         """
         height = self._chassis.on_ground(Pose()).position[2]  # [m] height of base_link over level ground
         base_in_odom = pose_from_2d(self._odometer.filtered.pose_base_in_odom)
@@ -282,7 +279,7 @@ class Simulation:
     def move(self, name: str, pose_in_world: Pose) -> None:
         """Put a body, or the robot with its wheels on the floor, somewhere else, at rest.
 
-        The odometry of a robot that is moved goes along, so that odom stays where it is in the world.
+        The odometry of the robot jumps, too, so that the frame odom stays where it is in the world.
 
         Raises:
             PlacementError: no object has this name, or another object is in the way; then nothing changes.
@@ -298,7 +295,7 @@ class Simulation:
         return [*self._objects.models, ROBOT]
 
     def motion_of(self, model: str) -> ModelMotion:
-        """Motion of a model or of the robot's base_link in the world; PlacementError if there is none."""
+        """Return the motion of a model, or of base_link, in the world. Raises PlacementError if unknown."""
         if model != ROBOT:
             return self._objects.motion_of(model)
         pose, velocity, spin = self._chassis.state
@@ -316,11 +313,11 @@ class Simulation:
         if model != ROBOT:
             self._objects.place_model(model, motion_in_world)
             return
-        self._move_robot(self._landing(motion_in_world.pose))
+        self._move_robot(self._pose_on_or_above_floor(motion_in_world.pose))
         self._chassis.set_velocity(motion_in_world.velocity, motion_in_world.angular_velocity)
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
-        """Put base_link at a pose, at rest; the odometry goes along."""
+        """Put base_link at a pose, at rest; the odometry jumps, too, so that odom stays in the world."""
         world_in_odom = self.pose_world_in_odom
         self._chassis.move(pose_base_in_world)
         self._equipment.imu.restart()
@@ -338,5 +335,5 @@ class Simulation:
         first_poses = {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}
         self._bullet.check_moves(first_poses, name=ROBOT)
         self._objects.reset_poses()
-        # the floor is searched again, because it may be another one when the bodies are back
+        # the floor is searched again, because another body may be the floor when the bodies are back
         self._move_robot(self._pose_on_floor(self._start_pose))

@@ -27,7 +27,7 @@ def model_of_body(name: str) -> str:
 
 
 class WorldObjects:
-    """The bodies in a Bullet world; `a::b` belongs to the model `a`."""
+    """The bodies in a Bullet world. The name of a body is `model`, or `model::link`."""
 
     def __init__(self, bullet: BulletWorld) -> None:
         self._bullet = bullet
@@ -45,7 +45,7 @@ class WorldObjects:
             self._put(body)
 
     def add(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none; PlacementError for a taken name or without room."""
+        """Add all new bodies, or none. Raises PlacementError if a name is taken, or if a body has no room."""
         added: List[str] = []
         models = {model_of_body(body.name) for body in bodies}
         if ROBOT in models:
@@ -75,11 +75,11 @@ class WorldObjects:
         self._scene_is_stale = True
 
     def members(self, name: str) -> List[str]:
-        """The body of that name, or all bodies of the model of that name."""
+        """Return the name of the body with this name, or of all bodies in the model with this name."""
         return [body for body in self._bodies if body == name or body.startswith(name + "::")]
 
     def delete(self, name: str) -> None:
-        """Take a body, or all bodies of a model, out of the world; PlacementError if there is none."""
+        """Remove a body, or all bodies of a model. Raises PlacementError if nothing has this name."""
         members = self.members(name)
         if not members:
             raise self._unknown(name)
@@ -96,8 +96,8 @@ class WorldObjects:
         """Put a body somewhere else, at rest.
 
         Raises:
-            PlacementError: no object has this name, the object is a plane or has no collision shape, so that
-                physics does not know it, or another object is in the way; then nothing changes.
+            PlacementError: no object has this name, the object is a plane or has no collision shape, or
+                another object is in the way; then nothing changes.
         """
         if name not in self._bodies:
             raise self._unknown(name)
@@ -114,11 +114,11 @@ class WorldObjects:
         return list(dict.fromkeys(map(model_of_body, self._bodies)))
 
     def motion_of(self, model: str) -> ModelMotion:
-        """Motion of a model in the world, by its first body; PlacementError if there is none of that name."""
+        """Return the motion of a model in the world. Raises PlacementError if no model has this name."""
         members = self.members(model)
         if not members:
             raise self._unknown(model)
-        body = self._bodies[members[0]]
+        body = self._bodies[members[0]]  # the first body stands for the whole model
         pose = compose(self.pose_of(body.name), body.pose_model_in_body)
         # a body that physics does not move has no velocity
         if not body.collisions or body.mass == 0.0:
@@ -129,7 +129,7 @@ class WorldObjects:
         return ModelMotion(pose, velocity_at(at_body, pose.position), spin)
 
     def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
-        """Put a model with all its bodies somewhere else, with a velocity, which static bodies do not take.
+        """Move a model with all its bodies, and give a velocity to its movable bodies.
 
         Args:
             model: name of the model.
@@ -158,7 +158,7 @@ class WorldObjects:
         self._scene_is_stale = True
 
     def reset_poses(self) -> None:
-        """Put every body back to its initial pose, also a static one that was moved by a service."""
+        """Move every body back to its initial pose, also a static body that a service has moved."""
         for name, pose in self.initial_poses.items():
             self._bullet.move_body(name, pose)
         self._scene_is_stale = True
@@ -173,10 +173,11 @@ class WorldObjects:
         }
 
     def pose_of(self, name: str) -> Pose:
-        """Pose of a body in the world; PlacementError if there is none of that name."""
+        """Return the pose of a body in the world. Raises PlacementError if no body has this name."""
         if name not in self._bodies:
             raise self._unknown(name)
         body = self._bodies[name]
+        # a body without a collision shape is only drawn, so it is not in Bullet
         return self._bullet.pose_of(name) if body.collisions else body.pose_in_world
 
     def _name_is_taken(self, name: str) -> PlacementError:
@@ -186,7 +187,7 @@ class WorldObjects:
         return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")
 
     def scene(self) -> RayScene:
-        """Scene that the lidar sees: all collision geometries, without the robot's."""
+        """Return the scene that the lidar sees: all collision shapes except those of the robot."""
         if self._scene_is_stale:
             self._build_scene()
         for move, index, name, geometry in self._movable_shapes:
@@ -194,10 +195,10 @@ class WorldObjects:
         return self._scene
 
     def _build_scene(self) -> None:
-        """Make the lidar's scene of all collision shapes, and list the movable ones for `scene`.
+        """Make the lidar's scene of all collision shapes, and list the shapes that `scene` must move.
 
-        The scene numbers meshes and other solids separately. So the list has, for each shape, the function
-        that moves it, its number there, its body's name, and its geometry. Planes never move.
+        Each entry of the list has the function that moves the shape, the shape's index for this function, the
+        name of its body, and its geometry. The scene counts meshes and other solids separately.
         """
         geometries = [(body, geometry) for body in self._bodies.values() for geometry in body.collisions]
         self._scene = make_scene(
@@ -218,6 +219,6 @@ class WorldObjects:
             (move, index, body.name, geometry)
             for move, pairs in ((self._scene.move, solids), (self._scene.move_mesh, meshes))
             for index, (body, geometry) in enumerate(pairs)
-            if body.mass > 0.0
+            if body.mass > 0.0  # a request that moves a static body makes the scene stale
         ]
         self._scene_is_stale = False

@@ -1,7 +1,7 @@
 """PyBullet behind records; the only folder that imports pybullet.
 
-Importing PyBullet prints its build time to standard error, from C. The first import happens here, with that
-descriptor redirected, so that programs do not begin with a line of no use to their users.
+The first import of PyBullet prints its build time to standard error, from C. This import happens here, with
+standard error redirected, because the line would only confuse the users of our programs.
 """
 
 from __future__ import annotations

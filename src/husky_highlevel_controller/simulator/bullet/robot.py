@@ -15,6 +15,7 @@ from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.simulator.bullet.world import BASE_INDEX, ROBOT, BulletWorld
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 
+# Bullet uses the inertia in the URDF instead of its own, and exact cylinders instead of polygons
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
@@ -32,15 +33,14 @@ class RobotWorld(BulletWorld):
         self._model = model
         self._robot = self._load(pose)
         self._name_by_id[self._robot], self._ids_by_name[ROBOT] = ROBOT, [self._robot]
-        # traction.py computes the friction, so Bullet's friction is switched off; Bullet's damping is also
-        # switched off
+        # Bullet's friction is switched off, because traction.py computes it, and so is Bullet's damping
         self._engine.changeDynamics(
             self._robot, BASE_INDEX, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0
         )
         self.check_room(ROBOT)
 
     def _load(self, pose: Pose) -> int:
-        """Id of a new body with the robot's shape at `pose`."""
+        """Create a body with the robot's shape at a pose, and return its id."""
         # Bullet reads URDFs only from files and caches them by name, so each URDF gets a new name
         handle, path = tempfile.mkstemp(suffix=".urdf")
         try:
@@ -57,12 +57,12 @@ class RobotWorld(BulletWorld):
         return body_id
 
     def move_robot(self, pose: Pose) -> None:
-        """Move the robot, at rest, with base_link to a pose; PlacementError, and no change, without room."""
+        """Move base_link to a pose, at rest. Raises PlacementError, and moves nothing, without room."""
         self.check_moves({ROBOT: pose}, ROBOT)
         self._set_pose(self._robot, pose)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
-        """Id of a new body with the shape of another body, or of the robot."""
+        """Create a copy of a body, or of the robot, at a pose, and return its id."""
         if name != ROBOT:
             return super()._copy(name, pose_in_world)
         copy = self._load(pose_in_world)
@@ -76,6 +76,8 @@ class RobotWorld(BulletWorld):
 
     def contact_points(self) -> List[ContactPoint]:
         """Contact points of the robot with other bodies."""
+        # entries of a contact: 2 other body, 5 position, 7 normal, 9 force; bodies that are only near have a
+        # contact without force
         contacts = self._engine.getContactPoints(bodyA=self._robot)
         names = self._name_by_id
         return [

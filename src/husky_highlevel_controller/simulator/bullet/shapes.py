@@ -1,6 +1,6 @@
 """Collision shapes of several geometries: their compound for PyBullet, and its centre of mass.
 
-In: records of geometries. Out: Bullet's shape, a point.
+In: geometries. Out: Bullet's number of the shape, the centre of mass.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
 
 
 def _write_obj(mesh: TriangleMesh, path: str) -> str:
-    """Write a mesh as a file for Bullet, because on some systems it takes only short arrays."""
+    """Write a mesh to a file for Bullet, because on some systems Bullet takes only short arrays."""
     with open(path, "w") as file:
         file.writelines("v {:.9g} {:.9g} {:.9g}\n".format(*vertex) for vertex in mesh.vertices.tolist())
         file.writelines("f {} {} {}\n".format(*face) for face in (mesh.faces + 1).tolist())

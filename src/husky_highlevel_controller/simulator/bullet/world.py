@@ -1,6 +1,6 @@
 """PyBullet world of bodies: add, remove, move, step.
 
-In: records. Out: records. Only this folder talks to PyBullet.
+In: bodies, poses, velocities. Out: poses, velocities, depth buffers. Only this folder talks to PyBullet.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class _Part(NamedTuple):
 
 
 class _Engine:
-    """PyBullet's functions on a server of their own; pybullet_utils' BulletClient prints when it starts."""
+    """PyBullet's functions, bound to one server; BulletClient of pybullet_utils would print at its start."""
 
     def __init__(self) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)
@@ -86,7 +86,7 @@ class BulletWorld:
     """A Bullet physics server, in this process and without a window."""
 
     def __init__(self, dt: float) -> None:
-        """Start a server that steps `dt` s at a time."""
+        """Start a server; `dt` is the duration of a step [s]."""
         self._dt = dt
         self._engine = _Engine()
         if not self._engine.isConnected():
@@ -112,7 +112,7 @@ class BulletWorld:
         self._ids_by_name: Dict[str, List[int]] = {}
         # ids of shapes by their content, because equal shapes share an id
         self._shapes: Dict[Tuple[Any, ...], int] = {}
-        # base of each body by its id, and then its links, if it has more than MAX_SHAPES shapes
+        # parts of each body by its id: its base, and then links if it has more than MAX_SHAPES shapes
         self._parts: Dict[int, List[_Part]] = {}
         self._planes: List[int] = []  # ids of the bodies that are planes
         # pose of the centre-of-mass frame in the body's frame, by id; all poses from Bullet are poses of the
@@ -122,7 +122,7 @@ class BulletWorld:
         self._ids_by_model: Dict[str, List[int]] = {}
 
     def add_body(self, body: Body) -> None:
-        """Add a body; a movable body that is sunk into the ground is placed on top of the ground.
+        """Add a body; a movable body that reaches into the ground is lifted out of the ground.
 
         Raises:
             PlacementError: the body is a plane that can move, or has the robot's name.
@@ -148,7 +148,7 @@ class BulletWorld:
                 self._lift_out_of_the_ground(body_id)
 
     def _set_collides(self, body_id: int, others: List[int], collides: bool) -> None:
-        """Let a body collide with others, or pass through them."""
+        """Set whether a body collides with other bodies, or passes through them."""
         for other in others:
             for index in self._indices(body_id):
                 for other_index in self._indices(other):
@@ -166,10 +166,9 @@ class BulletWorld:
                 self._planes.remove(body_id)
 
     def _remove(self, body_id: int) -> None:
-        """Remove a body of Bullet's, and forget all records of its id."""
+        """Remove a body from Bullet, and forget all records of its id."""
         for bodies in self._ids_by_model.values():
-            # this body passes through the other bodies of its model; Bullet gives its id, with this setting,
-            # to the next new body, so the setting is reset
+            # Bullet gives the id to the next new body, which must not pass through the bodies of this model
             if body_id in bodies:
                 bodies.remove(body_id)
                 self._set_collides(body_id, bodies, collides=True)
@@ -187,7 +186,8 @@ class BulletWorld:
         """Move a body, but not a plane, to another pose, at rest."""
         body_id = self._ids_by_name[name][-1]
         self._set_pose(body_id, pose_in_world)
-        if self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0] > 0.0:
+        mass = self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0]
+        if mass > 0.0:
             self._lift_out_of_the_ground(body_id)
 
     def set_pose_unchecked(self, name: str, pose_in_world: Pose) -> None:
@@ -236,7 +236,7 @@ class BulletWorld:
         return np.reshape(depth, (height, width))
 
     def _set_pose(self, body_id: int, pose_in_world: Pose) -> None:
-        """Put a body of Bullet's at a pose, at rest."""
+        """Put a body with an id of Bullet at a pose, at rest."""
         pose = compose(pose_in_world, self._inertial_in_body[body_id])
         self._engine.resetBasePositionAndOrientation(body_id, pose.position, pose.quat_xyzw)
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -244,24 +244,22 @@ class BulletWorld:
     def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
         """Check that a body has room at its new pose, when other bodies move to new poses together with it.
 
-        Copies of the bodies are put there for the check, because a body that is moved there and back would
-        lose its contacts.
+        The check uses copies of the bodies, because a body that is moved there and back would lose its
+        contacts.
 
         Args:
             poses: new poses in the world of all bodies that move together, by name.
-            name: body that is checked; it is one of these bodies.
+            name: name of the body that is checked, one of the names in `poses`.
 
         Raises:
-            PlacementError: the body would reach into another one.
+            PlacementError: the body would reach into another body.
         """
         copies: Dict[str, int] = {}
         try:
             for other, pose in poses.items():
-                # a body with planes cannot move (`check_movable`), so one copy is the whole body; `_copy`
-                # gives it the name of the body
+                # one copy is the whole body, because a body with planes cannot move (`check_movable`)
                 copies[other] = self._copy(other, pose)
-            # the moving bodies do not count at their present poses, because they leave them; their copies
-            # stand at the new poses and count
+            # the bodies leave their present poses, so only their copies at the new poses count
             present_ids = [body_id for other in poses for body_id in self._ids_by_name[other]]
             self.check_room(name, copy=copies[name], ignored=present_ids)
         finally:
@@ -269,7 +267,7 @@ class BulletWorld:
                 self._remove(body_id)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
-        """Id of a new body with the shape of another, without planes."""
+        """Create a copy of a body without planes at a pose, and return its id."""
         body_id = self._ids_by_name[name][-1]
         parts = self._parts[body_id]
         copy = self._create(parts, pose_in_world)
@@ -279,18 +277,18 @@ class BulletWorld:
             if body_id in bodies:
                 bodies.append(copy)
         if parts[0].mass > 0.0:
-            self._lift_out_of_the_ground(copy)
+            self._lift_out_of_the_ground(copy)  # `move_body` lifts the body in the same way
         return copy
 
     def check_room(self, name: str, copy: Optional[int] = None, ignored: Sequence[int] = ()) -> None:
-        """Check that a body, or the robot, does not stand inside another one.
+        """Check that a body, or the robot, does not stand inside another body.
 
-        Planes and the other links of its own model do not count.
+        The body may overlap with planes, and with other bodies of its model.
 
         Args:
-            name: the body, or the robot.
-            copy: Bullet's number of a copy that is checked in its place; None for the body itself.
-            ignored: Bullet's numbers of bodies that do not count either.
+            name: name of the body, or of the robot.
+            copy: id of a copy that is checked instead of the body; None for the body itself.
+            ignored: ids of bodies that the body may also overlap with.
 
         Raises:
             PlacementError: the body reaches into another body.
@@ -310,8 +308,7 @@ class BulletWorld:
             for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
-                    # x, y and z are the launch arguments of the robot's start; the position of another body
-                    # comes from a request
+                    # only the robot's start has the launch arguments x, y and z
                     remedy = "; choose another x, y or z" if name == ROBOT else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
 
@@ -340,9 +337,9 @@ class BulletWorld:
         return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
     def _add_plane(self, body: Body, normal: Vector3, pose_in_body: Pose) -> None:
-        """Add a plane, with the stiffness of the ground; PlacementError if it can move.
+        """Add a plane of a body, as stiff as the ground. Raises PlacementError if the body can move.
 
-        The plane gets a body of its own in Bullet, because a compound shape of Bullet cannot hold a plane.
+        The plane gets an id of its own, because a compound shape of Bullet cannot contain a plane.
         """
         if body.mass > 0.0:
             raise PlacementError(f"'{body.name}' is a plane that can move ({body.mass} kg); make it static")
@@ -352,12 +349,12 @@ class BulletWorld:
         self._engine.changeDynamics(
             plane, BASE_INDEX, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
         )
-        # Bullet knows only the pose of the plane; `_pose` uses this entry to compute the pose of the body
+        # Bullet has only the pose of the plane; with this entry, `_pose` returns the pose of the body
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 
     def _create_body(self, name: str, parts: Sequence[_Part], pose: Pose) -> int:
-        """Create a body under a name; PlacementError if PyBullet cannot."""
+        """Create a body for a name, and return its id. Raises PlacementError if Bullet refuses the body."""
         body_id = self._create(parts, pose)
         if body_id < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
@@ -366,7 +363,7 @@ class BulletWorld:
         return body_id
 
     def _create(self, parts: Sequence[_Part], pose: Pose) -> int:
-        """Id of a new body of Bullet's; negative if PyBullet refuses it."""
+        """Create a body, and return its id, which is negative if Bullet refuses the body."""
         base, links = parts[0], parts[1:]
         arguments: Dict[str, Any] = {}
         if links:
@@ -398,27 +395,27 @@ class BulletWorld:
         return body_id
 
     def _parts_of(self, solids: Sequence[Geometry], mass: float) -> List[_Part]:
-        """Parts of a body of solid shapes; the mass [kg] is distributed over their volume."""
+        """Return the parts of a body of solid shapes; the mass [kg] is distributed by volume."""
         groups = [solids[first : first + MAX_SHAPES] for first in range(0, len(solids), MAX_SHAPES)]
         volumes_and_centers = [volume_and_center(group) for group in groups]
-        whole = sum(volume for volume, _ in volumes_and_centers)
+        total_volume = sum(volume for volume, _ in volumes_and_centers)
         return [
-            _Part(self._shape_of(group, mass > 0.0), mass * (volume / whole), center)
+            _Part(self._shape_of(group, mass > 0.0), mass * (volume / total_volume), center)
             for group, (volume, center) in zip(groups, volumes_and_centers)
         ]
 
     def _shape_of(self, solids: Sequence[Geometry], is_movable: bool) -> int:
-        """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""
+        """Return a collision shape; equal shapes are made once, because Bullet frees none before `clear`."""
         key = (is_movable, *((geometry.shape, geometry.pose_in_body) for geometry in solids))
         if key not in self._shapes:
             self._shapes[key] = compound_shape(solids, is_movable, self._engine)
         return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body_id: int) -> None:
-        """Place a movable body on top of the plane it is sunk into; Bullet would fling it into the air."""
+        """Lift a movable body out of a plane, because Bullet would throw a body in a plane into the air."""
         for plane in self._planes:
             points = self._engine.getClosestPoints(body_id, plane, 0.0)
-            # the deepest point counts; the normal of a point is the plane's, which points out of the ground
+            # the deepest point counts; its normal is the normal of the plane, which points out of the ground
             depths_and_normals = [(-point[_DISTANCE], point[_NORMAL]) for point in points]
             depth, normal = max(depths_and_normals, default=(0.0, ()))
             if depth > _LIFT_FROM:
