@@ -12,9 +12,9 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 TF, ROBOT, SCAN, CLOUD = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan", "rviz/PointCloud2"
 MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
-BASE = "base_link"
+BASE = "base_link"  # frame of the robot
 MAX_TEXT = 200  # longer names of topics, frames and namespaces are cut to this number of characters
-MAX_DISPLAYS = 500
+MAX_DISPLAYS = 500  # only so many displays and groups of a configuration are read
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any, Collection, Dict, List, Mapping, Optional, Sequence, Tup
 
 from husky_grading.displays import RvizConfig
 from husky_grading.isolation.files import UnreadableFileError, read_text
-from husky_grading.isolation.own_files import STARTER, Own, programs
+from husky_grading.isolation.own_files import STARTER, VisibleCode, programs
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.notes import Kind, Note
 from husky_grading.records import Launchable
@@ -25,7 +25,7 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.paths import share_folder
 
 WORKSPACE = "workspace.json"
-# folder beside the workspace, with copies of known packages, such as husky_gazebo, to which a student has
+# folder beside the workspace, with copies of public packages, such as husky_gazebo, to which a student has
 # added files
 COPIES = "copies"
 # folder inside the folder of a run; it is the only folder that the submission can write during the run
@@ -42,7 +42,7 @@ MAX_EVENTS = 10_000
 
 @dataclass(frozen=True)
 class Parts:
-    """Packages of the robot: nodes of some are started by the submission, nodes of others by marking."""
+    """Packages of the robot that play a part in an exercise, by the one who starts their nodes."""
 
     # packages of the robot, such as robot_localization. If there are any, their nodes are graded as the
     # submission, and the nodes of the student's own packages are not graded.
@@ -120,9 +120,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Event:
-    """Line that the program wrote."""
+    """Line that the program wrote; an event has only the fields that its kind needs."""
 
-    event: str
+    event: str  # kind of the event, such as "plan" or "died"
     node: str = ""
     exit_code: Optional[int] = number(-255, 255, "exit code of a node", None)
     error: str = ""
@@ -138,7 +138,7 @@ def starter(
     action: str,
     launchables: Sequence[Launchable],
     parts: Parts = STUDENTS_OWN,
-    own: Own = Own.NOTHING,
+    visible_code: VisibleCode = VisibleCode.NOTHING,
 ) -> List[str]:
     """Return the command that reads launch files (`describe`), or starts a single one (`run`, `memcheck`).
 
@@ -147,7 +147,8 @@ def starter(
         action: describe, run, or memcheck, which runs compiled nodes in valgrind.
         launchables: launch files or nodes.
         parts: packages of the robot whose nodes the submission or marking starts.
-        own: nodes of this package are left out unless it is ALL, because they are not part of any submission.
+        visible_code: files of this package that the program sees. Nodes of this package are left out, because
+            they are not part of any submission; with ALL, they are started.
     """
     # The program is started by its path, and not as a module of our package, because a package of the
     # submission may have the name of our package. With runpy, unlike `python STARTER`, the folder of the
@@ -157,7 +158,7 @@ def starter(
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
     # manifest and programs of this package; a node from there is left out, unless the list is empty
-    own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
+    own_places = [] if visible_code is VisibleCode.ALL else [str(manifest), *map(str, programs())]
     # facts about this package and the robot's packages for the program, which cannot import our modules
     ours = {
         "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places,
@@ -183,18 +184,20 @@ def read_events(path: Path) -> List[Event]:
     return events
 
 
-TOO_MANY = "too many events"
+TOO_MANY = "too many events"  # event in place of all events after the first MAX_EVENTS - 1
 # kinds of notes on the loading of the launch file; a kind that comes first is reported first
 ORDER_OF_LOADING_NOTES = [
     Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
     Kind.SKIPPED,
 ]  # fmt: skip
+# pattern of an exception in a callback of rospy, or in a thread, with its traceback
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
     r"bad callback: <(?:function|bound method) (?P<name>[\w.]{1,200})[^\n]{0,500}"
     r"|Exception in thread (?P<thread>[^\n]{0,200}):)\n"
     r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
 )
+# pattern of a line of a traceback; the groups are the file's name and the line's number
 _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 

@@ -12,7 +12,7 @@ from xmlrpc.client import ServerProxy
 
 import psutil
 
-from husky_grading.isolation.process import with_variable
+from husky_grading.isolation.process import pids_with_variable
 from husky_highlevel_controller.paths import share_folder
 
 PACKAGE = "husky_highlevel_controller"
@@ -134,7 +134,7 @@ class Ros:
         """Every process of this network that still runs, wherever roslaunch has put it."""
         for process in self.processes:
             process.popen.poll()  # or it would be there as a zombie
-        return with_variable("ROS_MASTER_URI", self.uri)
+        return pids_with_variable("ROS_MASTER_URI", self.uri)
 
     def pids(self, executable):
         """Processes by what they run; one that has just ended runs nothing."""

@@ -11,7 +11,7 @@ from network import LAUNCH, PACKAGE, make_package, wait_until
 from test_rviz import Screen
 
 from husky_grading.hand_in.plan import plan
-from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.own_files import VisibleCode
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
@@ -156,7 +156,7 @@ def test_a_launch_file_with_an_rviz_of_its_own_opens_that_one(launch, ros, tmp_p
     launched = launch(file, DISPLAY=display)
     launched.says("process[rviz-")
     assert "husky_rviz" not in launched.output
-    workspace = Workspace(packages=(file.parent,), own=Own.NOTHING)
+    workspace = Workspace(packages=(file.parent,), own=VisibleCode.NOTHING)
     marked = plan(Launchable("launch", PACKAGE, str(file)), workspace, tmp_path / "plan")
     assert [node.name for node in marked.rviz] == ["rviz"]
 

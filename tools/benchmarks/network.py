@@ -12,7 +12,7 @@ from typing import Any, Callable, Dict, Optional, Sequence
 import psutil
 
 from husky_grading.isolation import ros_network
-from husky_grading.isolation.process import Process, wait, with_variable
+from husky_grading.isolation.process import Process, pids_with_variable, wait
 
 HERE = Path(__file__).parent
 PACKAGE = "husky_highlevel_controller"
@@ -79,7 +79,7 @@ class Network(ros_network.Network):
         """The one process of this network that runs a script."""
         (found,) = (
             pid
-            for pid in with_variable("ROS_MASTER_URI", self.uri)
+            for pid in pids_with_variable("ROS_MASTER_URI", self.uri)
             if any(os.path.basename(word) == script for word in psutil.Process(pid).cmdline())
         )
         return found

@@ -25,7 +25,7 @@ from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.package_files import first_mention
 from husky_grading.isolation.files import UnreadableFileError, read_xml, walk
 from husky_grading.isolation.forked import BAG_PLAYER
-from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.own_files import VisibleCode
 from husky_grading.isolation.process import Process
 from husky_grading.isolation.ros_network import Network
 from husky_grading.notes import Kind, Note, Subject
@@ -403,9 +403,9 @@ EXERCISE = Exercise(
     facts=Facts(
         Parts(by_submission=("robot_localization",), by_marking=("rosbag",)),
         "ekf_localization_node",
-        own=Own.FILTER,
-        robot=named_bag,
-        read=read_facts,
+        visible_code=VisibleCode.FILTER,
+        find_robot=named_bag,
+        read_facts=read_facts,
     ),
     bring_up=play,
     watch=FilterWatch,

@@ -203,7 +203,7 @@ def _zip_members(archive: Path) -> Iterator[_Member]:
 
 
 def _zip_name(info: zipfile.ZipInfo) -> str:
-    """Return the name of a member; Info-ZIP and macOS omit the flag of UTF-8, Windows writes backslashes."""
+    """Return the name of a member, with slashes. Info-ZIP and macOS write UTF-8 without its flag UTF_8."""
     name = info.filename
     if not info.flag_bits & UTF_8:
         with contextlib.suppress(UnicodeError):
@@ -252,6 +252,7 @@ class PackedPath:
         """Unpack it into an empty folder, with the same permissions, and return its path."""
         with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
             names = archive.getnames()
+            # other filters would change permissions; this archive is safe, because `__getstate__` has made it
             keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
             archive.extractall(folder, **keep)  # type: ignore[arg-type]
         return folder / names[0]

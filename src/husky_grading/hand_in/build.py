@@ -28,7 +28,7 @@ from husky_grading.isolation.files import (
     write_whole,
 )
 from husky_grading.isolation.forked import import_early
-from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.own_files import VisibleCode
 from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment
@@ -55,8 +55,9 @@ PLAIN_TYPES = "\n".join(
     + [f"#include <std_msgs/builtin_{sign}int{bits}.h>" for sign in ("", "u") for bits in (8, 16, 32, 64)]
     + ["#endif\n"]
 )
+# with this text, code for old versions of Boost compiles, because _1 needs no namespace
 OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
-_PLACEHOLDER = re.compile(r"\b_[1-9]\b")
+_PLACEHOLDER = re.compile(r"\b_[1-9]\b")  # placeholder of boost::bind in an error of the compiler
 OLD_BOOST_NOTE = (
     "_1 of boost::bind was made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
@@ -66,11 +67,15 @@ PLAIN_PUBLISH_NOTE = (
     "publish(true) and the like were made to compile; newer versions of ROS need a message, such as "
     "std_msgs::Bool"
 )
+# first line of a script that names python or python2, or that ends with a carriage return, as on Windows
 _OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
-_HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
+_HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")  # path below a home folder of Linux or macOS
+# CMake's error for a missing package
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]{1,100})"')
+# the compiler's error, with file and line (`where`)
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
-_RETURN = re.compile(
+# the compiler's warning for a function that must return a value, but does not
+_MISSING_RETURN = re.compile(
     r"^(?P<where>[^\s:][^:\n]*:\d+)(?::\d+)?: warning: "
     r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
     re.MULTILINE,
@@ -80,6 +85,7 @@ _RETURN = re.compile(
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 # line in which CMake reports that a program that it has called has failed
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
+# line of a Python traceback that is in a file of the submission; `build_error` makes only such paths relative
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 
 
@@ -212,7 +218,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
 
 
 def _repair_interpreter(script: Path) -> bool:
-    """Let Python 3 run a script whose first line names python or python2 or ends as on Windows.
+    """Let Python 3 run a script whose first line matches _OTHER_PYTHON.
 
     Return whether the script was changed.
     """
@@ -276,10 +282,10 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     packages that are not installed, and then with a repair for an old version of Boost.
 
     Raises:
-        NotMarkableError: the build leads out of the workspace.
+        NotMarkableError: the build has made a link that leads out of the workspace.
         MarkingError: nothing can be built here.
     """
-    # another process loads Python modules that are needed later, while the compiler waits for the disk
+    # the server process of `forked` imports its modules during the build, so the run begins sooner
     import_early()
     first_outcome, missing, needed = _make_with_stand_ins(folders, needed, underlay)
     (output, code), is_repaired = _make_again(folders, needed, underlay, first_outcome)
@@ -302,9 +308,9 @@ def _make_with_stand_ins(
 ) -> Tuple[BuildOutcome, Set[str], FrozenSet[str]]:
     """Build until CMake misses no further package, and return outcome, missing packages and built packages.
 
-    CMake stops at a missing package. The next attempt also builds that package if it was handed in: then a
-    package.xml forgets to name it, which catkin_make does not notice, because it builds all packages. Any
-    other missing package gets an empty stand-in.
+    CMake stops at a missing package. If this package was handed in, only its name is missing in a
+    package.xml, so the next attempt builds it, too. The student's catkin_make builds all packages, so the
+    student has not noticed this. Any other missing package gets an empty stand-in.
     """
     missing: Set[str] = set()
     outcome = BuildOutcome("", None)
@@ -332,11 +338,11 @@ def _make_again(
 ) -> Tuple[BuildOutcome, bool]:
     """Build again if the first build failed for a reason that can be repaired.
 
-    A header that was generated too late exists at the second build. Code for an old Boost gets a repair for
-    _1 and the like.
+    If a header was missing, the first build may have generated it too late for the code that needs it. Code
+    for an old version of Boost is compiled with OLD_BOOST.
 
     Returns:
-        The outcome of the last build, and whether _1 and the like were repaired.
+        The outcome of the last build, and whether it used OLD_BOOST.
     """
     # text that is compiled before each source
     repair = OLD_BOOST if outcome.code and needs_old_boost(outcome.output) else ""
@@ -361,13 +367,16 @@ def _notes_on_missing(missing: Set[str]) -> List[Note]:
 
 
 def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note]:
-    """Return notes on a failed build, and on a function without its return."""
+    """Return notes on a failed build, and on a function that must return a value, but does not.
+
+    `code` is the exit code of the build; None if the build did not end in time.
+    """
     notes = []
     if code is None:
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
         notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, root)}"))
-    if without := _RETURN.search(output.replace(f"{root}/src/", "")):
+    if without := _MISSING_RETURN.search(output.replace(f"{root}/src/", "")):
         text = f"{without['where']}: {without['what']}; a node crashes there, or continues anywhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
     return notes
@@ -388,7 +397,7 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
     setups = (*underlay.setups, *new_setups)
     packages = (*underlay.packages, sources)
-    return Workspace(setups, packages, hidden=underlay.hidden, own=Own.NOTHING)
+    return Workspace(setups, packages, hidden=underlay.hidden, own=VisibleCode.NOTHING)
 
 
 def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
@@ -399,7 +408,7 @@ def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
     """
     empty = Folders(folder / "ws")
     (empty.root / "src").mkdir(parents=True, exist_ok=True)
-    output, code = _catkin_make(empty, frozenset(), underlay, repair="")
+    output, code = _catkin_make(empty, needed=frozenset(), underlay=underlay, repair="")
     remove_tree(folder)
     if code != 0:
         raise MarkingError(f"catkin_make cannot build even an empty workspace: {build_error(output, folder)}")
@@ -422,7 +431,7 @@ def _publishes_plain_values(libraries: Path) -> bool:
 
 
 def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> BuildOutcome:
-    """Build once, for at most BUILD_DEADLINE.
+    """Build the packages with the names `needed` once, for at most BUILD_DEADLINE.
 
     `repair` is text that is compiled before each C++ source.
     """
@@ -430,14 +439,14 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
     # with PLAIN_TYPES, code such as publish(true) compiles
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
-    # the stand-ins come last, so that a package that exists is found first
+    # the empty packages that replace missing ones come last, so that a package that exists is found first
     env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
         filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
     )
     command = [
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
-        # with LESS_COLLECTION, GCC collects garbage less often, and compiles faster
+        # with -g1, valgrind gives the lines of the code; with LESS_COLLECTION, GCC compiles faster
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",  # saves CMake's test of the compilers
         # no option -l, because with -l make waits while other programs use the CPU

@@ -2,8 +2,8 @@
 
 In: a folder with entries as students, browsers and Moodle name them. Out: `HandIn` records.
 
-CMake, make, catkin's setup files, roslaunch's `launch-prefix` and `args` and ROS_PACKAGE_PATH take no quotes,
-blanks or colons in a path. So a student's name is for people only, and paths use `HandIn.folder`.
+Paths with quotes, blanks or colons do not work in CMake, make, catkin, roslaunch and ROS_PACKAGE_PATH. So a
+student's name is for people only, and paths use `HandIn.folder`.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     """Return a printable name for each entry, all different.
 
     An umlaut is one character, also if the entry has it as two (macOS) or as a byte of Latin-1. If two
-    entries would look the same, the entry that is written differently has escapes in place of its umlauts.
+    entries would look the same, the first one keeps this name, and the other one shows escapes for its
+    umlauts.
     """
     names: Dict[str, str] = {}
     as_shown = {}  # printable text of each entry; two entries may have the same text

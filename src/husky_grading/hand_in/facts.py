@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Callable, Mapping
 
 from husky_grading.hand_in.package_files import named_robot
-from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.own_files import VisibleCode
 from husky_grading.submission import STUDENTS_OWN, NamedRobot, Parts, Plan
 
 
@@ -26,8 +26,9 @@ class Facts:
     # true if launch files are compared first by their content, and only then by the number in their path
     by_content: bool = False
     # files of the package husky_highlevel_controller that nodes of the submission may use
-    own: Own = Own.NOTHING
-    robot: Callable[[Plan], NamedRobot] = named_robot
+    visible_code: VisibleCode = VisibleCode.NOTHING
+    # function that returns the robot for which the submission was written, by the submission's files
+    find_robot: Callable[[Plan], NamedRobot] = named_robot
     # function that reads facts from the submission's files and returns them by name; the exercise needs these
     # facts to give points
-    read: Callable[[Plan], Mapping[str, Any]] = no_facts
+    read_facts: Callable[[Plan], Mapping[str, Any]] = no_facts

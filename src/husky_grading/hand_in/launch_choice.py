@@ -40,14 +40,15 @@ TEMPLATE = share_folder() / "examples" / "first_node"
 TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
 BESIDE = ".beside"  # folder for launch files that are in no package; no package can have this name
 MAX_READ = 300  # at most this number of launch files of a submission is read
-# launch files with such names are probably not the solution: tests, old copies, and the course's exercise on
-# localization
+# launch files with such names are probably not the solution, but tests, old copies, or the solution of
+# exercise 4 on localization
 OTHER_USE = re.compile(
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
+# words in the path of a launch file that is probably the solution
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
-SCAN = re.compile(r"LaserScan|PointCloud2")
+SCAN = re.compile(r"LaserScan|PointCloud2")  # message types of scans
 # message types of scans and velocities; the code of a solution names at least one of them
 MOTION = re.compile(r"LaserScan|PointCloud2|Twist")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
@@ -79,8 +80,8 @@ class LaunchFile:
 def read_launch_files(
     contents: Contents,
     packages: Sequence[Package],
-    ws: Folders,
-    copies: Folders,
+    own_copies: Folders,
+    public_copies: Folders,
     workspace: Workspace,
     override: Override,
     parts: Parts = STUDENTS_OWN,
@@ -89,9 +90,9 @@ def read_launch_files(
 
     Args:
         contents: all packages of the submission.
-        packages: packages of the exercise, and known packages that are copied.
-        ws: copies of the packages of the exercise.
-        copies: copies of known packages, which are not the student's.
+        packages: packages of both copies.
+        own_copies: copies of the student's packages for the exercise; their nodes count.
+        public_copies: copies of public packages; only their launch files count.
         workspace: workspace in which the launch files would be started.
         override: settings of the teacher, which may name one launch file and its arguments.
         parts: packages of the robot whose nodes count instead of the submission's own, if there are any.
@@ -99,35 +100,35 @@ def read_launch_files(
     Raises:
         NotMarkableError: no file, or more than one, fits the launch file that the teacher names.
     """
-    folders = ws.packages
-    found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
+    folders = own_copies.packages
+    found = _launch_files(contents, packages, {**public_copies.packages, **folders}, own_copies.root)
     files = list(islice(found, MAX_READ))  # path of each copy, and the file's path in the submission
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
     # packages whose code names messages of scans; packages whose code may drive a robot
     scanning, driving = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
-    holders = [_package_with(path, folders) for path, _ in files]
+    containing_packages = [_package_with(path, folders) for path, _ in files]
     # a launch file in no package is started as a file of the first package; any package will do, because
     # roslaunch gets the path of the file
     launchables = [
-        Launchable("launch", holder or next(iter(folders)), str(path), override.arguments)
-        for holder, (path, _) in zip(holders, files)
+        Launchable("launch", containing or next(iter(folders)), str(path), override.arguments)
+        for containing, (path, _) in zip(containing_packages, files)
     ]
-    planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
+    planned = plans(launchables, workspace, own_copies.root.with_name("plan"), parts)
     launch_files = []
     # only nodes of these packages count; in an exercise on packages of the robot, these are the packages of
     # the robot, otherwise all packages of the submission
     counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
-    for (path, place), holder, plan in zip(files, holders, planned):
+    for (path, place), containing, plan in zip(files, containing_packages, planned):
         nodes = _nodes_of_packages(path, plan, counted_packages)
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
-        possible_owners = [holder, *map(_package_of, nodes), *folders]
+        possible_owners = [containing, *map(_package_of, nodes), *folders]
         owner = next(name for name in possible_owners if name in folders)
         # true if one of the nodes is from a package whose code names messages of scans
         scans = not scanning.isdisjoint(map(_package_of, nodes))
-        is_template = bool(holder) and _is_template(path, folders[holder], holder)
+        is_template = bool(containing) and _is_template(path, folders[containing], containing)
         launch_file = LaunchFile(
             path, place, owner, plan, nodes, scans, driving_packages=driving, is_template=is_template
         )
@@ -141,9 +142,9 @@ def _package_with(path: Path, folders: Mapping[str, Path]) -> str:
 
 
 def _nodes_of_packages(launch_file: Path, plan: Plan, packages: Collection[str]) -> Tuple[str, ...]:
-    """Return the nodes of some packages that a launch file names.
+    """Return the nodes of a launch file that belong to some packages, also nodes that `grade` leaves out.
 
-    They come from the plan, or from the text of the launch file if roslaunch could not read it.
+    The nodes come from the plan, or from the text of the launch file if roslaunch could not read it.
     """
     nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(launch_file)
     return tuple(node for node in nodes if _package_of(node) in packages)
@@ -201,8 +202,8 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages that may drive the robot, which are the same for all launch files; none of them counts if the
-    # exercise is on a package of the robot, such as its filter, which drives nothing
+    # packages that may drive the robot; they are the same for all launch files. They do not count in an
+    # exercise on the robot's filter (`by_submission`), because a filter does not drive.
     driving = files[0].driving_packages if files and not facts.parts.by_submission else frozenset()
     if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
@@ -232,7 +233,7 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
         merits.append(f"has the number of exercise {exercise} in its path")
     if launch.plan.pillar:
         merits.append("uses the world singlePillar")
-    # rviz nodes with these names come from our own launch files, which the launch file only includes
+    # an rviz node with a name of OWN_RVIZ is from a launch file of ours that the student's file includes
     if any(node.name not in OWN_RVIZ for node in launch.plan.rviz):
         merits.append("starts RViz")
     choice = f" (chosen from {len(candidates)})" if len(candidates) > 1 else ""
@@ -320,8 +321,8 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     # False is better than True: a solution starts the course's world and reads scans, and its path often has
     # a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
-    # with `by_content`, the content comes first, because a launch file of this exercise names the world with
-    # the pillar
+    # The fit is negative, because a larger `Fit` is better. With `by_content`, the content comes first,
+    # because a launch file of this exercise names the world with the pillar.
     fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
     has_other_use = bool(OTHER_USE.search(file.place.name))
     # in an exercise on a filter of the robot, words such as ekf are right, so the nodes decide instead of the

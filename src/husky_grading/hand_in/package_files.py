@@ -37,8 +37,8 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
 
     Args:
         planned: plan of the submission, with its rviz nodes.
-        root: workspace in which the configuration must be, or beside which it is a copy of a known package;
-            None for any folder.
+        root: workspace of the submission. The configuration must be in it, or in the folder COPIES next to
+            it. None allows any folder.
         launch_file: path of the launch file that is started; empty for a node.
     """
     planned = _without_our_rviz_nodes(planned)
@@ -51,7 +51,7 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
         node = planned.rviz[0]
         remaps = node.remap
         path = _config_path_in(node.args)
-        # a student may have added the file to a copy of a known package, such as husky_gazebo
+        # a student may have added the file to a copy of a public package, such as husky_gazebo
         roots = (root, root.with_name(COPIES)) if root else ()
         was_handed_in = path is not None and (not roots or any(is_below(path, each) for each in roots))
         if path is not None and was_handed_in and is_regular(path):
@@ -66,20 +66,15 @@ def _config_in_package(
 ) -> Optional[RvizConfig]:
     """Return the configuration of the package's .rviz file with most needed displays; None if no file counts.
 
-    - If `launch_file` starts RViz, the package's only .rviz file counts, unless another launch file names it
-      and plays recordings.
-    - Otherwise a file that another launch file names belongs to that launch file, and does not count.
-    - But if `launch_file` starts no RViz, a launch file that only shows something owns no files, because it
-      may be started together with `launch_file`.
+    A file that belongs to another launch file does not count. But if `launch_file` starts RViz and the
+    package has only one .rviz file, this file counts, unless its owner plays recordings.
 
     `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
     """
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:MAX_CONFIGS] if folder else []
     if folder and launch_file:
-        # other launch files that name .rviz files; the key is the name of the .rviz file. If `launch_file`
-        # starts no RViz, launch files that only show something are not among them.
-        owners = _owners_of_configs(folder, launch_file, skip_viewers=not planned.rviz)
+        owners = _owners_of_configs(folder, launch_file, starts_rviz=bool(planned.rviz))
         is_only_file = bool(planned.rviz) and len(files) == 1
         owner = owners.get(files[0].name) if is_only_file else None
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
@@ -117,7 +112,7 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     folder = planned.package_path
     if not folder:
         return []
-    owners = _owners_of_configs(folder, launch_file, skip_viewers=not planned.rviz)
+    owners = _owners_of_configs(folder, launch_file, starts_rviz=bool(planned.rviz))
     existing_names = {path.name for path in walk(folder)}
     return [
         f"{name} belongs to {owner.name}, so it is not graded"
@@ -146,17 +141,22 @@ def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
     )
 
 
-def _owners_of_configs(folder: Path, launch_file: str, skip_viewers: bool) -> Dict[str, Path]:
-    """Return the launch files that name .rviz files, by the names of these .rviz files.
+def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dict[str, Path]:
+    """Return the other launch files to which .rviz files of a package belong, by the names of these files.
 
-    The file that is started, `launch_file`, does not count. With `skip_viewers`, launch files that only show
-    something do not count either; they play no recordings and start no node of the package.
+    An .rviz file belongs to a launch file that names it. If the started launch file starts no RViz, a viewer
+    owns no file, because a student may start the viewer together with it.
+
+    Args:
+        folder: folder of the package.
+        launch_file: name of the launch file that is started.
+        starts_rviz: true if this launch file starts RViz.
     """
     owners: Dict[str, Path] = {}
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
-        # the folder of a package has the name of the package
+        # a viewer plays no recordings and starts no node of the package, whose name is the folder's name
         is_viewer = not {"rosbag", folder.name} & set(_NODE.findall(text))
-        if path.name != launch_file and not (skip_viewers and is_viewer):
+        if path.name != launch_file and (starts_rviz or not is_viewer):
             owners.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
     return owners
 
@@ -181,7 +181,8 @@ def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> 
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):
-        # a number with hundreds of digits raises OverflowError; the file then counts as broken
+        # a number with hundreds of digits raises OverflowError. An empty file is not a configuration of RViz,
+        # so the result has a `problem`.
         return read_rviz_config(source, {})
 
 
@@ -197,9 +198,10 @@ TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".y
 
 
 def named_robot(planned: Plan) -> NamedRobot:
-    """Return the robot that a submission names by its nodes and topics; the SMB's names are certain.
+    """Return the robot that a submission names by its nodes and topics.
 
-    Nodes of the SMB's own packages decide first, then names of the SMB in files, then a topic of scans.
+    Nodes of the SMB's own packages decide first, then names of the SMB in files, then a topic of scans. Only
+    the SMB is certain; of the two versions of the Husky, `grade` may still choose the other one.
     """
     # `left_out` has nodes that `grade` does not start, such as those of the robot
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
@@ -207,7 +209,8 @@ def named_robot(planned: Plan) -> NamedRobot:
     else:
         version, mention = SMB, first_mention(planned, SMB_NAMES)
         if mention is None:  # no file names the SMB, so the robot is a Husky
-            # a package with both names may publish /scan itself, for example as the output of a filter
+            # front/scan comes first, because a package that names both topics may publish /scan itself, for
+            # example as the output of a filter
             version, mention = DEFAULT_ROBOT, first_mention(planned, FRONT_SCAN)
             if mention is None:
                 mention = first_mention(planned, PLAIN_SCAN)

@@ -22,18 +22,18 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.dependencies import dependencies_of
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # largest number of archives and of packages in one submission
-MAX_MANIFEST = 1_000_000  # [bytes]
+MAX_MANIFEST = 1_000_000  # [bytes] a larger package.xml or launch file is not read
+# names of folders that programs make, such as a build; they have no work of the student
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages of courses, of Debian and of the robot; a copy of such a package is not the student's work
-KNOWN = frozenset({
+PUBLIC = frozenset({
     "teleop_twist_keyboard", "teleop_twist_joy", "ros_package_template", "rqt_multiplot", "joy",
     "husky_base", "husky_bringup", "husky_control", "husky_description", "husky_desktop", "husky_gazebo",
     "husky_msgs", "husky_navigation", "husky_robot", "husky_simulator", "husky_viz",
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
-# packages that are not the student's work, but are copied, because students add worlds and launch files to
-# them
-COPIED = {"husky_gazebo", "smb_gazebo"}
+# packages of PUBLIC to which students add worlds and launch files
+EXTENDED = {"husky_gazebo", "smb_gazebo"}
 # valid name of a package, which also becomes the name of a folder
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
@@ -44,8 +44,8 @@ _WORD = (
     r"(?:exc?er[cs]i[cs]es?|exo|exe?|course|session|uebung|\u00fcbung|aufgabe|task|homework|hw|lab|tp|sheet)"
 )
 _COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
-# pattern of names such as exercise_3, Ex3, 5th_ex, or a number alone. The 2 in ENSTA's `session 2` does not
-# count, because this session has the exercise with the pillar, which is exercise 3 for `grade`.
+# pattern of names such as exercise_3, Ex3, 5th_ex, or a number alone. `session 2` does not match, because it
+# is the pillar session of the university ENSTA, which `grade` calls exercise 3.
 _EXERCISE = re.compile(
     rf"(?<![a-z])(?!session[ _.-]*0*2(?!\d)){_WORD}[ _.-]*(?:no|nr|n)?[ _.-]*{_COUNT}"
     rf"|(?<!\d)([1-9]\d?)(?:st|nd|rd|th)[ _.-]*{_WORD}(?![a-z])|\A{_COUNT}\Z"
@@ -170,7 +170,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
 def exercise_numbers(name: str) -> Set[int]:
     """Return the exercise numbers in the name of a file or folder: ex3.launch, course_03, 5th_exercise, 3.
 
-    A number counts only next to a word for exercise, or alone. So tb3, ur3 and 5ro14 have none.
+    A number counts only next to a word for exercise, or if it is the whole name. So tb3 and 5ro14 have none.
     """
     # an umlaut becomes one character, because macOS writes it as two
     name = unicodedata.normalize("NFC", name)
@@ -203,7 +203,7 @@ def choose_packages(
 ) -> Tuple[List[Package], List[str]]:
     """Return the packages that belong to an exercise, each name once, and notes on packages left out.
 
-    - Known packages are left out.
+    - Packages of PUBLIC are left out.
     - If several packages have the same name, the one of the exercise stays. If that is ambiguous, the one
       with a launch file that starts its node stays, then the one with more files. A later attempt takes the
       next best one instead, unless it belongs to another exercise.
@@ -213,11 +213,11 @@ def choose_packages(
     by_name: Dict[str, List[Package]] = {}  # all packages of each name
     for package in packages:
         by_name.setdefault(package.name, []).append(package)
-    known_names = sorted(set(by_name) & KNOWN)
-    if known_names:
-        notes.append(f"packages that are not the student's own are left out: {', '.join(known_names)}")
+    public_names = sorted(set(by_name) & PUBLIC)
+    if public_names:
+        notes.append(f"packages that are not the student's own are left out: {', '.join(public_names)}")
     chosen: Dict[str, Package] = {}  # the package of each name that stays
-    for name in sorted(set(by_name) - KNOWN):
+    for name in sorted(set(by_name) - PUBLIC):
         namesakes = by_name[name]
         if len(namesakes) > 1:
             namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best one first
@@ -243,17 +243,17 @@ def choose_packages(
     return [chosen[name] for name in sorted(names)], notes
 
 
-def copies_of_known(packages: Sequence[Package]) -> List[Package]:
-    """Return the known packages with files of the student, each name once.
+def copies_of_public(packages: Sequence[Package]) -> List[Package]:
+    """Return the packages of PUBLIC to which the student has probably added files, each name once.
 
-    They are the packages of COPIED, and packages with a launch file that starts a node of the submission.
+    They are the packages of EXTENDED, and packages with a launch file that starts a node of the submission.
     Nothing builds these packages, but launch files find the files in them.
     """
-    students_own = {each.name for each in packages} - KNOWN
+    students_own = {each.name for each in packages} - PUBLIC
     copies = [
         each
         for each in packages
-        if each.name in COPIED or (each.name in KNOWN and _launched_packages(each) & students_own)
+        if each.name in EXTENDED or (each.name in PUBLIC and _launched_packages(each) & students_own)
     ]
     # the first one of several copies with one name stays
     return list({each.name: each for each in reversed(copies)}.values())

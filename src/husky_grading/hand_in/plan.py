@@ -9,7 +9,7 @@ from typing import Dict, List, Optional, Sequence
 
 from husky_grading.hand_in.packages import NotMarkableError, read_manifest
 from husky_grading.isolation.files import create
-from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.own_files import VisibleCode
 from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
@@ -63,11 +63,11 @@ def _roots(workspace: Workspace) -> List[Path]:
     return [*roots, *workspace.packages]
 
 
-def with_stand_ins(workspace: Workspace, own: Own) -> Workspace:
-    """Return a workspace with stand-ins of packages that are not installed; `own` has files that they use."""
+def with_stand_ins(workspace: Workspace, visible_code: VisibleCode) -> Workspace:
+    """Return a workspace with stand-ins of packages that are not installed, and the code that they use."""
     roots = _roots(workspace)
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
-    return replace(workspace, packages=(*workspace.packages, *stand_ins), own=own)
+    return replace(workspace, packages=(*workspace.packages, *stand_ins), own=visible_code)
 
 
 def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN) -> Plan:
@@ -106,7 +106,7 @@ def plans(
         # normally one of the events has the nodes; none has them if the launch file cannot be loaded
         read_plan = next((event.plan for event in own_events if event.plan), None)
         notes = notes_on(own_events, output="")
-        if read_plan is None:  # the events normally give the reason
+        if read_plan is None:  # the events normally give the reason; `problem` is used if they do not
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
         elif not read_plan.nodes:
             notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
@@ -145,7 +145,10 @@ def _write_events(launchables: Sequence[Launchable], workspace: Workspace, event
 
 
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:
-    """Return the folder of the package, by the events; a folder outside of the workspace would be forged."""
+    """Return the folder of the package that an event "package" gives, or None.
+
+    A folder outside of the workspace does not count, because a submission can write any event.
+    """
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
     roots += [*workspace.packages, *(setup.parents[1] for setup in workspace.setups)]
     paths = [Path(os.path.normpath(event.path)) for event in events if event.event == "package"]

@@ -27,7 +27,7 @@ from husky_grading.hand_in.packages import (
     NotMarkableError,
     Package,
     choose_packages,
-    copies_of_known,
+    copies_of_public,
     fit_of_path,
     open_hand_in,
     with_dependencies,
@@ -35,7 +35,7 @@ from husky_grading.hand_in.packages import (
 from husky_grading.hand_in.plan import misspelt_dependencies, plan, with_stand_ins
 from husky_grading.isolation import private_network
 from husky_grading.isolation.files import copy, file_suffix, remove_tree, walk, write_whole
-from husky_grading.isolation.own_files import NAME, Own
+from husky_grading.isolation.own_files import NAME, VisibleCode
 from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
@@ -59,7 +59,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
 
     Args:
         job: job with delivered files, or with a launchable of a sourced workspace.
-        facts: facts that its exercise needs.
+        facts: functions and settings with which the exercise reads the submission.
 
     Raises:
         NotMarkableError: nothing in the submission can be started.
@@ -75,8 +75,9 @@ def prepare(job: Job, facts: Facts) -> Submission:
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
-    # a check first, so that a fault of this machine is not taken for one of the submission
-    _check_sandbox_works(replace(workspace, own=Own.NOTHING), out / "plan")
+    # a check first, in the sandbox of a normal submission, so that a fault of this machine is not taken for a
+    # fault of the submission
+    _check_sandbox_works(replace(workspace, own=VisibleCode.NOTHING), out / "plan")
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
     else:
@@ -99,11 +100,11 @@ def prepare(job: Job, facts: Facts) -> Submission:
         problem=submission.problem or (() if planned.nodes else planned.notes),
         notes=(*submission.notes, *file_notes, *planned.notes),
         rviz=rviz,
-        robot=facts.robot(planned),
+        robot=facts.find_robot(planned),
         sandbox=kind_of_sandbox(),
         network=private_network.reach(),  # says whether the network is kept apart from other networks
         parts=facts.parts,
-        facts=facts.read(planned),  # facts that the exercise needs to give points
+        facts=facts.read_facts(planned),
         made_of=job.made_of,  # hash by which a later marking knows that nothing has changed
     )
     write_whole(out / WORKSPACE, to_json(submission))
@@ -121,7 +122,7 @@ def _prepare_launchable(
     # a package with the name of our package is our own and may use all our files; but with a setup file, it
     # may be a student's package of the same name
     is_our_package = launchable.package == NAME and not job.setups
-    workspace = replace(workspace, own=Own.ALL if is_our_package else Own.NOTHING)
+    workspace = replace(workspace, own=VisibleCode.ALL if is_our_package else VisibleCode.NOTHING)
     workspace = _with_robot_packages(facts, workspace)
     planned = plan(launchable, workspace, Path(job.out, "plan"), facts.parts)
     _check_exists(launchable, planned)
@@ -172,7 +173,7 @@ def _check_exists(launchable: Launchable, planned: Plan) -> None:
 
 def _with_robot_packages(facts: Facts, workspace: Workspace) -> Workspace:
     """Return a workspace with our replacements of robot packages if an exercise grades the robot's nodes."""
-    return with_stand_ins(workspace, facts.own) if facts.parts.by_submission else workspace
+    return with_stand_ins(workspace, facts.visible_code) if facts.parts.by_submission else workspace
 
 
 def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submission, Plan]:
@@ -191,7 +192,7 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     # class; from here on, `override.exercise` is always a number, and `or 0` tells this to mypy
     job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
     # the submission must see neither the other submissions nor their results
-    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=Own.NOTHING)
+    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=VisibleCode.NOTHING)
     choices: List[Choice] = []  # the best one first; several only if there are copies of a package
     for attempt in range(MAX_TRIED):
         choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
@@ -232,11 +233,11 @@ def _prepare_choice(
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
     folders, repair_notes = copy_packages(packages, out / "ws")
-    # copies of known packages, such as husky_gazebo, to which the student has added files; launch files may
-    # need these copies
-    known = copies_of_known(contents.packages)
-    known_folders, _ = copy_packages(known, out / COPIES)
-    copies = _Copies(packages, folders, known, known_folders)
+    # launch files of the student may need files that the student has added to a public package, such as
+    # husky_gazebo
+    public = copies_of_public(contents.packages)
+    public_folders, _ = copy_packages(public, out / COPIES)
+    copies = _Copies(packages, folders, public, public_folders)
     candidates: List[LaunchFile] = []
     if not override.node:  # a node that the teacher names is started without a launch file
         try:
@@ -253,8 +254,8 @@ def _prepare_choice(
         notes += reason_notes
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration was found outside of the packages")
-    # launch files find the student's packages and the copies of known packages
-    packages_seen = (*built.workspace.packages, *known_folders.packages.values())
+    # launch files find the student's packages and the copies of public packages
+    packages_seen = (*built.workspace.packages, *public_folders.packages.values())
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
     launchable = _launchable_of(launch, override)
     planned = launch.plan if launch else Plan()
@@ -262,19 +263,27 @@ def _prepare_choice(
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    # a build may fail in parts that the launch file does not need, so a failed build is a problem only if it
-    # builds none of the launch file's nodes
+    all_notes = (*(Note(Kind.HAND_IN, text) for text in notes), *built.notes)
+    submission = Submission(
+        launchable, workspace, folders.root, problem=_build_problem(launch, launchable, built, folders),
+        notes=all_notes, own=tuple(package.name for package in packages), equals=tuple(equal_places),
+    )  # fmt: skip
+    return submission, planned
+
+
+def _build_problem(
+    launch: Optional[LaunchFile], launchable: Launchable, built: Build, folders: Folders
+) -> Tuple[Note, ...]:
+    """Return the notes on a failed build, if it has built no node that the launchable starts.
+
+    A build that fails only in parts that the launchable does not need is not a problem. `launch` is the
+    launchable's launch file, or None for a node.
+    """
     if launch:
         can_start = _is_any_built(launch, folders)
     else:
         can_start = is_built(f"{launchable.package}/{launchable.name}", folders)
-    problem = () if can_start else tuple(note for note in built.notes if note.kind is Kind.BUILD)
-    all_notes = (*(Note(Kind.HAND_IN, text) for text in notes), *built.notes)
-    submission = Submission(
-        launchable, workspace, folders.root, problem=problem, notes=all_notes,
-        own=tuple(package.name for package in packages), equals=tuple(equal_places),
-    )  # fmt: skip
-    return submission, planned
+    return () if can_start else tuple(note for note in built.notes if note.kind is Kind.BUILD)
 
 
 def _explain_choice(
@@ -298,10 +307,10 @@ class _Copies(NamedTuple):
 
     packages: List[Package]  # packages of the exercise
     folders: Folders  # workspace in which copies of the packages of the exercise are built
-    known: List[Package]  # packages of a course or of the robot to which the student has added files
-    # folders with copies of the packages in `known`; launch files can find these copies, but nothing builds
+    public: List[Package]  # packages of a course or of the robot to which the student has added files
+    # folders with copies of the packages in `public`; launch files can find these copies, but nothing builds
     # them
-    known_folders: Folders
+    public_folders: Folders
 
 
 def _find_candidates(
@@ -314,14 +323,14 @@ def _find_candidates(
     Raises:
         NotMarkableError: no launch file fits.
     """
-    known_paths = copies.known_folders.packages.values()
+    public_paths = copies.public_folders.packages.values()
     # workspace as it is before the build; launch files find the packages in it
-    unbuilt = replace(underlay, packages=(*underlay.packages, copies.folders.root / "src", *known_paths))
+    unbuilt = replace(underlay, packages=(*underlay.packages, copies.folders.root / "src", *public_paths))
     files = read_launch_files(
         contents,
-        [*copies.packages, *copies.known],
+        [*copies.packages, *copies.public],
         copies.folders,
-        copies.known_folders,
+        copies.public_folders,
         _with_robot_packages(facts, unbuilt),
         override,
         facts.parts,
@@ -331,9 +340,10 @@ def _find_candidates(
 
 def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchable:
     """Return the chosen launch file, or the node that the teacher names, with the teacher's arguments."""
-    if launch is None:
+    if launch is None:  # the teacher has named a node; `or ""` tells this to mypy
         package, node = (override.node or "").split()
         return Launchable("node", package, node, override.arguments)
+    # the result shows the path that the student knows, and not the path of the copy on this machine
     title = " ".join([str(launch.place), *override.arguments])
     return Launchable("launch", launch.package, str(launch.path), override.arguments, title)
 

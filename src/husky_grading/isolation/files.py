@@ -88,7 +88,7 @@ def read_xml(path: Path, max_size: int) -> Any:
     """Return the root of an XML file; entities are rejected.
 
     Raises:
-        UnreadableFileError: as `read_regular`, or it is not such XML.
+        UnreadableFileError: as `read_regular`, or the file is not XML, or has entities.
     """
     content = read_regular(path, max_size)
     try:
@@ -98,7 +98,7 @@ def read_xml(path: Path, max_size: int) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Loader of YAML without aliases, because a few can expand to billions of nodes or to a circle."""
+    """Loader that rejects YAML aliases: a few can expand to billions of values, or contain themselves."""
 
     def compose_node(self, parent: Optional[yaml.Node], index: Any) -> Optional[yaml.Node]:
         if self.check_event(yaml.AliasEvent):
@@ -111,7 +111,7 @@ def read_yaml(path: Path) -> Any:
     """Return the content of a YAML file of plain values, at most MAX_YAML bytes and without aliases.
 
     Raises:
-        UnreadableFileError: as `read_regular`, or it is not such YAML.
+        UnreadableFileError: as `read_regular`, or the file is not YAML of plain values.
     """
     text = read_text(path, MAX_YAML)
     try:

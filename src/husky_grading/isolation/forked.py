@@ -40,7 +40,7 @@ def import_early() -> None:
 
 
 class ForkedProcess(Process):
-    """Program of MODULES; it starts no other program, and ends with this one."""
+    """Program from MODULES; it starts no other program, and ends when this program ends."""
 
     def __init__(
         self, command: Sequence[str], log: Path, env: Dict[str, str], folder: Path, handed: Sequence[Any] = ()
@@ -131,7 +131,11 @@ def _run(
 
 
 def _end_with_marking() -> None:
-    """Kill this program when marking, which is not its parent, has ended."""
+    """Kill this program when marking has ended.
+
+    For `multiprocessing`, marking is the parent, because marking has asked for this program. For the kernel,
+    the parent is the server process that has forked this program, so the end of marking sends no signal.
+    """
     marking = multiprocessing.parent_process()
     assert marking is not None
     marking.join()

@@ -1,6 +1,7 @@
 """Watchdog for memory, threads and disk of a process tree.
 
-Rlimits count neither shared mappings nor files, and the kernel lets uid 0 have any number of processes.
+Rlimits are not enough, because they count neither shared mappings nor files, and because the kernel lets
+root have any number of processes.
 """
 
 from __future__ import annotations
@@ -84,6 +85,7 @@ class SizeWatch:
                 break
             if thread_count(processes) > THREADS:
                 return f"it was ended: it started more than {THREADS} processes and threads"
+            # in the network of the machine, the sockets of all other programs would count, too
             if self._is_network_own and socket_count() > SOCKETS:
                 return f"it was ended: it opened more than {SOCKETS} sockets"
             # [bytes] memory that the kernel does not count for any process: files in memory, and shared
@@ -101,7 +103,7 @@ class SizeWatch:
 
 
 def processes_below(pid: int) -> Optional[List[psutil.Process]]:
-    """Return the processes below one, or None if it has ended."""
+    """Return the descendants of a process, or None if the process has ended."""
     try:
         root = psutil.Process(pid)
         return None if root.status() == psutil.STATUS_ZOMBIE else root.children(recursive=True)
@@ -110,9 +112,11 @@ def processes_below(pid: int) -> Optional[List[psutil.Process]]:
 
 
 def thread_count(processes: Sequence[psutil.Process]) -> int:
-    """Return the number of threads of processes; only a lower bound if there are more than THREADS."""
+    """Return the number of threads of processes, or the number of processes if it exceeds THREADS."""
     count = len(processes)  # each process has a first thread
-    for process in processes if count <= THREADS else ():
+    if count > THREADS:  # the limit is exceeded already, so the other threads need not be counted
+        return count
+    for process in processes:
         with contextlib.suppress(psutil.Error):
             count += process.num_threads() - 1
     return count
@@ -141,10 +145,13 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
 
 
 def _used_of_sandbox(folder: str) -> int:
-    """Return the size of the files in a memory folder of the sandbox [bytes]; OSError if it is gone.
+    """Return the size of the files in a memory folder of the sandbox [bytes].
 
-    The sandbox gives its folders TEMPORARY_FILES bytes each. A larger file system is the machine's, which is
-    at the same path while the sandbox is made, and counts as 0.
+    The sandbox gives its folders TEMPORARY_FILES bytes each. While the sandbox is made, a larger file system
+    of the machine is at the same path. This file system counts as 0.
+
+    Raises:
+        OSError: the folder does not exist any more.
     """
     status = os.statvfs(folder)
     is_of_sandbox = status.f_blocks <= ceil(TEMPORARY_FILES / status.f_frsize)
@@ -154,21 +161,23 @@ def _used_of_sandbox(folder: str) -> int:
 def detached_segments(processes: Sequence[psutil.Process]) -> int:
     """Return the size of a sandbox's System V shared memory to which no process is attached any more [bytes].
 
-    The calling thread enters the sandbox's namespace for it, and stays there.
+    The calling thread enters the sandbox's IPC namespace and stays there, so a program calls this only in the
+    thread of its `SizeWatch`.
     """
     # IPC namespaces of this program and of the calling thread; they differ if the thread has entered a
     # sandbox before
-    marking, thread = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
+    our_namespace = os.readlink("/proc/self/ns/ipc")
+    thread_namespace = os.readlink("/proc/thread-self/ns/ipc")
     # enter the namespace of the first process that is in a sandbox
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # an OSError means that the process has ended
-            has_own_namespace = os.readlink(namespace) != marking
-            if thread == marking and has_own_namespace:
+            has_own_namespace = os.readlink(namespace) != our_namespace
+            if thread_namespace == our_namespace and has_own_namespace:
                 with open(namespace) as file:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
-                thread = os.readlink("/proc/thread-self/ns/ipc")
-    if thread == marking:
+                thread_namespace = os.readlink("/proc/thread-self/ns/ipc")
+    if thread_namespace == our_namespace:
         return 0  # none of the processes is in a sandbox
     _titles, *lines = Path("/proc/sysvipc/shm").read_text().splitlines()
     rows = [line.split() for line in lines]

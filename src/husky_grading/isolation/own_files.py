@@ -1,6 +1,6 @@
 """Files of this package that an untrusted program sees, if the package is cloned, built or installed.
 
-In: the kind of use. Out: folders that the sandbox hides, and files that it shows in them.
+In: a `VisibleCode`. Out: folders that the sandbox hides, and files that it shows in them.
 
 A submission reads this package's launch files, worlds and messages, and nothing else. It reads neither the
 controllers, which would solve its exercise, nor other files of the clone, such as another student's results.
@@ -18,20 +18,20 @@ from husky_highlevel_controller import paths
 from husky_highlevel_controller.paths import search_path, share_folder
 
 
-class Own(Enum):
-    """Files of this package that an untrusted program may use besides launch files, worlds and messages."""
+class VisibleCode(Enum):
+    """Files of this package that an untrusted program sees besides launch files, worlds and messages."""
 
-    NOTHING = "nothing"  # a normal submission may use only our launch files, worlds and messages
-    # a submission for exercise 4 may also use our filter, which replaces robot_localization
-    FILTER = "filter"
-    ALL = "all"  # our own launch file or node may use all files, if a teacher gives it to `grade`
+    NOTHING = "nothing"  # a normal submission must not see our controllers
+    FILTER = "filter"  # a submission to exercise 4 sees our filter, which replaces robot_localization
+    ALL = "all"  # our own launch file or node sees all files, if a teacher gives it to `grade`
 
 
 # folder with the Python modules of husky_highlevel_controller; it is in the source tree, even if Python
 # imports the package from catkin's devel space
 MODULES = Path(paths.__file__).resolve().parent
 NAME = MODULES.name
-BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # our other Python packages, in the same folder
+# our other Python packages, in the folder that contains MODULES
+OTHER_PACKAGES = ("husky_evaluation", "husky_grading", "husky_web")
 # files and folders that every submission sees, because its launch files and its build may need them
 DATA = ("package.xml", "cmake", "compat", "config", "launch", "msg", "rviz", "srv", "urdf", "worlds")
 # folders that a normal submission does not see; our own launch files and nodes see them
@@ -51,25 +51,25 @@ class OwnFiles:
     shown: FrozenSet[Path]  # files and folders
 
 
-def own_files(own: Own) -> OwnFiles:
+def own_files(visible_code: VisibleCode) -> OwnFiles:
     """Return the files of this package that a program sees."""
     share = share_folder()
-    entries = [*DATA, *CODE] if own is Own.ALL else [*DATA]
+    entries = [*DATA, *CODE] if visible_code is VisibleCode.ALL else [*DATA]
     shown: Set[Path] = {STARTER, IN_WORKSPACE}
     # All folders that hold this package are hidden. An entry of `share` may be a link into another folder,
     # such as the source tree, so the folders of the link targets are hidden, too.
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
     shown |= {(share / name).resolve() for name in entries}
     # folders of our Python packages, and folders of our programs
-    code = {MODULES, *(MODULES.parent / name for name in BESIDE), *programs()}
-    if own is Own.ALL:
+    code = {MODULES, *(MODULES.parent / name for name in OTHER_PACKAGES), *programs()}
+    if visible_code is VisibleCode.ALL:
         shown |= code
     else:
         hidden |= code
         # the messages stay visible; in an installed package, they are in the same folder as the hidden
         # modules
         shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}
-    if own is Own.FILTER:  # the modules that our filter imports, and its program
+    if visible_code is VisibleCode.FILTER:  # the modules that our filter imports, and its program
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}
         shown |= {*(MODULES / "ros").glob("*.py"), MODULES / "ros" / "estimation"}
         shown |= {folder / FILTER_PROGRAM for folder in programs()}
@@ -78,16 +78,21 @@ def own_files(own: Own) -> OwnFiles:
     return OwnFiles(frozenset(path for path in hidden if path.is_dir()), frozenset(existing))
 
 
-def holders() -> List[Path]:
-    """Return folders in which Python may find this package, and no other one of its name."""
+def folders_on_python_path() -> List[Path]:
+    """Return the folders of PYTHONPATH that contain this package, and the folder from which it runs.
+
+    A folder that contains only a student's package of the same name does not count.
+    """
     folders = search_path("PYTHONPATH")
-    own = ("paths.py", "msg/_HuskyStatus.py")
-    found = [path for path in folders if any((path / NAME / file).is_file() for file in own)]
+    # files that only our package has; a folder with its generated messages has only the second file
+    only_ours = ("paths.py", "msg/_HuskyStatus.py")
+    found = [path for path in folders if any((path / NAME / file).is_file() for file in only_ours)]
     return [MODULES.parent, *found]
 
 
 def programs() -> List[Path]:
-    """Return folders of this package's programs in the workspaces that hold it."""
+    """Return folders of this package's programs in the workspaces that contain the package."""
     prefixes = search_path("CMAKE_PREFIX_PATH")
-    ours = [prefix for prefix in prefixes if any(prefix in holder.parents for holder in holders())]
+    containing = folders_on_python_path()
+    ours = [prefix for prefix in prefixes if any(prefix in folder.parents for folder in containing)]
     return [(prefix / "lib" / NAME).resolve() for prefix in ours if (prefix / "lib" / NAME).is_dir()]

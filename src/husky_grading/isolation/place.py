@@ -1,8 +1,9 @@
 """Neutral place of a marking: its folder of results under a path without any user's or machine's name.
 
 CMake, make, catkin's setup files, `launch-prefix`, `args` and ROS_PACKAGE_PATH take no quotes, blanks or
-colons in a path, but a teacher's `--out` may have them. So the marking program sees its folder of results at
-a place that is always the same, in mounts of its own. It builds and drives there, so it finds a kept one.
+colons in a path, but a teacher's `--out` may have them. So the marking program has mounts of its own, in
+which its folder of results is at a path that is always the same. A kept workspace stays valid there, even if
+the folder of results was moved.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ SAFE = re.compile(r"[\w./+,=@~-]*")  # pattern of a path that CMake and roslaunc
 
 
 def make() -> str:
-    """Make a folder of this user's, at which a marking program can mount its results, and return its path.
+    """Make the folder at which the marking programs of this user mount their results, and return its path.
 
-    The path is empty if there can be no such folder.
+    The path is empty if the folder cannot be made.
     """
     parent = Path(FOLDER, f"marking_{os.getuid()}")
     place = parent / "hand_in"
@@ -43,10 +44,10 @@ def make() -> str:
 
 
 def show_results_at(out: Path) -> Path:
-    """Show a folder of results at the place, and return its path there, or its own path if there is no place.
+    """Mount a folder of results at the neutral path and return this path, or return the folder's own path.
 
     Raises:
-        HuskyError: the results cannot be mounted, and nothing can be built at the path of the folder.
+        HuskyError: the folder cannot be mounted, and nothing can be built at its own path.
     """
     place = os.environ.get(VARIABLE, "")  # path for the results; empty if they cannot be mounted there
     if place:

@@ -13,7 +13,10 @@ ROOT = Path("/")
 
 
 def hide_places(text: str, folders: Iterable[Path]) -> str:
-    """Return a text without the paths of these folders, of this package, of Python's, and of the home."""
+    """Return a text without the paths of these folders, of this package, of Python and of the home folder.
+
+    A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name.
+    """
     places = {*folders, *_own_places()} - {ROOT, Path()}
     for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner ones first
         text = text.replace(f"{place}/", "").replace(str(place), place.name)

@@ -1,6 +1,7 @@
 """Namespaces of one marking: a network with a loopback only, and mounts of its own.
 
-So no submission reaches another one or a machine, and it sees its folder of results at a neutral place.
+So a submission reaches neither another submission nor another machine. The mounts let the folder of results
+have a neutral path, see `place`.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40
 
 
 def enter_network() -> None:
-    """Start this program again in a network of its own; return in the new program, or if none is allowed."""
+    """Start this program again in a network of its own, and return only in the new program.
+
+    If this machine allows no such network, nothing is started, and the function returns in this program.
+    """
     if VARIABLE in os.environ:  # this is the new program
         if os.environ[VARIABLE]:
             # the ioctl switches the loopback interface on; it needs a socket of any kind

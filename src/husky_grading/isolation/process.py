@@ -100,9 +100,8 @@ class Process:
             # the loop ends when the program closes the pipe, because `os.read` then returns an empty chunk
             for chunk in iter(lambda: os.read(pipe.fileno(), CHUNK), b""):
                 size += len(chunk)
-                room = max(
-                    LOG_HEAD - len(self._head), 0
-                )  # [bytes] part of this chunk that still belongs to the beginning
+                # [bytes] part of this chunk that still belongs to the beginning
+                room = max(LOG_HEAD - len(self._head), 0)
                 self._head += chunk[:room]
                 self._write(chunk[:room])
                 self._tail = (self._tail + chunk[room:])[-LOG_TAIL:]
@@ -167,6 +166,8 @@ def request_stop() -> None:
     """End all waits; if that does not end this program in time, kill it with all programs that it started."""
     if not STOP_REQUESTED.is_set():
         STOP_REQUESTED.set()
+        # After `os._exit`, each reaper.py kills its program, because the process that started it has ended.
+        # 2 is the exit code of `grade` after an interruption.
         last_resort = threading.Timer(STOP_DEADLINE, os._exit, [2])
         last_resort.daemon = True
         last_resort.start()
@@ -211,8 +212,11 @@ def wait_and_kill(process: Process, seconds: float, period: float = 0.05) -> boo
         end_all([process])
 
 
-def with_variable(name: str, value: str) -> List[int]:
-    """Return the processes that were started with this variable in their environment."""
+def pids_with_variable(name: str, value: str) -> List[int]:
+    """Return the ids of processes that were started with this environment variable, such as ROS_MASTER_URI.
+
+    A slash at the end of the variable's value does not count.
+    """
     pids = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error, OSError):

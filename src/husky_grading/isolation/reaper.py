@@ -5,7 +5,8 @@ command, on SIGTERM, or when the process that started it ends. It forwards SIGIN
 command. It is started by its path and imports nothing of this package, because a submitted package may have
 the same name.
 
-Signals are blocked and awaited, so none interrupts a step, and none is forwarded after the command's end.
+All signals are blocked, and `sigwait` takes them one by one. So no signal interrupts a step of this program,
+and no signal is forwarded after the command has ended.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def end_descendants() -> None:
         for process in psutil.Process().children(recursive=True):
             with contextlib.suppress(psutil.Error):
                 process.kill()
-        # a killed process is there until its parent asks for its end; -1 stands for any child
+        # a killed process exists until its parent has called waitpid for it; -1 stands for any child
         try:
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
@@ -62,8 +63,9 @@ def run_and_reap(parent: int, command: List[str]) -> int:
             # the pid belongs to the child until waitpid is called, even if the child has ended, so the signal
             # reaches no other program
             os.kill(child.pid, number)
-            # A program that gets signals without a pause does nothing else, and sigwait returns SIGINT before
-            # SIGCHLD. So the next signal is passed on after a pause, which only an end of a process shortens.
+            # A flood of signals would keep the command from running. It would also hide the command's end,
+            # because sigwait returns SIGINT before SIGCHLD. So a pause follows each signal; only SIGCHLD or
+            # SIGTERM ends the pause early.
             arrived = signal.sigtimedwait({signal.SIGCHLD, signal.SIGTERM}, POLL_PERIOD)
             if arrived is None:
                 continue

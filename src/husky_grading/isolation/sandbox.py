@@ -23,7 +23,12 @@ from pathlib import Path
 from typing import Dict, List, NamedTuple, Sequence, Set, Tuple
 
 from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
-from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
+from husky_grading.isolation.own_files import (
+    IN_WORKSPACE,
+    VisibleCode,
+    folders_on_python_path,
+    own_files,
+)
 from husky_highlevel_controller.datatypes import HuskyError
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
@@ -51,12 +56,14 @@ _BUBBLEWRAP = [
     "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
     "--cap-drop", "ALL",
 ]  # fmt: skip
-_NO_NESTED_NAMESPACES = ["--disable-userns"]  # older versions than bubblewrap 0.8 do not have this option
+# option that forbids namespaces inside of the sandbox; versions of bubblewrap before 0.8 do not have it
+_NO_NESTED_NAMESPACES = ["--disable-userns"]
+# options of unshare(1) for a machine without bubblewrap: the program sees only its own processes
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 
 
 def clean_environment() -> Dict[str, str]:
-    """Return the variables of an untrusted program: search paths, ROS, language, and no others of marking.
+    """Return the environment of an untrusted program: only KEPT_VARIABLES of our environment, and USER.
 
     USER is set, because roslaunch rejects $(env USER) without it.
     """
@@ -72,7 +79,7 @@ class Workspace:
     packages: Tuple[Path, ...] = ()
     # folders that the program must not see, such as other submissions and results
     hidden: Tuple[Path, ...] = ()
-    own: Own = Own.ALL  # files of the grader's package that the program may use
+    own: VisibleCode = VisibleCode.ALL  # files of the grader's package that the program sees
 
 
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
@@ -85,10 +92,10 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     limits += [f"--nofile={DESCRIPTORS}"]
     if kind != NONE:  # otherwise this limit would count all processes of this user
         limits.append(f"--nproc={THREADS}")
-    # folders in which Python must not find our package
-    not_for_python = holders() if workspace.own is Own.NOTHING else []
+    # folders that the script removes from PYTHONPATH, so a submission cannot import our package
+    removed = folders_on_python_path() if workspace.own is VisibleCode.NOTHING else []
     # the script gets packages and these folders as two lists, then the setup files that it sources
-    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, not_for_python)]
+    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, removed)]
     setups = [str(path.resolve()) for path in workspace.setups]
     source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
     # The command line from left to right: prlimit sets limits, bash sources the workspace, and stdbuf lets
@@ -226,10 +233,10 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
 
 
 def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -> List[Path]:
-    """Return the symbolic links on some paths that are not in the sandbox yet.
+    """Return the symbolic links in some paths, if the sandbox does not show these links yet.
 
-    The sandbox shows only the targets of these links, because the links themselves are in folders that are
-    hidden or not mounted at all.
+    The sandbox shows the target of such a link. But the link itself is in a folder that is hidden, or that is
+    not mounted at all.
     """
     links = {each for path in paths for each in (path, *path.parents) if each.is_symlink()}
     missing = []

@@ -196,7 +196,7 @@ def launch_files(ann, exercise=3, **more):
     """Launch files that start something, the chosen one first, in copies of the packages."""
     contents, packages, _ = chosen(ann, exercise)
     facts = EXERCISES[exercise].facts
-    out, known = ann.parents[1] / "out", packages_module.copies_of_known(contents.packages)
+    out, known = ann.parents[1] / "out", packages_module.copies_of_public(contents.packages)
     folders, _ = copy_packages(packages, out / "ws")
     copies, _ = copy_packages(known, out / "copies")
     workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))

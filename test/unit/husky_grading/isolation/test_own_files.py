@@ -9,7 +9,7 @@ import pytest
 from packages import manifest, put
 
 from husky_grading.hand_in.plan import plan, with_stand_ins
-from husky_grading.isolation.own_files import NAME, Own
+from husky_grading.isolation.own_files import NAME, VisibleCode
 from husky_grading.isolation.process import Process, end_all, wait
 from husky_grading.isolation.sandbox import (
     BUBBLEWRAP,
@@ -69,15 +69,15 @@ def readable(folder, own):
 
 def test_a_hand_in_imports_gazebo_s_messages_and_not_this_package(tmp_path):
     imports = "import gazebo_msgs.srv as gazebo; print(gazebo.SetModelState.__name__)"
-    assert printed(tmp_path / "mine", Own.NOTHING, imports) == "SetModelState\n"
-    assert "No module named" in printed(tmp_path / "mine", Own.NOTHING, f"import {NAME}.msg")
+    assert printed(tmp_path / "mine", VisibleCode.NOTHING, imports) == "SetModelState\n"
+    assert "No module named" in printed(tmp_path / "mine", VisibleCode.NOTHING, f"import {NAME}.msg")
 
 
 @needs_dev
 def test_a_hand_in_reads_launch_files_worlds_and_messages_of_this_package_and_nothing_else_of_the_clone(
     tmp_path,
 ):
-    files = readable(tmp_path / "mine", Own.NOTHING)
+    files = readable(tmp_path / "mine", VisibleCode.NOTHING)
     assert CLONE / "launch" / "simulator.launch" in files
     assert WORKSPACE / "devel" / "include" / NAME / "HuskyStatus.h" in files
     # beside the clone: what the search path for programs names
@@ -91,7 +91,7 @@ def test_a_hand_in_reads_launch_files_worlds_and_messages_of_this_package_and_no
 def test_a_filter_s_hand_in_reads_the_filter_and_no_controller(tmp_path):
     files = {
         path.relative_to(CLONE).as_posix()
-        for path in readable(tmp_path / "mine", Own.FILTER)
+        for path in readable(tmp_path / "mine", VisibleCode.FILTER)
         if CLONE in path.parents
     }
     code = {
@@ -119,21 +119,23 @@ def planned(file, own):
 @pytest.mark.parametrize("node", ["naive_controller", "husky_controller", "proximity_stop"])
 def test_a_node_of_this_package_is_left_out_of_a_hand_in_with_a_note(node, tmp_path):
     file = starts(tmp_path, node)
-    hand_in = planned(file, Own.NOTHING)
+    hand_in = planned(file, VisibleCode.NOTHING)
     assert hand_in.nodes == ("stud/controller",)
     assert [note.kind for note in hand_in.notes] == [Kind.OWN_NODE]
     assert f"{NAME}/{node} is left out" in hand_in.notes[0].text
-    assert planned(file, Own.ALL).nodes == ("stud/controller", f"{NAME}/{node}"), "a teacher may start it"
+    assert planned(file, VisibleCode.ALL).nodes == ("stud/controller", f"{NAME}/{node}"), (
+        "a teacher may start it"
+    )
 
 
 def test_a_hand_in_s_own_package_of_this_name_starts_its_nodes(tmp_path):
     file = starts(tmp_path, "controller", NAME)
-    hand_in = planned(file, Own.NOTHING)
+    hand_in = planned(file, VisibleCode.NOTHING)
     assert hand_in.nodes == (f"{NAME}/controller", f"{NAME}/controller")
     assert hand_in.notes == ()
     # but not ours that its package lacks: there is no such program, or it is left out
     file = starts(tmp_path / "other", "naive_controller", NAME)
-    hand_in = planned(file, Own.NOTHING)
+    hand_in = planned(file, VisibleCode.NOTHING)
     assert kind_of_sandbox() == BUBBLEWRAP or Kind.OWN_NODE in {note.kind for note in hand_in.notes}
 
 
@@ -143,9 +145,9 @@ def test_the_simulator_of_this_package_is_left_out_without_a_note(tmp_path):
     include = f'<include file="$(find {NAME})/launch/simulator.launch"/>'
     node = '<node name="a" pkg="stud" type="controller"/>'
     file = put(package / "launch" / "a.launch", f"<launch>{include}{node}</launch>")
-    hand_in = planned(file, Own.NOTHING)
+    hand_in = planned(file, VisibleCode.NOTHING)
     assert (hand_in.nodes, hand_in.notes) == (("stud/controller",), ())
 
 
 def test_the_stand_in_of_a_filter_uses_no_more_than_the_filter():
-    assert with_stand_ins(Workspace(own=Own.NOTHING), Own.FILTER).own is Own.FILTER
+    assert with_stand_ins(Workspace(own=VisibleCode.NOTHING), VisibleCode.FILTER).own is VisibleCode.FILTER
