@@ -166,8 +166,9 @@ def main(
 ) -> None:
     """Run the command.
 
-    The grader passes `launch_kind`, which makes contestants of launch files, and a function that makes
-    signals end their programs first. Without `launch_kind`, launch files are rejected.
+    The grader passes both functions: `launch_kind` makes contestants of launch files, and after
+    `end_programs_on_signals`, a signal such as Ctrl-C first ends the programs that a launch file has started.
+    Without `launch_kind`, launch files are rejected.
     """
     options = compare_options(arguments)
     with exit_codes(name_as_typed("compare")):

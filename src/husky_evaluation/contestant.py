@@ -50,7 +50,7 @@ class Contestant(Protocol):
         """
 
     def drive(self, scenario: Scenario) -> Outcome:
-        """Drive a scene.
+        """Drive a scenario.
 
         Raises:
             HuskyError: the controller fails, or does not start.
@@ -99,7 +99,7 @@ class FunctionContestant:
         return controller
 
     def drive(self, scenario: Scenario) -> Outcome:
-        """Drive a scene.
+        """Drive a scenario.
 
         Raises:
             HuskyError: the function fails.
@@ -170,37 +170,38 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     # only a launch file has arguments, so the rest is one name, which may have spaces
     if text.endswith((".yaml", ".yml")):
         return FunctionContestant(text, load_setup(Path(text), base))
-    # the text is PLACE:FUNCTION; `place` is a Python file or the name of a module
-    place, colon, function = text.rpartition(":")
+    file_or_module, colon, function = text.rpartition(":")
     if not colon or not function.isidentifier():
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
     # every worker has this project's packages, but it may not have the user's file, so the text of the file
     # is sent
-    if place.split(".")[0] in OURS:
-        made = FunctionContestant(text, base, function, module=place)
+    if file_or_module.split(".")[0] in OURS:
+        made = FunctionContestant(text, base, function, module=file_or_module)
     else:
-        made = FunctionContestant(text, base, function, source=_source(place))
+        made = FunctionContestant(text, base, function, source=_source(file_or_module))
     # loads the function now, so that a wrong contestant causes an error before the first run
     _ = made.controller
     return made
 
 
-def _source(place: str) -> str:
+def _source(file_or_module: str) -> str:
     """Return the source text of a file, or of a module that Python finds by its name.
 
     Raises:
         HuskyError: the text cannot be read.
     """
     try:
-        path = Path(place)
+        path = Path(file_or_module)
         if path.suffix != ".py":
-            spec = importlib.util.find_spec(place)
+            spec = importlib.util.find_spec(file_or_module)
             # a module that is not found, or that has no file, gets a path at which `read_text` fails
             path = Path(spec.origin or "") if spec else path
         return path.read_text()
     except (OSError, ValueError, ImportError) as error:
-        raise HuskyError(f"{place} is not a Python file or module that can be read: {error}") from None
+        raise HuskyError(
+            f"{file_or_module} is not a Python file or module that can be read: {error}"
+        ) from None
 
 
 @lru_cache(maxsize=4)

@@ -57,9 +57,10 @@ Row = Tuple[Any, ...]  # row of a table, with the columns of HEADER
 def figure(
     name: str, value: float, unit: str = "", minimum: float = -inf, maximum: float = inf, replay: str = ""
 ) -> Row:
-    """Return the row of a metric, which misses its limits if it is nan; without limits it has no verdict.
+    """Return the row of a metric, with a verdict if there are limits; nan misses every limit.
 
-    The value links to the page `replay` of its run, or of a run that misses the limits; empty for no link.
+    The value links to the page `replay`, which shows the metric's run, or a run that misses the limits. If
+    `replay` is empty, the value has no link.
     """
     wanted = ""
     if minimum > -inf and maximum < inf:
@@ -139,7 +140,7 @@ def course_figures(run: DriveResult, max_ratio: float = inf) -> List[Row]:
 def late_figures(run: DriveResult) -> List[Row]:
     """Return the figures of a run from the course's start whose final distance error has no limit.
 
-    The run is that of the real Husky's profile with the default gains: its wheels are late, so it stops late.
+    With the default gains the real Husky stops too late, because its wheels are late.
     """
     is_good = run.arrived_at < inf and not run.touched
     return [
@@ -167,7 +168,7 @@ def evaluate_robot(
 
     Its beams do not always hit a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
     time to arrival has no bound. Its wheels are late by 0.3 s, so with the default gain it drives 0.1 m past
-    the stop distance, and with the gain of robot.launch it does not. Single scans are not measured here.
+    the stop distance, and with the gain of robot.launch it does not. `ground` is the ground under the robot.
     """
     setup = setup_of("robot", ground)
     # first the default gains, then the gains of robot.launch
@@ -251,7 +252,13 @@ def drives(
 
 
 def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source: str) -> Result:
-    """Return all figures, and the names of those that miss their limits."""
+    """Return the result of the command: all figures, and a verdict with the figures that miss their limits.
+
+    Args:
+        figures: rows of each table, by its title.
+        lead: sentences above the tables.
+        source: hash of the results, and the machines that computed them.
+    """
     tables = [Table(title, HEADER, rows) for title, rows in figures.items()]
     rows = [row for table in tables for row in table.rows]
     missed = "; ".join(name for name, _, _, verdict in rows if verdict.style == "missed")

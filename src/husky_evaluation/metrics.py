@@ -23,7 +23,7 @@ from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
-GOOD = "arrived, within 2 cm, no touch"  # text of `DriveResult.good`
+GOOD = "arrived, within 2 cm, no touch"  # name of the metric `DriveResult.good` in tables and pictures
 MEANING_OF_BOUND = (
     "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
 )
@@ -121,7 +121,7 @@ def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
 
 
 def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
-    """Return the rollout that `run_scenario` measures."""
+    """Drive a scenario, and return the trace from which `judge_trace` computes the metrics."""
     return rollout(
         scenario,
         setup.control,

@@ -100,7 +100,10 @@ def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
 
 
 def _limits(panel: Panel) -> Tuple[float, float]:
-    """Return the limits of the colours or the y axis, from the best value over at least the panel's span."""
+    """Return the limits of the colours or of the y axis: smallest and largest value of the panel.
+
+    If their difference is less than the panel's span, the limit on the side of the worst value is moved.
+    """
     values = panel.values[np.isfinite(panel.values)]
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     spare = max(panel.span - (high - low), 0.0)
@@ -168,7 +171,7 @@ def _label_cells(
 
     Args:
         plot: axes of matplotlib.
-        values: values of the cells, (rows, columns); nan if there is none.
+        values: values of the cells, (rows, columns); nan if a cell has no value.
         color_of: function that returns the colour (r, g, b, a) of a cell with a value.
         digits: digits after the decimal point.
     """

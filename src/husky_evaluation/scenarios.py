@@ -36,6 +36,8 @@ _THIN = 0.01  # [m] thickness of walls
 # [rad] smallest angle between the pillar's centre and the last beam, for a lidar with a view narrower than
 # _SIDE
 _EDGE = 0.05
+# part of the random seed, so that the scans with a pillar and those without have different random numbers
+_WITH_PILLAR, _WITHOUT_PILLAR = 1, 2
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class Scenario:
     pillar: str = PILLAR_NAME  # name of the object to which the robot drives
 
 
-SICK = simulator_config().lidar
+SICK = simulator_config().lidar  # lidar of the Husky
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +98,7 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
 
     With `clutter` there are other objects, some in front of the pillar, none nearer to it than 0.3 m.
     """
-    # the 1 gives this function other random numbers than `bare_scene`, which has a 2 here
-    rng = np.random.default_rng([seed, 1, number])
+    rng = np.random.default_rng([seed, _WITH_PILLAR, number])
     side = min(_SIDE, lidar.angle_max - _EDGE)  # [rad] largest bearing at which the pillar is in view
     while True:  # the loop ends as soon as a random scene has the wanted properties
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
@@ -114,7 +115,7 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
 
 def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
     """Return a scan without a pillar: boxes, walls, corners, goal posts and rooms, with some speckle."""
-    rng = np.random.default_rng([seed, 2, number])
+    rng = np.random.default_rng([seed, _WITHOUT_PILLAR, number])
     ranges = _cast(_clutter(rng), lidar) + rng.normal(0.0, lidar.noise, lidar.beams)
     # speckle: 0.5 % of the beams get a random range
     ranges = np.where(rng.random(lidar.beams) < 0.005, rng.uniform(0.2, 29.0, lidar.beams), ranges)

@@ -143,7 +143,10 @@ def parameter_values(setup: Setup) -> Dict[str, Any]:
 
 
 def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
-    """Yield name, value and metadata of each parameter of a record, and of the records in it."""
+    """Yield name, value and metadata of each parameter of a record, and of the records in it.
+
+    A field without metadata is not a parameter.
+    """
     for item in fields(record):
         value = getattr(record, item.name)
         if is_dataclass(value) and item.metadata:

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple, Tuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-RESAMPLES, LEVEL = 10000, 0.95
+RESAMPLES = 10000  # number of resamplings of the bootstrap
+LEVEL = 0.95  # confidence level of an interval
 
 
 class Interval(NamedTuple):
@@ -48,7 +49,7 @@ def paired_row(title: str, sides: ArrayLike, unit: str, factor: float = 1.0) -> 
         title: title of the row.
         sides: values of A and of B in the same N scenarios, (2, N).
         unit: unit of the row.
-        factor: number of these units in the unit of the values, such as 100 from m to cm.
+        factor: factor from the unit of the values to this unit, such as 100 from m to cm.
     """
     a, b = np.asarray(sides, dtype=float)
     mean_a, mean_b = (factor * float(side.mean()) if len(side) else nan for side in (a, b))

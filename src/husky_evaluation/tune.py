@@ -255,7 +255,7 @@ def result_of_tuning(
         base: setup with the defaults.
         objective: cost of a run.
         fresh: table of `check`.
-        tried: words on the setups that were tried, which end a sentence.
+        tried: text such as "of 64 setups on 10 starts, seed 0, profile gazebo".
         source: hash of the results, and the machines that computed them.
     """
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
@@ -270,7 +270,10 @@ def result_of_tuning(
 
 
 def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
-    """Write parameters, trials and page into a folder, and print the result."""
+    """Write parameters, trials and page into a folder, and print the result.
+
+    `tried` is text such as "of 64 setups on 10 starts, seed 0, profile gazebo".
+    """
     file = out / "tuned.yaml"
     file.write_text(tuned_to_yaml(tuned.values, f"Found by tune {tried}."))
     every_row("Every setup", tuned.trials).write(out / "trials")

@@ -69,9 +69,10 @@ class Cluster:
         self._client.close(timeout=CONNECT_DEADLINE)
 
     def run(self, task: Callable[[Any], Any], groups: Sequence[Group], starts_programs: bool) -> Answers:
-        """Yield the answers in the order in which they come, or the exception of a group.
+        """Yield number and answer of each group, in the order in which the answers come.
 
-        Other workers take over the tasks of a lost worker. Closing the iterator cancels all waiting tasks.
+        If a task raises an exception, this exception is the answer of its group. Other workers take over the
+        tasks of a lost worker. Closing the iterator cancels all waiting tasks.
 
         Args:
             task: function of one item.
@@ -131,6 +132,7 @@ class Cluster:
     def _ended(self, running: Dict[Future, _Run]) -> List[Future]:
         """Wait at most POLL_PERIOD, and return the tasks that have ended."""
         try:
+            # `wait` takes the current client, and our client is not the default client
             with self._client.as_current():
                 return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)
         except asyncio.TimeoutError:
@@ -198,7 +200,7 @@ class Cluster:
         """
         if threads != 1:
             return f"it has {threads} threads; start it with --nthreads 1"
-        if not python:
+        if not python:  # the worker has not answered with its versions
             return None
         # major and minor version must agree; `python` is a text such as 3.11.2.final.0
         if python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
@@ -237,8 +239,9 @@ def _send_by_value(task: Callable[[Any], Any]) -> None:
     while isinstance(task, partial):
         task = task.func
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
-    is_own = "-packages" not in str(getattr(module, "__file__", "-packages"))
-    if is_own and module.__name__.split(".")[0] not in (*OURS, "__main__"):
+    # an installed module is in site-packages or dist-packages; a module without a file counts as installed
+    is_installed = "-packages" in str(getattr(module, "__file__", "-packages"))
+    if not is_installed and module.__name__.split(".")[0] not in (*OURS, "__main__"):
         cloudpickle.register_pickle_by_value(module)
 
 
@@ -249,7 +252,10 @@ def perform_packed(payload: bytes) -> bytes:
 
 
 def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
-    """Return a worker's answer, or the reason why it cannot be read, because the other tasks continue."""
+    """Return a worker's answer, or the exception if it cannot be read.
+
+    The exception is not raised here, so that the other tasks continue.
+    """
     try:
         answer: Answer = pickle.loads(payload)
     except Exception as error:  # unpickling runs code of classes, so it may raise any error
@@ -258,10 +264,11 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
 
 
 def _asker(package: str) -> Callable[[], str]:
-    """Return a function that returns the version of the package on a worker, or why it has none.
+    """Return a function that returns the version of the package on a worker.
 
-    A nested function is sent by its code, not by its name, so a worker without the package can answer. So it
-    also imports what it needs itself.
+    If the worker lacks the package or has an old one, the function returns this reason instead. A nested
+    function is sent by its code, so a worker without the package can answer. For the same reason the function
+    contains its imports.
     """
 
     def ask() -> str:

@@ -29,13 +29,14 @@ GENERATED = ("msg", "srv", "cfg")  # folders of generated code that catkin adds 
 
 
 def fingerprint(value: Any) -> str:
-    """Return the SHA-256 of the content of a value; equal values have the same one in every process.
+    """Return the SHA-256 of the content of a value, which is the same for equal values in every process.
 
     Raises:
         TypeError: a part of the value has a type without a fingerprint.
     """
     digest = hashlib.sha256()
     for piece in _pieces(value):
+        # the length shows where a piece ends, so other pieces do not give the same bytes
         digest.update(b"%d:" % len(piece) + piece)
     return digest.hexdigest()
 
@@ -85,7 +86,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
 
 @lru_cache(maxsize=1)
 def code_version() -> str:
-    """Return the version of the package, and a hash of the sources of OURS, parameters, worlds and robots."""
+    """Return the version of the package, and a hash of its Python code, parameters, worlds and robots."""
     digest, share = hashlib.sha256(), share_folder()
     sources = Path(__file__).resolve().parents[2]  # folder that contains the packages
     modules = [path for package in OURS for path in (sources / package).rglob("*.py")]

@@ -43,10 +43,11 @@ def perform(task: Callable[[Any], Any], group: Group) -> Answer:
 def run_here(
     task: Callable[[Any], Any], groups: Sequence[Group], jobs: int, starts_programs: bool
 ) -> Answers:
-    """Yield the answers in the order in which they come, or the exception of a group.
+    """Yield number and answer of each group, in the order in which the answers come.
 
-    A killed process is replaced, and its group is done again. The answer of a group that ends its process
-    MAX_DEATHS times is a HuskyError. Closing the iterator cancels the other groups.
+    If a task raises an exception, this exception is the answer of its group. A killed process is replaced,
+    and its group is done again. The answer of a group that ends its process MAX_DEATHS times is a HuskyError.
+    Closing the iterator cancels the other groups.
 
     Args:
         task: function of one item.
@@ -66,9 +67,9 @@ def run_here(
             executor = ProcessPoolExecutor(jobs, get_context("fork"), _end_with_parent)
         try:
             while waiting or running:
-                # each process gets two groups, so that it can begin the second group as soon as it has ended
-                # the first one; a group during which a process has ended waits until no other group is
-                # running, to show whether this group is the cause
+                # Each process gets two groups, so that it can begin the second group as soon as it has ended
+                # the first one. But a group during which a process has ended runs alone, because this shows
+                # whether the group is the cause.
                 while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
                     number = waiting[0]
                     running[executor.submit(perform, task, groups[number])] = number

@@ -36,7 +36,8 @@ class Progress:
         self._done += count
         self._bar.update(count)
         now = self._clock()
-        if self._bar.disable and now - self._last_line >= LINE_PERIOD and self._done < self._total:
+        has_terminal = not self._bar.disable
+        if not has_terminal and now - self._last_line >= LINE_PERIOD and self._done < self._total:
             left = (now - self._begin) * (self._total - self._done) / self._done
             print(f"{self._title}: {self._done} of {self._total} done, {left:.0f} s left", file=sys.stderr)
             self._last_line = now

@@ -72,13 +72,12 @@ class Workers:
                 cluster that have the resource ROS.
 
         Raises:
-            HuskyError: a worker cannot do it. Exceptions of the task are raised, too.
+            HuskyError: a worker cannot do a task. Exceptions of the task are raised, too.
         """
         items = list(items)
         results = dict(self.as_completed(task, items, title, chunk, starts_programs))
         ordered = [results[number] for number in range(len(items))]
-        # the results are in the order of the items, so their hash does not depend on the order in which they
-        # came
+        # for `results_hash`, which does not depend on the order in which the results came
         self._digest.update(fingerprint(ordered).encode())
         return ordered
 
@@ -91,12 +90,13 @@ class Workers:
         starts_programs: bool = False,
         on_error: Optional[OnError] = None,
     ) -> Iterator[Tuple[int, Any]]:
-        """Yield the results of `map`, with the number of each item, in the order in which they come.
+        """Yield the index and the result of each item, in the order in which the results come.
 
-        `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
-        worker. It returns the result of that item. This result is kept like other results, so a later run
-        with the same file does not try the item again. The exception of one item is the exception of its
-        whole group of `chunk` items. Without `on_error` the exception is raised.
+        The other arguments are those of `map`. If a task raises, cannot be sent, or ends its worker,
+        `on_error` gets the item and the exception, and returns the result of the item. This result is kept
+        like other results, so a later run with the same file does not try the item again. If items are sent
+        in groups of `chunk`, an exception counts for all items of its group. Without `on_error` the exception
+        is raised.
         """
         # the key of a kept result depends on the code and the item, so that a result is computed again if the
         # code has changed
@@ -124,6 +124,7 @@ class Workers:
                 for group_number, answer in answers:
                     group = groups[group_number]
                     if isinstance(answer, BaseException):
+                        # `on_error` does not get a KeyboardInterrupt and the like, which are not an Exception
                         if on_error is None or not isinstance(answer, Exception):
                             raise answer
                         # the failed group gets an answer as from a worker: the name of this machine, and the
@@ -145,7 +146,7 @@ class Workers:
 
     @property
     def summary(self) -> str:
-        """Return hash and machines of the results, for a report; on one kind of machine they are the same."""
+        """Return, for a report, the hash of the results and the kinds of machines that computed them."""
         kinds = sorted(self._machines)
         several = f"{len(kinds)} kinds of machines, whose last bits may differ: " if len(kinds) > 1 else ""
         return f"results {self.results_hash} by {several}{'; '.join(kinds)}"

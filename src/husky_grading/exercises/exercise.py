@@ -1,8 +1,8 @@
 """Exercise as marking sees it: items and judge, settings of its runs, and three hooks.
 
-`facts` names the parts of a submission that an exercise needs, `bring_up` starts the simulator or a program
-in its place, and `watch` follows the run. The defaults fit a node that drives the simulated robot by its
-scans.
+`facts` has the rules by which a submission is prepared for the exercise, `bring_up` starts the simulator or a
+program in its place, and `watch` follows the run. The defaults fit a node that drives the simulated robot by
+its scans.
 """
 
 from __future__ import annotations

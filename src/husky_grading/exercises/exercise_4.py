@@ -82,6 +82,7 @@ CLOUD_HINT = f"add a display PointCloud2 of /rslidar_points; {DISPLAYS}"
 STYLE_HINT = "set in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
 RENAME_HINT = "the frame {} is at the right place, but it must be called smb_top_view"
 PLAYS_HINT = "start a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
+# option of `rosbag play` that sets the speed of the bag
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
 # pattern of the folders in a path, which are left out of the report
 _FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")
@@ -110,7 +111,10 @@ class Playback:
 
 
 def named_bag(planned: Plan) -> NamedRobot:
-    """Return the robot of the bag for which a filter is made, by the packages that it names."""
+    """Return the robot whose bag is played: the SMB if the student's package names packages of the SMB.
+
+    The choice is certain, so a topic of scans to which the submission subscribes does not change it.
+    """
     mention = first_mention(planned, FILTERS_OF_THE_SMB)
     if mention:
         why = f"the SMB's bag is played, because {mention.path.name} names {mention.match.group()}"
@@ -267,9 +271,9 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # without another cause, the inputs or the outputs of the filter are wrong
-        is_known = recording.subscribed and cause.kind is not Kind.NO_SCANS
-        return Verdict(0.0, evidence, hint_on(cause) if is_known else INPUTS_HINT)
+        # the hint is on the filter's inputs if it does not get them, or if there is no other cause
+        is_cause_known = recording.subscribed and cause.kind is not Kind.NO_SCANS
+        return Verdict(0.0, evidence, hint_on(cause) if is_cause_known else INPUTS_HINT)
     stamps, end = path[:, 0], float(recording.times[-1])
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
@@ -288,6 +292,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
 
 def _cause_of_no_estimate(recording: Recording) -> Note:
     """Return the most probable reason why the filter estimated too little."""
+    # the filter itself subscribes to `set_pose`, so a missing publisher of this topic is not the cause
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent and not causes(recording):
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
@@ -320,17 +325,17 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
     """Grade whether the top view is 2 m above base_link at three moments of the run."""
     rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of smb_top_view in base_link
     if len(rows) < 3:
-        # without the frame, `places` has the positions of all other frames; one of them may be the right one
-        # under a wrong name
+        # if the frame never came, `places` has the positions of all other frames; one of them may be the top
+        # view under a wrong name
         frames_above = [frame for frame, place in sorted(playback.places.items()) if _is_above(place)]
         evidence = "no transform from base_link to smb_top_view"
         if frames_above:
             evidence += f", but {frames_above[0]} is 2 m above it"
             return Verdict(0.0, evidence, RENAME_HINT.format(frames_above[0]))
         return Verdict(0.0, evidence, TOP_VIEW_HINT)
-    # indices of the first row, of three rows in between, and of the last row
+    # rows after one, two and three quarters of the run
     quarters = np.linspace(0, len(rows) - 1, 5).astype(int)
-    moments = rows[quarters[1:4]]  # the three rows in between
+    moments = rows[quarters[1:4]]
     is_there = all(_is_above(place) for place in moments[:, 1:])
     places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
     return Verdict(float(is_there), f"in base_link: {places}", TOP_VIEW_HINT)
@@ -387,7 +392,7 @@ def judge_exercise_4(
             items.append(without_config(item, view, rules))
         else:
             share, evidence, hint = judge(recording, playback, view)
-            points = None if share is None else share * item.max_points
+            points = None if share is None else share * item.max_points  # None if it is graded by hand
             items.append(replace(item, points=points, evidence=evidence, hint=hint))
     # items that this robot's exercise sheet does not have are left out
     items = [item for item in items if item.max_points]
@@ -401,8 +406,9 @@ EXERCISE = Exercise(
     pace=5.0,
     deadline=90.0,
     facts=Facts(
-        Parts(by_submission=("robot_localization",), by_marking=("rosbag",)),
-        "ekf_localization_node",
+        # the submission starts the filter, but `grade` plays the bag
+        parts=Parts(by_submission=("robot_localization",), by_marking=("rosbag",)),
+        node="ekf_localization_node",
         visible_code=VisibleCode.FILTER,
         find_robot=named_bag,
         read_facts=read_facts,

@@ -88,13 +88,13 @@ class ServiceCalls:
 class CallPlan:
     """Plan of the calls of one run."""
 
-    made: int = 0
+    made: int = 0  # number of calls so far
     # [s] simulated time of the last answer; inf while an answer is awaited, -inf before the first call
     answered_at: float = -inf
     drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
 
     def due(self, now: float, speed: float) -> Optional[bool]:
-        """Return the value of the call that is due now [s], or None; `speed` in m/s."""
+        """Return the value of the call that must be made now [s], or None if none is due; `speed` in m/s."""
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
@@ -110,9 +110,9 @@ class CallPlan:
         """Note that the last call was answered at this time [s], or will not be answered."""
         self.answered_at = now
 
-    def reason(self, now: float, offered: bool) -> Optional[Note]:
+    def reason(self, now: float, has_service: bool) -> Optional[Note]:
         """Return why the run is over, or None if it goes on."""
-        if not offered and now > NO_SERVICE:
+        if not has_service and now > NO_SERVICE:
             return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
         if self.made >= len(CALLS) and now >= self.answered_at + EFFECT_END:
             return Note(Kind.PLAN_DONE, "all calls are made")
@@ -134,7 +134,10 @@ class ServiceWatch(Watch):
         return self._follow_plan(state) or super().look(state)
 
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
-        """Take the answer of the last call, or make the next one; return why the run is over, if it is."""
+        """Take the answer of the last call, or make the call that is due.
+
+        Return why the run is over, or None if it goes on.
+        """
         # the type of a new service may be unknown at first, so the types are asked for each time
         self._types.update(self._ros.service_types(state.services))
         if self._waiting_call:
@@ -146,15 +149,13 @@ class ServiceWatch(Watch):
             )
             self._plan.answered(state.now)
             self._waiting_call = None
-        # names of start/stop services
-        names = [name for name, kind in self._types.items() if kind == SET_BOOL]
-        value = self._plan.due(state.now, state.speed) if names else None
+        services = self._start_stop_services()
+        value = self._plan.due(state.now, state.speed) if services else None
         if value is None:
-            return self._plan.reason(state.now, bool(names))
-        # the last three values are placeholders until the answer comes
-        self._waiting_call = Call(state.now, value, False, "", state.now)
-        # the first name, so that all calls go to the same service if there are several
-        self._ros.call(min(names), value)
+            return self._plan.reason(state.now, has_service=bool(services))
+        # the values from `success` on are placeholders until the answer comes
+        self._waiting_call = Call(state.now, value, success=False, answer="", answered_at=state.now)
+        self._ros.call(services[0], value)  # all calls go to the first service, even if there are several
         return None
 
     def has_silenced(self, last_command: float) -> bool:
@@ -162,12 +163,17 @@ class ServiceWatch(Watch):
         calls = [*self._calls, self._waiting_call] if self._waiting_call else self._calls
         return any(call.at >= last_command - OBEYED for call in calls)
 
+    def _start_stop_services(self) -> List[str]:
+        """Return the names of the services that can start and stop the robot, in alphabetical order."""
+        return sorted(name for name, kind in self._types.items() if kind == SET_BOOL)
+
     def kept(self) -> Dict[str, Any]:
-        """Return the services and calls of the run."""
-        offered = tuple(sorted(name for name, kind in self._types.items() if kind == SET_BOOL))
+        """Return the services and calls of the run, as plain values for the recording."""
+        services = self._start_stop_services()
         others = tuple(sorted(f"{name} ({kind})" for name, kind in self._types.items() if kind != SET_BOOL))
-        callers = self._ros.callers(offered[0]) if offered else {}
-        plain: Dict[str, Any] = to_plain(ServiceCalls(offered, others, tuple(self._calls), callers))
+        callers = self._ros.callers(services[0]) if services else {}  # `grade` has called only the first one
+        observed = ServiceCalls(tuple(services), others, tuple(self._calls), callers)
+        plain: Dict[str, Any] = to_plain(observed)
         return plain
 
 
@@ -363,15 +369,15 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
     """
     successes = len(effects) - len(failures)
     evidence = f"{reaction} after {successes} of {len(effects)} calls"
-    at = effects[0].call.at
+    shown_call = effects[0].call
     if failures:  # the evidence shows the first call that did not work
-        call, speed = failures[0].call, failures[0].after
-        at = call.at
-        evidence += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
-        if call.answer and not call.success:
-            evidence += f" ({call.answer})"
+        shown_call, speed = failures[0].call, failures[0].after
+        value = str(shown_call.data).lower()
+        evidence += f"; after {value} at {shown_call.at:.2f} s it drives at {speed:.2f} m/s"
+        if shown_call.answer and not shown_call.success:  # the answer may say why the call failed
+            evidence += f" ({shown_call.answer})"
     share = 1.0 if not failures else 0.5 if successes else 0.0
-    return replace(item, points=share * item.max_points, evidence=evidence, at=at)
+    return replace(item, points=share * item.max_points, evidence=evidence, at=shown_call.at)
 
 
 def judge_exercise_5(

@@ -66,7 +66,7 @@ class DriveState:
 
 
 class Watch:
-    """Watch of a submission that drives by the scans up to the deadline; base class of all other watches."""
+    """Base class of all watches; it fits a submission that reads the scans and drives until the deadline."""
 
     # message types; the submission's messages of these types are passed to `on_message`
     follows: FrozenSet[str] = frozenset()

@@ -170,12 +170,12 @@ def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_dr
         value = plan.due(now, 0.5 if now > 3.0 else 0.0)
         if value is not None:
             made.append((round(now, 1), value))
-            assert plan.reason(now + 10.0, offered=True) is None, "the call is not answered"
+            assert plan.reason(now + 10.0, has_service=True) is None, "the call is not answered"
     assert [value for _, value in made] == [False, True, False, True]
     assert made[0][0] in (4.1, 4.2)
     assert all(4.9 <= b[0] - a[0] <= 5.2 for a, b in zip(made, made[1:]))
-    assert plan.reason(30.0, offered=True).kind is Kind.PLAN_DONE
-    assert CallPlan().reason(26.0, offered=False).text == "it offered no start/stop service for 25 s"
+    assert plan.reason(30.0, has_service=True).kind is Kind.PLAN_DONE
+    assert CallPlan().reason(26.0, has_service=False).text == "it offered no start/stop service for 25 s"
     waits = CallPlan()
     assert [waits.due(now, 0.0) for now in (7.9, 8.0)] == [None, False], "it may wait for a call to drive"
 
