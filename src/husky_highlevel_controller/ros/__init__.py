@@ -1,1 +1,1 @@
-"""The ROS shell; the only folder that imports rospy, tf2_ros and messages. Mirrors the other rooms."""
+"""ROS nodes and what they share; the only folder of this package that imports rospy, tf2_ros and messages."""

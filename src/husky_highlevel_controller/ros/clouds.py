@@ -16,7 +16,7 @@ MAX_POINTS = 5000
 
 
 def points_from_scan(scan: Scan) -> np.ndarray:
-    """The ends of the beams that measured something."""
+    """End points of the beams that measured something, (N, 3) [m] in the frame of the lidar."""
     valid = scan.valid
     ranges, bearings = scan.ranges[valid], scan.bearings[valid]
     return np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros(len(ranges))])

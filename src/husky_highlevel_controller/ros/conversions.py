@@ -67,7 +67,7 @@ def time_to_msg(seconds: float) -> Time:
 
 
 def header(stamp: float, frame: str) -> Header:
-    """A header without a sequence number; the publisher counts."""
+    """A header without a sequence number, which the publisher adds."""
     return Header(stamp=time_to_msg(stamp), frame_id=frame)
 
 
@@ -185,7 +185,7 @@ def twist_from_msg(msg: Twist) -> Twist2D:
 
 
 def twist_to_stamped_msg(twist: Twist2D, stamp: float) -> TwistStamped:
-    """A planar twist and when it was in force; without a frame, as diff_drive_controller sends it."""
+    """A planar twist with its time, and without a frame, as diff_drive_controller sends it."""
     return TwistStamped(header=header(stamp, ""), twist=twist_to_msg(twist))
 
 
@@ -247,7 +247,7 @@ def pose_to_msg(pose: Pose) -> PoseMsg:
 
 
 def pose_from_msg(msg: PoseMsg) -> Pose:
-    """A pose in space, as it was sent: its numbers are not looked at."""
+    """A pose in space, as it was sent; its numbers are not checked."""
     p, q = msg.position, msg.orientation
     return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
@@ -258,7 +258,7 @@ def motion_to_msg(motion: ModelMotion) -> Tuple[PoseMsg, Twist]:
 
 
 def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
-    """A model's pose and velocity, as they were sent: the numbers are not looked at."""
+    """A model's pose and velocity, as they were sent; the numbers are not checked."""
     v, w = twist.linear, twist.angular
     return ModelMotion(pose_from_msg(pose), (v.x, v.y, v.z), (w.x, w.y, w.z))
 
@@ -324,5 +324,5 @@ def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
 
 
 def fix_velocity_to_msg(fix: GpsFix, frame: str) -> Vector3Stamped:
-    """Velocity message towards north, west and up; `frame` is only where the receiver sits."""
+    """Velocity message towards north, west and up; `frame` is the place of the receiver, not these axes."""
     return Vector3Stamped(header=header(fix.stamp, frame), vector=Vector3(*fix.velocity))

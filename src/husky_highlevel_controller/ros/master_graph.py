@@ -58,6 +58,6 @@ def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
 
 
 def read_findings(master_uri: str, simulator: str) -> List[Sequence[str]]:
-    """Return what a simulator has found of other nodes: the name of each node, and a sentence."""
+    """Return the faults that a simulator has found in other nodes: name of the node, and a sentence."""
     name = f"{simulator.rsplit('/', 1)[0]}/{FINDINGS}"
     return list(ask(master_uri, "getParam", CALLER, name) or ())

@@ -58,9 +58,9 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
             continue
         # the owner probably means the set parameter by the most similar name that it asked for in vain
         likeness_and_absent = [(_likeness(name, absent, owner), absent) for absent in absent_by_node[owner]]
-        best, likest = max(likeness_and_absent)
+        best, most_similar = max(likeness_and_absent)
         if best >= MIN_LIKENESS:
-            yield UnreadParameter(owner, name, likest)
+            yield UnreadParameter(owner, name, most_similar)
 
 
 def _likeness(name: str, asked: str, node: str) -> float:
@@ -100,25 +100,25 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         self._services_in_vain: Dict[Tuple[str, str], None] = {}
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
-        """Answer as every master, and note it."""
+        """Answer as every master, and note the request."""
         answer = super().getParam(caller_id, key)
         self._note(caller_id, key, answer[0] == 1)
         return answer
 
     def hasParam(self, caller_id: str, key: str) -> Tuple[int, str, bool]:  # noqa: N802
-        """Answer as every master, and note it."""
+        """Answer as every master, and note the request."""
         answer = super().hasParam(caller_id, key)
         self._note(caller_id, key, bool(answer[2]))
         return answer
 
     def searchParam(self, caller_id: str, key: str) -> Tuple[int, str, str]:  # noqa: N802
-        """Answer as every master, and note it."""
+        """Answer as every master, and note the request."""
         code, message, found = super().searchParam(caller_id, key)
         self._note(caller_id, found if code == 1 else key, code == 1)
         return code, message, found
 
     def subscribeParam(self, caller_id: str, caller_api: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
-        """Answer as every master, and note it."""
+        """Answer as every master, and note the request."""
         code, message, value = super().subscribeParam(caller_id, caller_api, key)
         self._note(caller_id, key, value != {})
         return code, message, value
@@ -138,7 +138,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         return answer
 
     def lookupService(self, caller_id: str, service: str) -> Tuple[int, str, str]:  # noqa: N802
-        """Answer as every master, and note a service that is not there."""
+        """Answer as every master, and note a service that does not exist."""
         code, message, address = super().lookupService(caller_id, service)
         if code != 1 and isinstance(caller_id, str) and isinstance(service, str):
             with self._requests_lock:
@@ -187,7 +187,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
 
 
 def main() -> None:
-    """Run it: `--core -p PORT`."""
+    """Run the master with the arguments of rosmaster: `--core -p PORT`."""
     rosmaster.master_api.ROSMasterHandler = ParameterMaster
     rosmaster_main(sys.argv)
 

@@ -80,7 +80,7 @@ class RegistrationWatch:
         return self._registration.is_lost
 
     def start(self) -> None:
-        """Begin in a thread: look every PERIOD until the node is lost, then stand and say so instead."""
+        """Start the thread that looks every PERIOD, and that makes the node stand still after a loss."""
         threading.Thread(target=self._run, name="registration", daemon=True).start()
 
     def _run(self) -> None:

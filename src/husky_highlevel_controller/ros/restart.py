@@ -36,8 +36,8 @@ def display_problem(display: str) -> Optional[str]:
         display: value of DISPLAY: `:N` on this machine, `HOST:N` by TCP. An empty value and other forms are
             not checked, and cause no sentence.
     """
-    # the value is :N or :N.SCREEN, perhaps behind "unix", for a local display; it is HOST:N for a display on
-    # the network
+    # a local display is :N or :N.SCREEN, and may begin with "unix"; a display on the network is HOST:N or
+    # HOST:N.SCREEN
     address = re.fullmatch(
         r"(?:unix)?:(?P<local>\d+)(?:\.\d+)?|(?P<host>[\w.-]+):(?P<number>\d+)(?:\.\d+)?", display
     )
@@ -65,10 +65,10 @@ def _connect_to_local_display(number: int) -> None:
 
 
 def run_again_after_crash(command: Sequence[str]) -> int:
-    """Run a command, a second time if a crash ended it; SIGINT and SIGTERM are passed on.
+    """Run a command, and run it once more if it crashes; pass SIGINT and SIGTERM on to it.
 
     Returns:
-        Its exit code; negative if a signal ended it.
+        Exit code of the last run; negative if a signal ended it.
     """
     stopping = 0  # number of the signal that this program has received; 0 if it has received none
     process: Optional[subprocess.Popen] = None

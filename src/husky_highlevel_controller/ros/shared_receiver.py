@@ -96,7 +96,7 @@ def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
 
 
 def _deliver(connection: TCPROSTransport, callback: MessagesCallback) -> None:
-    """Call the callback with the messages that are complete in the buffer; rospy's `receive_once` does it so.
+    """Call the callback with the messages that are complete in the buffer, as rospy's `receive_once` does.
 
     Raises:
         DeserializationError: the data are not a message of this type.

@@ -1,4 +1,4 @@
-"""Lookup of transforms in a TF buffer: never waits, never raises, never returns a pose that cannot be one."""
+"""Lookup of transforms in a TF buffer: never waits, never raises, never returns an impossible pose."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def _error(health: Health) -> Optional[str]:
 
 
 class Diagnostics:
-    """Publisher of the status; polled, since a rospy.Timer would wake at every message on /clock."""
+    """Publisher of the status; the node polls it, because a timer would wake at every message on /clock."""
 
     def __init__(self, examine: Callable[[bool], Health]) -> None:
         """Publish the result of `examine`, whose argument says whether simulated time stands still."""
@@ -123,7 +123,7 @@ class Diagnostics:
         self._has_changed = threading.Event()  # set by `hasten`, cleared by the next `update`
 
     def hasten(self) -> None:
-        """Have the status published by the next `update`: it has changed. Any thread."""
+        """Let the next `update` publish the status, because it has changed. Any thread."""
         self._has_changed.set()
 
     def wait(self, period: float) -> None:

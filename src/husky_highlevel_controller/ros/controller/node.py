@@ -420,7 +420,7 @@ def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
 
 
 def _stage(controller_state: ControllerState) -> Tuple[State, bool]:
-    """State and stage of the search: a change of them is logged."""
+    """State, and whether the search has begun to drive; a change of one of them is logged."""
     return controller_state.state, controller_state.search is not None and controller_state.search.leg > 0
 
 

@@ -136,7 +136,7 @@ class ScanPlacement:
             self._pending_scan = self._next_scan = None
 
     def forget_mount(self) -> None:
-        """Look the lidar's pose up again for the next scan: call after each message on /tf_static."""
+        """Forget the fixed pose of the lidar, because a message on /tf_static may have changed it."""
         self._static_mount = None
 
     def lookup(
@@ -222,7 +222,7 @@ class ScanPlacement:
         return newest_stamp == self._stamp_when_overdue
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        """Pose of the lidar, None if unknown; warn if many scans in a row had none."""
+        """Pose of the lidar, None if unknown; warn if it was unknown for many scans in a row."""
         # read only once, because a message on /tf_static sets it to None in another thread (`forget_mount`)
         mount = self._static_mount
         if mount is not None:

@@ -1,1 +1,1 @@
-"""ROS shell of estimation."""
+"""The node of the planar filter, and the program plot_path."""

@@ -296,7 +296,7 @@ def _square(numbers: Sequence[float]) -> np.ndarray:
 
 
 def _covariance_of_angles(numbers: Sequence[float]) -> np.ndarray:
-    """Covariance of a pose or twist, (6, 6), from the nine numbers of its three angles or rates alone."""
+    """Covariance (6, 6) of a pose or twist; the nine `numbers` are for its angles or rates, the rest is 0."""
     covariance = np.zeros((6, 6))
     covariance[3:, 3:] = _square(numbers)
     return covariance

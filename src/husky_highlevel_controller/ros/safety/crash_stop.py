@@ -39,8 +39,8 @@ class CrashStopNode:
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
         # the queues are long, because the detector adds up all messages, and the sums would be wrong if one
         # were lost
-        self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, QUEUE)
-        self._guard.watch(robot.topics.imu, Imu, self._on_imu, QUEUE)
+        self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, queue_size=QUEUE)
+        self._guard.watch(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE)
 
     def run(self) -> None:
         """Work until the node is shut down."""
@@ -77,7 +77,7 @@ class CrashStopNode:
         self._guard.judge(stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:
-        """Mounting of the IMU in base_link; the same axes if there is no transform."""
+        """Rotation of the IMU in base_link; the identity if TF has no transform."""
         if frame.lstrip("/") == BASE:
             return IDENTITY.quat_xyzw
         return (lookup_pose(self._transforms, BASE, frame) or IDENTITY).quat_xyzw

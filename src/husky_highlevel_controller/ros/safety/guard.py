@@ -113,7 +113,7 @@ class Guard:
         return newest
 
     def twist(self, stamp: float) -> Optional[Twist2D]:
-        """Velocity at a time [s]; None if odometry is missing or not fresh."""
+        """Velocity of the robot at a time [s]; None if odometry is missing or not close to this time."""
         msg = self._odometry
         if msg is None or abs(stamp - msg.header.stamp.to_sec()) > MAX_VELOCITY_AGE:
             return None

@@ -30,8 +30,9 @@ class CallQueue:
         self._arrived = threading.Event()
 
     def call(self, work: Callable[[], Any], between_steps: bool = False) -> Any:
-        """Let the owner do `work`, and return its result or raise its error; not for the owner's thread.
+        """Let the owner do `work`, and return its result or raise its error.
 
+        The owner itself must not call this method, because it would wait for itself.
         The owner also does work in the middle of a step, while lockstep waits there. But work `between_steps`
         waits for the end of the step. A node that ends before the work is done raises ROSInterruptException.
         """
@@ -47,7 +48,7 @@ class CallQueue:
     def ask(
         self, work: Callable[[], str], changes: bool = True, between_steps: bool = False
     ) -> Tuple[bool, str]:
-        """`call` work that returns a sentence on its result. Return success and a message; log a refusal.
+        """Let the owner do work that returns a sentence. Return success and a message; log a refusal.
 
         If the work `changes` the world, `report` gets the sentence, too.
         """

@@ -20,7 +20,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 from husky_highlevel_controller.simulator.command_habits import CommandHabits, Habit, habit_sentence
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
-MAIN = "cmd_vel"
+MAIN = "cmd_vel"  # topic on which the robot's controller sends commands
 # nodes of this package that stop the robot on purpose; their zero commands cause no warning
 OUR_NODES = {
     "husky_highlevel_controller",

@@ -59,7 +59,7 @@ class DepthCamera:
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
         """Publish an image that is drawn, and start the next one if it is due and has a subscriber."""
         # a timeout of 0 s means that the call does not wait for an image that is still being drawn
-        self._publish(0.0)
+        self._publish(timeout=0.0)
         is_watched = any(
             topic.get_num_connections()
             for topic in (self._image_publisher, self._info_publisher, self._points_publisher)
@@ -74,7 +74,7 @@ class DepthCamera:
             self._renderer.start(simulation.bodies, poses, camera)
             self._image_stamp = snapshot.stamp
             if self._waits_for_image:  # true in lockstep, so that each run publishes the same images
-                self._publish(None)
+                self._publish(timeout=None)
 
     def _publish(self, timeout: Optional[float]) -> None:
         """Publish the image that was started last, if it is drawn within a timeout [s]; None waits for it."""

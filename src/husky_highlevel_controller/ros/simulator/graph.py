@@ -99,7 +99,7 @@ def launched() -> Set[str]:
 
 
 def launched_beside() -> Set[str]:
-    """Names of the launched nodes without the simulator's own."""
+    """Names of the launched nodes except OWN_NODES; a controller may be among them."""
     return launched() - OWN_NODES
 
 
@@ -175,8 +175,8 @@ class GraphWatch:
     def _run(self) -> None:
         """Look at the graph every PERIOD until the process ends.
 
-        The first look leaves out the mistakes: other nodes are still starting, and the questions to all of
-        them would delay their start.
+        The first look leaves out the mistakes, because other nodes are still starting, and the questions to
+        all of them would delay their start.
         """
         look = self._look_at_publishers
         while True:
@@ -206,7 +206,7 @@ class GraphWatch:
             self._markers.look(graph)
 
     def _warn_of_mistakes(self, graph: Graph) -> None:
-        """Warn of a mistake that lasts for JOINING_TIME: a node that starts later may be the missing side."""
+        """Warn of mistakes that last for JOINING_TIME, because a missing node may still be starting."""
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
         self._first_seen_at = {mistake: self._first_seen_at.get(mistake, now) for mistake in mistakes}
@@ -230,7 +230,7 @@ class GraphWatch:
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:
-            """Types of the topics that a node publishes or subscribes to; asked if they have changed."""
+            """Types of the topics on one side of a node, which is asked only if these topics have changed."""
             nodes_by_topic = graph.publishers if publishes else graph.subscribers
             topics = frozenset(topic for topic, nodes in nodes_by_topic.items() if node in nodes)
             key = node, publishes, topics

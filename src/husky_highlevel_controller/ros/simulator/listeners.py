@@ -114,7 +114,7 @@ class Listeners:
         self._processes = {process: _Threads(process) for process in process_by_ports.values()}
 
     def _have_run(self, turns: Mapping[int, Optional[Turns]]) -> bool:
-        """Return whether processes that receive the clock have run since they were asleep, and none runs."""
+        """Return whether each receiver of the clock has run since it was last asleep, and no process runs."""
         have_run = all(
             turns[process] != self._turns_when_idle.get(process) for process in self._clock_receivers
         )
@@ -191,7 +191,7 @@ def _in_python(process: int) -> bool:
     """Return whether a process runs Python."""
     try:
         return os.path.basename(os.readlink(f"/proc/{process}/exe")).startswith("python")
-    except OSError:
+    except OSError:  # the process has just ended, or belongs to another user
         return False
 
 

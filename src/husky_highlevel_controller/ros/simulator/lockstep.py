@@ -138,7 +138,7 @@ class Lockstep:
         self._wait_or_end_lockstep(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:
-        """Call before a scan is published: commands until now do not answer it."""
+        """Call before a scan is published, so that earlier commands do not count as answers to it."""
         self._answer_is_due, self._answered_topics = True, set()
         self._answered.clear()
 
@@ -148,8 +148,8 @@ class Lockstep:
         """Wait until a command has arrived since `begin_scan`, calling `meanwhile` for service calls.
 
         If the controller sleeps by simulated time, no command can come before the clock goes on. Then the
-        wait ends without a command, and the mode is SLEEPING. After AWAKE answered scans in a row, the mode
-        from before the sleep comes back.
+        wait ends without a command, and the mode is SLEEPING (see `Mode`). After AWAKE answered scans in a
+        row, the mode from before the sleep comes back.
 
         Args:
             meanwhile: serves calls, and is called again and again.

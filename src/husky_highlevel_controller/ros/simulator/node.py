@@ -106,11 +106,11 @@ class SimulatorNode:
         # true if the node arrival_exit was launched; it logs the arrival, so this node does not
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
 
-        self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
+        self._simulation = Simulation(world, robot, config, start.pose, start.seed, start_height=start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
-            # tells whether the nodes that read the scans or the clock have finished their work
+            # shows whether the nodes that read the scans or the clock have finished their work
             Listeners(self._publishers.scan, self._publishers.clock),
             # the program that records a run for grading gets a line about each scan that was not answered
             self._publishers.truth_log.write_line,
@@ -142,7 +142,7 @@ class SimulatorNode:
                 f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{CAMERA_FRAME}'"
             )
         steps = steps_per(setup.camera_rate, config.physics_rate, "camera_rate")
-        return DepthCamera(setup.camera, robot.fixed_poses[CAMERA_FRAME], steps, self._start.lockstep)
+        return DepthCamera(setup.camera, robot.fixed_poses[CAMERA_FRAME], steps, wait=self._start.lockstep)
 
     def run(self) -> None:
         """Simulate until the node is shut down.
@@ -309,7 +309,7 @@ class SimulatorNode:
             self._lead_limit.before_scan()  # waits for a controller that has not answered the last scans
             self._lockstep.begin_scan()  # commands that come after this call count as answers to this scan
         # true if this step has published a message on /clock (a tick)
-        is_tick = self._publishers.publish(snapshot, self._hold_tick)
+        is_tick = self._publishers.publish(snapshot, on_clock=self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
         self._gazebo.publish(snapshot)  # poses and velocities of all models, on the same topic as in Gazebo
         if snapshot.power is not None and self._status:

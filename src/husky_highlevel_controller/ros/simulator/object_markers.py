@@ -70,7 +70,7 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
 
 
 def upwards(pose: Pose) -> Vector3:
-    """Unit vector of up, in the axes of this pose in a level frame."""
+    """Unit vector that points up, in the axes of a body; `pose` is the pose of the body in a level frame."""
     return rotate(quat_inverse(pose.quat_xyzw), Z)
 
 
@@ -101,7 +101,7 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
 
 
 def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
-    """Rectangle across the z axis; a colour for each corner keeps RViz from shading it black."""
+    """Rectangle in the x-y plane of a pose; a colour for each corner keeps RViz from shading it black."""
     x, y = size[0] / 2.0, size[1] / 2.0
     corners = [(*corner, 0.0) for corner in ((-x, -y), (x, -y), (x, y), (-x, -y), (x, y), (-x, y))]
     marker = _triangles(pose, corners, rgba)
@@ -110,7 +110,7 @@ def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
 
 
 def _triangles(pose: Pose, corners: Sequence[Vector3], rgba: Rgba) -> Marker:
-    """Marker of triangles, whose corners follow one another, three for each triangle [m]."""
+    """Marker of triangles; each three successive corners [m] are one triangle."""
     return Marker(
         type=Marker.TRIANGLE_LIST,
         pose=conversions.pose_to_msg(pose),

@@ -21,7 +21,7 @@ CALLER = "/one_simulator"
 
 
 def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -> List[str]:
-    """Names of the nodes that publish /clock by the master's list, and have not been killed."""
+    """Names of the nodes that publish /clock, without killed nodes, which stay in the master's list."""
 
     def answers(name: str) -> bool:
         node_uri = ask(master_uri, "lookupNode", CALLER, name)
@@ -60,12 +60,12 @@ def main() -> None:
     simulator.launch calls this program for the value of a parameter, so an exit code of 1 ends the launch.
     """
     master_uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
-    # true if the grading program has started the simulator that runs
-    graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ
+    # true in a launch by the grading program, which has already started a simulator
+    is_expected = "HUSKY_SIMULATOR_IS_OURS" in os.environ
     # command line of the program that reads the launch file and calls this program, such as roslaunch
     reader = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
     # a new master has no simulator yet, so a simulator on $ROS_MASTER_URI does not matter
-    name = None if graded or has_own_master(reader) else running_simulator(master_uri)
+    name = None if is_expected or has_own_master(reader) else running_simulator(master_uri)
     if name is not None:
         print(why_not_two(name, master_uri), file=sys.stderr)
         raise SystemExit(1)

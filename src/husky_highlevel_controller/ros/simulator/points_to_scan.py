@@ -32,6 +32,7 @@ class PointsToScanNode(rospy.SubscribeListener):
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None
         self._clouds: Optional[rospy.Subscriber] = None
+        # `self` gets the calls of `peer_subscribe` and `peer_unsubscribe`
         self._scans = rospy.Publisher("scan", LaserScan, self, queue_size=10)
 
     def run(self) -> None:

@@ -44,7 +44,7 @@ class TruthLog:
 
     @property
     def is_open(self) -> bool:
-        """Return whether a parent reads it. If so, no topic has true poses, which a submission could use."""
+        """Return whether a parent reads the log; then no topic has true poses that a submission could use."""
         return self._socket is not None
 
     def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:

@@ -61,7 +61,7 @@ class _Server(InteractiveMarkerServer):
         super().__init__(name)
 
     def __del__(self) -> None:
-        """Send nothing when the process ends."""
+        """Send nothing when the process ends; the base class would erase all markers."""
 
     @property
     def is_watched(self) -> bool:
@@ -78,7 +78,7 @@ class _Server(InteractiveMarkerServer):
             timer.shutdown()
 
     def processFeedback(self, feedback: InteractiveMarkerFeedback) -> None:  # noqa: N802
-        """Pass feedback on: the simulation decides where a body is, not the dragged marker."""
+        """Pass feedback on, and do not move the marker, because the simulation decides where a body is."""
         self._on_feedback(feedback)
 
     def send(self) -> None:
@@ -186,8 +186,8 @@ class WorldDisplay:
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
         """Put a body where its marker was dragged, and return a sentence about it."""
         name = feedback.marker_name
-        # RViz has moved the marker by itself; None as the last pose that was shown lets this node publish the
-        # marker again, at the true pose of the body
+        # RViz has already moved the marker, so this node must send the marker again, at the true pose of the
+        # body; None as the last pose causes this
         if name in self._shown_markers:
             self._shown_markers[name] = self._shown_markers[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
@@ -200,7 +200,7 @@ class WorldDisplay:
         return f"'{feedback.marker_name}' was deleted"
 
     def _in_world(self, msg: PoseMsg, frame: str) -> Pose:
-        """Return the pose in the world of a pose in a frame of TF; ObjectError if one is not valid."""
+        """Convert a pose in a frame of TF to the world; ObjectError if the pose or the frame is not valid."""
         pose = checked_pose(conversions.pose_from_msg(msg))
         odom_in_world = inverse(self._simulation.pose_world_in_odom)
         return checked_pose(compose(compose(odom_in_world, self._frame_in_odom(frame.lstrip("/"))), pose))
