@@ -42,20 +42,20 @@ from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
 # a robot that passes the pillar gets half of the points for the approach if its distance from the pillar is
-# larger than PAST (a fraction of the way) and larger than MIN_PAST [m]
-PAST, MIN_PAST = 0.1, 1.0
+# larger than PASSING_FRACTION of the way and larger than MIN_PASSING [m]
+PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 # a robot that covers only this fraction of the way gets half of the points for the approach
 FIRST_STEPS = 0.1
-# the pillar is to the side if the sine of its bearing is above ASIDE. The turns then have the right sign if
-# more than the fraction MOSTLY of them leads towards the pillar, and the wrong sign if at most 1 - MOSTLY
-# does.
+# The pillar is to the side if the sine of its bearing is above ASIDE. The turns at such moments have the
+# right sign if more than the fraction MOSTLY of them leads towards the pillar, and the wrong sign if at least
+# this fraction leads away.
 ASIDE, MOSTLY = 0.1, 0.6
 # turns slower than TURNS_ON [rad/s] do not count; the robot turns in circles if the fraction ONE_WAY of its
 # other turns goes to the same side
 TURNS_ON, ONE_WAY = 0.05, 0.9
 STOPPED = 1.0  # [s] a robot has stopped if it has been at rest for at least this time at the end of the run
 DEADLINE_MARGIN = 0.1  # [s] a run that ends this close to its deadline was ended by the deadline
-LATELY = 1.0  # [s] the robot's last approach to the pillar is measured over this time
+LATELY = 1.0  # [s] time at the end of a run over which the speed of the approach to the pillar is measured
 # [s] simulated time from the start; the run ends if a submission that reads topics has no publisher of
 # velocity commands by then
 SILENT = 2.0
@@ -144,8 +144,8 @@ def judge_approach(recording: Recording) -> Item:
     if covered >= HALF_WAY * first_gap:
         half_time = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * first_gap)])
         evidence = f"covers half of the {first_gap:.2f} m to the pillar in {half_time:.2f} s"
-        passes_afar = gaps[nearest] > max(PAST * first_gap, MIN_PAST)
-        if passes_afar and gaps[-1] > gaps[nearest] + MIN_PAST:
+        passes_afar = gaps[nearest] > max(PASSING_FRACTION * first_gap, MIN_PASSING)
+        if passes_afar and gaps[-1] > gaps[nearest] + MIN_PASSING:
             ending, hint = _explain_steering(recording)
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
@@ -156,8 +156,8 @@ def judge_approach(recording: Recording) -> Item:
 def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered: float, at: float) -> Item:
     """Return the item of a robot that covers less than HALF_WAY of the way to the pillar.
 
-    It gets half of the points if it covers FIRST_STEPS, otherwise none. The evidence says what it does
-    instead.
+    It gets half of the points if it covers the fraction FIRST_STEPS of the way, otherwise none. The evidence
+    says how far it comes, or that it drives away or turns round.
 
     Args:
         item: the item without evidence.
@@ -201,13 +201,13 @@ def _explain_steering(recording: Recording) -> Explanation:
     The signs of the turns are compared with the side on which the pillar is. The ending is the end of a
     sentence in the report; it is empty if the hint says all.
     """
-    if moves_nothing(recording.fastest):
+    if moves_nothing(recording.fastest):  # largest speed of all commands
         return Explanation(ending="; linear.x is 0 in all commands", hint=NO_SPEED)
     # speeds (M,) [m/s] and rates of turn (M,) [rad/s], positive to the left, while the robot moves
     speeds, turns = recording.speeds[recording.moving].T
     if float(np.median(speeds)) < -STANDS:
         return Explanation(ending="; it drives backwards", hint=BACKWARDS)
-    if moves_nothing(recording.sharpest):
+    if moves_nothing(recording.sharpest):  # largest rate of turn of all commands
         return Explanation(ending="; it never turns: angular.z is 0 in all commands", hint=NO_TURN)
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
     # (M,) [rad] direction of the pillar seen from the robot, positive to the left
@@ -321,7 +321,7 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
-    """Grade whether the marker is at the pillar: 20 points, by its distance and the fraction of the time."""
+    """Grade whether the marker is at the pillar: 20 points, by its distance and by how long it is right."""
     item = Item(PLACES_MARKER, 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):  # the run has not begun, and the reason is known
         return with_cause(item, NO_RUN, first_cause(recording))
@@ -351,7 +351,7 @@ def first_touch(recording: Recording) -> float:
 
 
 def _runs_out_of_time(recording: Recording) -> bool:
-    """Return whether the deadline ends a run that would reach the pillar in as much time again."""
+    """Return whether the robot was still on its way at the deadline, and would arrive in twice the time."""
     gaps, times = recording.hull_gaps, recording.times
     is_ended_early = times[-1] < recording.deadline - DEADLINE_MARGIN
     drives_away = gaps[-1] > gaps.min() + AWAY_FROM_NEAREST
@@ -488,7 +488,7 @@ EXERCISE = Exercise(
     pace=5.0,
     deadline=120.0,
     random_starts=True,
-    # in exercise 3, a launch file is chosen by its content, because it names the world with the pillar
+    # the right launch file is found by its content: it names the world with the pillar
     facts=Facts(by_content=True),
     watch=PillarWatch,
 )
