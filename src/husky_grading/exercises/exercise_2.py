@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from husky_grading.displays import SCAN, RvizView
 from husky_grading.exercises.exercise import Exercise
@@ -34,6 +35,11 @@ TOLERANCE = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
 # item gets no points
 LEAST_LINES = 5
+# [s] simulated time between a scan and the line that prints its smallest range, at most; it is this long if a
+# slow node has a long queue of scans
+LATEST = 1.0
+# [m] largest error of a number that is taken as a range of the pillar, but not as the smallest range
+NEAR = 0.5
 # all points are given only if the printed numbers change by at least this fraction of the change of the
 # smallest range
 SPAN_FRACTION = 0.5
@@ -50,8 +56,10 @@ PARAMETERS = "read both as private parameters of the node, from the launch file 
 _QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 # pattern of the beginning of a line in a ROS log, such as "[ INFO] [17.5, 2.0]:", whose numbers are not
-# ranges
-_PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?:?")
+# ranges. The second number is the simulated time.
+_PREFIX = re.compile(
+    r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[(?:[\d.]+, (?P<stamp>\d+\.\d+)|[^\]]*)\](?: \[[^\]]*\])?:?"
+)
 
 
 @dataclass(frozen=True)
@@ -87,40 +95,89 @@ class StraightDrive(Watch):
     def kept(self) -> Dict[str, Any]:
         """Return the names of the parameters that the exercise asks for, as plain values for the recording.
 
-        The student chooses the names. So a text with the topic of the scans counts as the name of the topic,
-        and a whole number whose name contains "queue" counts as the queue size.
+        The student chooses the names. So a private text with the topic of the scans counts as the name of the
+        topic, and a private whole number whose name contains "queue" counts as the queue size.
         """
-        values, topic = sorted(self._ros.parameters().items()), self._initial.scan_topic
-        topics = [
-            name for name, value in values if isinstance(value, str) and f"/{value.lstrip('/')}" == topic
+        topic = self._initial.scan_topic
+        # a private parameter stands below the name of a node, such as /node/name
+        private = [
+            (name, value) for name, value in sorted(self._ros.parameters().items()) if name.count("/") > 1
         ]
-        queues = [name for name, value in values if isinstance(value, int) and _QUEUE.search(name)]
+        topics = [
+            name for name, value in private if isinstance(value, str) and f"/{value.lstrip('/')}" == topic
+        ]
+        # a bool is an int in Python
+        queues = [name for name, value in private if type(value) is int and _QUEUE.search(name)]
         plain: Dict[str, Any] = to_plain(ReadParameters(tuple(topics), tuple(queues)))
         return plain
+
+
+class PrintedLine(NamedTuple):
+    """Line of the output that has decimal numbers."""
+
+    numbers: List[float]
+    stamp: Optional[float]  # [s] simulated time at which it was printed; None if the line has no such stamp
+
+
+def read_lines(output: str) -> List[PrintedLine]:
+    """Return the lines of an output that have decimal numbers besides the stamps of the ROS log."""
+    lines = []
+    for text in output.splitlines():
+        prefix = _PREFIX.match(text)
+        stamp = float(prefix["stamp"]) if prefix and prefix["stamp"] else None
+        numbers = [float(word) for word in _NUMBER.findall(text[prefix.end() :] if prefix else text)]
+        if numbers:
+            lines.append(PrintedLine(numbers, stamp))
+    return lines
+
+
+def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tuple[float, float]:
+    """Return the limits [m] of the smallest range in the scans that a line of this stamp [s] can print.
+
+    Args:
+        nearest: (N, 2) time [s] and smallest range [m] of each scan, by time.
+        stamp: None if it is unknown; then each scan of the run is possible.
+
+    Returns:
+        Lower and upper limit; nan if there was no scan at that time.
+    """
+    ranges = nearest[:, 1]
+    if stamp is not None:
+        # the stamp has the resolution of /clock, so a scan may be a little later than the stamp
+        first, end = np.searchsorted(nearest[:, 0], [stamp - LATEST, stamp + 0.05])
+        ranges = ranges[first:end]
+    return (float(ranges.min()), float(ranges.max())) if len(ranges) else (np.nan, np.nan)
 
 
 def judge_output(recording: Recording) -> Item:
     """Grade whether the smallest range is printed: 40 points, or 20 if it does not follow the run."""
     item = Item(PRINTS_RANGE, 0.0, 40.0, "")
-    # (N,) [m] smallest range of each scan; scans without a return are left out
-    truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
-    if not recording.subscribed or not len(truth):
+    # scans without a return have no smallest range
+    nearest = recording.nearest[np.isfinite(recording.nearest[:, 1])]
+    if not recording.subscribed or not len(nearest):
         # without a subscription, `first_cause` also names a topic of scans that is written wrong
         reasons = causes(recording) if recording.subscribed else [first_cause(recording)]
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
-    low, high = float(truth.min()), float(truth.max())
-    lines = [_PREFIX.sub("", line) for line in recording.output.splitlines()]
-    # all numbers of each line; then only the numbers of each line that can be the smallest range of a scan
-    numbers = [[float(word) for word in _NUMBER.findall(line)] for line in lines]
-    ranges = [
-        [number for number in line if low - TOLERANCE <= number <= high + TOLERANCE] for line in numbers
-    ]
-    # [m] first number of each line that can be a smallest range
-    printed = [line[0] for line in ranges if line]
+    lines = read_lines(recording.output)
+    printed = []  # [m] first number of each line that can be the smallest range
+    # While the robot stands, the smallest range is known exactly, also if the node is late. So a number of
+    # such a line is right, or it is a miss: another range of the pillar.
+    misses, is_right_at_rest = [], False
+    for numbers, stamp in lines:
+        low, high = smallest_ranges(nearest, stamp)
+        right = [number for number in numbers if low - TOLERANCE <= number <= high + TOLERANCE]
+        printed += right[:1]
+        if stamp is not None and high - low <= TOLERANCE:
+            is_right_at_rest |= bool(right)
+            misses += [number for number in numbers if TOLERANCE < abs(number - high) < NEAR]
+    low, high = smallest_ranges(nearest, None)
     if len(printed) < LEAST_LINES:
         # if it prints other numbers, it does not take the minimum of the valid ranges
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
-        return replace(item, evidence=evidence, hint=MINIMUM if any(numbers) else PRINT)
+        return replace(item, evidence=evidence, hint=MINIMUM if lines else PRINT)
+    if len(misses) >= LEAST_LINES and not is_right_at_rest:
+        evidence = f"prints {misses[0]:.2f} m while the robot stands, but the smallest range is {high:.2f} m"
+        return replace(item, evidence=evidence, hint=MINIMUM)
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
     # the robot drives towards the pillar, so the smallest range decreases; the printed numbers must decrease,

@@ -34,8 +34,18 @@ def recording(read=None, **more):
     )
 
 
-def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: smallest range {:.3f} m"):
-    return "\n".join(shape.format(value) for value in np.linspace(first, last, lines))
+def told(first, last, lines=50, shape="[INFO] [1700000000.123456, {stamp:.6f}]: smallest range {:.3f} m"):
+    """Lines from the beginning to the end of the drive, with ranges that change as evenly as its."""
+    values, stamps = np.linspace(first, last, lines), np.linspace(2.0, 12.0, lines)
+    return "\n".join(shape.format(value, stamp=stamp) for value, stamp in zip(values, stamps))
+
+
+def printed_of(ranges, delay=0.0, every=5):
+    """Output of a node that prints the range of each fifth scan, this long after the scan [s]."""
+    shape = "[ INFO] [1700000000.123456789, {:.9f}]: {:.3f}"
+    return "\n".join(
+        shape.format(stamp + delay, value) for stamp, value in zip(TIMES[::every], ranges[::every])
+    )
 
 
 @pytest.mark.parametrize(
@@ -45,8 +55,13 @@ def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: sm
         (0, {"output": told(20.0, 15.0)}, 40.0),
         (0, {"output": told(20.0, 15.0), "subscribed": False}, 0.0),
         (0, {"output": told(20.0, 15.0, shape="{:.2f}")}, 40.0),
-        (0, {"output": told(19.99, 19.98)}, 20.0),  # it does not follow the drive
-        (0, {"output": told(15.0, 20.0)}, 20.0),  # the wrong way round
+        (0, {"output": told(19.99, 19.98, shape="{:.2f}")}, 20.0),  # it does not follow the drive
+        (0, {"output": told(15.0, 20.0, shape="{:.2f}")}, 20.0),  # the wrong way round
+        # by the stamps of the log, the smallest range was another one at that time
+        (0, {"output": told(15.0, 20.0)}, 0.0),
+        (0, {"output": printed_of(NEAREST[:, 1])}, 40.0),
+        (0, {"output": printed_of(NEAREST[:, 1], delay=0.9)}, 40.0),  # a slow node with a long queue
+        (0, {"output": printed_of(NEAREST[:, 1] + 0.07)}, 0.0),  # the largest range of the same pillar
         (0, {"output": told(20.0, 15.0, lines=3)}, 0.0),
         (0, {"output": told(1.0, 2.0)}, 0.0),  # the stamps of the log alone are not ranges
         (0, {"output": ""}, 0.0),
@@ -116,6 +131,8 @@ def test_the_robot_drives_for_ten_seconds_and_the_drive_ends_where_it_stands():
 
 def test_topic_and_queue_size_are_known_among_all_parameters():
     values = {"/n/topic": "front/scan", "/n/Queue": 5, "/n/size": 5, "/n/other": "/scan", "/n/queue": "no"}
+    not_private = {"/topic": "/front/scan", "/queue_size": 5}
+    values = {**values, **not_private, "/n/use_queue": True}
     assert drive(values)[0].kept() == {"topics": ["/n/topic"], "queues": ["/n/Queue"]}
 
 
@@ -123,6 +140,11 @@ def test_a_topic_of_scans_that_is_written_wrong_is_named():
     item = judge_output(recording(silent_topics=("/front_scan",)))
     assert item.evidence == "nothing to print: it subscribes to /front_scan, where nothing is published"
     assert "rostopic list" in item.hint
+
+
+def test_a_number_that_is_not_the_smallest_range_is_named():
+    item = judge_output(recording(subscribed=True, output=printed_of(NEAREST[:, 1] + 0.07)))
+    assert item.evidence == "prints 20.07 m while the robot stands, but the smallest range is 20.00 m"
 
 
 def test_the_smallest_range_counts_among_any_number_of_other_lines():
