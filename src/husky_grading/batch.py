@@ -322,7 +322,7 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
 def _has_same_rules(job: Job) -> bool:
     """Return whether the kept result of a job was judged by the same rules, points by hand and penalties.
 
-    Without a workspace nothing can be judged again, so the kept result counts.
+    Without workspace.json, the kept runs cannot be judged again, so the result is True.
     """
     out = Path(job.out)
     if not (out / WORKSPACE).exists():
@@ -331,8 +331,8 @@ def _has_same_rules(job: Job) -> bool:
         before = load(Job, out / JOB)
     except HuskyError:  # the earlier job cannot be read, so its rules are unknown
         return False
-    # the config has the rules, and the override has the points by hand and the penalty; the result shows the
-    # name
+    # the config has the rules, and the override has the points by hand and the penalty; the name counts, too,
+    # because the result shows it
     return (before.name, before.config, before.override) == (job.name, job.config, job.override)
 
 
@@ -420,9 +420,10 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-            # without this file, `grade` does not judge the recorded runs of the unfinished submission
+            # With the fingerprint, the next call with this time limit keeps the result. Without
+            # workspace.json, it does not judge the recorded runs, even if the rules have changed. After a
+            # crash both are different: the next call marks again, and uses workspace.json to save a build.
             (out / WORKSPACE).unlink(missing_ok=True)
-            # with the fingerprint, the next call with this time limit keeps the result
             write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
         result = unmarked(job, problem)
         write_result(result, out)

@@ -24,7 +24,7 @@ _FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")
 
 
 def judge_again(job: Job) -> MarkingResult:
-    """Return the result by the files in the job's folder.
+    """Return the result by the submission in workspace.json and the recordings in the job's folder.
 
     Raises:
         HuskyError: a file is missing or cannot be read; or as `judge`.

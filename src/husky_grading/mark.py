@@ -84,8 +84,8 @@ def mark(job: Job) -> MarkingResult:
     # a fault that marking again would not repair, such as a broken archive
     except NotMarkableError as error:
         problem, fingerprint = _text_of(error), job.fingerprint
-    # A fault of this machine, or an error in the teacher's points. After an error in the points, the next
-    # `grade` judges the kept runs again if the points have changed.
+    # A fault of this machine, before the fingerprint was set, or an error in the teacher's points, after it.
+    # So after an error in the points, the next `grade` keeps the runs, and judges them by the new points.
     except HuskyError as error:
         problem = _text_of(error)
     except OSError as error:  # a fault of this machine, also while the pictures are written

@@ -40,50 +40,50 @@ class Kind(Enum):
     LIMIT = "limit"  # a limit of memory, processes or files was exceeded
     # findings on the chain from the scans to the commands: the scans must come in, and the commands must go
     # out
-    SILENT_TOPIC = "silent topic"
-    NO_SCANS = "no scans"
-    UNREAD_COMMANDS = "unread commands"
-    NO_PUBLISHER = "no publisher"
-    NO_COMMANDS = "no commands"
+    SILENT_TOPIC = "silent topic"  # the submission subscribes to a topic on which no node publishes
+    NO_SCANS = "no scans"  # the submission does not subscribe to the scans
+    UNREAD_COMMANDS = "unread commands"  # the submission sends commands on a topic that no node reads
+    NO_PUBLISHER = "no publisher"  # the submission has no publisher of commands
+    NO_COMMANDS = "no commands"  # the submission has a publisher of commands, but sends none
     ZERO_COMMANDS = "zero commands"
-    IN_SPITE_OF_COMMANDS = "in spite of commands"
-    COMMANDS_CEASE = "commands cease"
+    IN_SPITE_OF_COMMANDS = "in spite of commands"  # the robot does not move, although commands came
+    COMMANDS_CEASE = "commands cease"  # no command comes any more long before the end of the run
     UNANSWERED_SCANS = "unanswered scans"
-    FLOOD = "flood"
+    FLOOD = "flood"  # the submission sends far too many commands
     # faults of markers
-    MIRRORED = "mirrored"
-    SWAPPED = "swapped"
+    MIRRORED = "mirrored"  # x or y has the wrong sign
+    SWAPPED = "swapped"  # x and y are swapped
     Y_IS_ZERO = "y is zero"
-    WHOLE_METRES = "whole metres"
-    OTHER_BEAM = "other beam"
-    IN_BASE_LINK = "in base_link"
+    WHOLE_METRES = "whole metres"  # coordinates have no decimals, so an int has probably cut them
+    OTHER_BEAM = "other beam"  # the distance is right, but the angle is wrong
+    IN_BASE_LINK = "in base_link"  # the position is right for the lidar, but the frame is base_link
     NOT_A_NUMBER = "not a number"
     UNREADABLE = "unreadable"  # marker messages could not be read, because they are not of their topic's type
     AT_ORIGIN = "at the origin"  # the marker is always at the origin of its frame, or at the lidar
     NO_RETURN = "no return"  # the marker is at the lidar when no beam measures a range
     WRONG_HEIGHT = "wrong height"
     INVISIBLE = "invisible"
-    DELETED = "deleted"
+    DELETED = "deleted"  # the marker disappears before the next one comes
     OLD_ONES = "old ones"  # most markers are right, but RViz also shows older markers, which are wrong
     # reasons for the end of a run
-    TOUCHES = "touches"
-    AT_PILLAR = "at pillar"
+    TOUCHES = "touches"  # the robot touches the pillar
+    AT_PILLAR = "at pillar"  # the robot stands at the pillar
     NEVER_MOVED = "never moved"
-    STOOD_STILL = "stood still"
+    STOOD_STILL = "stood still"  # the robot moved first, and then stood still for long
     NODES_ENDED = "nodes ended"
-    LEAVES = "leaves"
-    DEADLINE = "deadline"
+    LEAVES = "leaves"  # the robot has passed the pillar and drives away from it
+    DEADLINE = "deadline"  # the limit of simulated time ended the run
     SLOW = "slow"  # the limit of wall time ended the run
     # the run ended because everything that `grade` had planned for it was done, for example all service calls
     PLAN_DONE = "plan done"
-    NO_SERVICE = "no service"
+    NO_SERVICE = "no service"  # the submission offers no service to start and stop the robot
     FEWER_DRIVES = "fewer drives"  # `grade` made fewer runs than requested
-    STALLED = "stalled"
-    CUT_OFF = "cut off"
+    STALLED = "stalled"  # the simulator has ended, or its time stands still
+    CUT_OFF = "cut off"  # marking ended the run before the recorder found a reason
 
 
 class Subject(Enum):
-    """Subject of an item, which does not depend on its name."""
+    """Subject of an item; for example, it decides which lines of code the review page shows."""
 
     CODE = "code"
     DRIVE = "drive"

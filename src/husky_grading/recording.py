@@ -59,7 +59,7 @@ class EstimatedPath:
 
 @dataclass(frozen=True)
 class Closing:
-    """Observations of a run from outside, which are added to the recorder's."""
+    """Observations of a run by the program that started it; `closed` adds them to the recording."""
 
     notes: Tuple[Note, ...] = ()
     ended: Optional[Note] = None  # reason why the run was cut off; None if it was not cut off
@@ -243,8 +243,8 @@ def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
     return ahead, turn
 
 
-# [m/s] faster motion is a jump, and so a broken rule. The limit is four times the Husky's top speed, because
-# a contact may push the robot.
+# [m/s] a robot that moves faster has jumped, which breaks the rules. The limit is four times the Husky's top
+# speed, because a contact may push the robot.
 MAX_ROBOT_SPEED = 4.0
 # [m] the robot may move this much farther between two poses than its speed allows, because the physics engine
 # corrects contacts by moving the robot

@@ -273,7 +273,7 @@ def total(items: Sequence[Item]) -> Tuple[float, float]:
 
 
 def _printable(value: Any) -> Any:
-    """Return a text, an item, or several of these with every text printable."""
+    """Return a value with printable texts; the value is a text, an item, or a sequence of these."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, Item):

@@ -45,7 +45,8 @@ MAX_SOURCES = 500  # only so many source files of a submission are searched
 MAX_LINE = 500  # only so many characters of a line are searched and shown
 BEFORE, AFTER = 6, 18  # number of lines of an excerpt before and after the line that was found
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
-# pattern of the line of code that the page shows for an item, by the subject of the item
+# pattern of the line of code that the page shows for an item, by the subject of the item; for displays, the
+# line is the start of RViz, or the end of a launch file without RViz
 CODE = {
     Subject.DISPLAYS: r"pkg=.rviz|</launch>",
     Subject.MARKER_DISPLAY: r"pkg=.rviz|</launch>",
@@ -79,7 +80,7 @@ class OpenItem:
     def moment(self) -> bytes:
         """Return a PNG of robot, scan and marker at the item's moment; empty if there was no run.
 
-        Without a moment of its own, the item shows the middle of the run.
+        The picture shows the middle of the run if the item is about no single moment.
         """
         with suppress(HuskyError):  # the run has no recording
             recording: Recording = load(Recording, self.out / f"drive_{self.item.drive}" / RECORDING)

@@ -79,7 +79,7 @@ def _check_known(name: str, names: Sequence[str], refusal: str) -> None:
 
 
 def with_override(result: MarkingResult, override: Override) -> MarkingResult:
-    """Return the result with the points given by hand and the late penalty.
+    """Return the result with the points given by hand, the late penalty, and the wish to hold it back.
 
     Raises:
         PointsError: points are given for an unknown item, or more points than the item has.

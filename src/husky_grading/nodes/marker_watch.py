@@ -24,19 +24,20 @@ from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.ros import conversions
 
-BASE = "base_link"
+BASE = "base_link"  # frame of the robot
+# class of the messages of each ROS type that has markers
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
-# [s] after markers of a namespace were recorded, its next markers are recorded only after this simulated time
+# [s] shortest simulated time between two moments at which markers of the same namespace are recorded
 PERIOD = 0.019
 # if more than CROWD markers came at the same time, PERIOD becomes longer, in proportion to their number
 CROWD = 10
 MAX_SAMPLES = 50_000  # only so many markers of a run are recorded
 # if all recorded markers of a run have more points together, the further points are cut off
 MAX_ALL_POINTS = 500_000
-MAX_MESSAGE = 2_000_000  # [bytes]
-MAX_TOPICS = 50
-MAX_FRAMES = 5000
+MAX_MESSAGE = 2_000_000  # [bytes] a larger message of markers is not read
+MAX_TOPICS = 50  # markers of at most so many topics are recorded
+MAX_FRAMES = 5000  # at most so many frames of TF are recorded
 # number of characters after which the name of a namespace or frame is cut off; a topic with a longer name is
 # ignored
 MAX_NAME = 200
@@ -44,6 +45,7 @@ MAX_NAME = 200
 # RETRY_END after the marker
 RETRY_STEP, RETRY_END = 0.05, 1.0
 
+# a frame and its parent in the text of all frames that TF returns
 _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
 
 
@@ -175,8 +177,9 @@ class MarkerWatch:
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
         """Return whether a marker that comes now is kept, and count it.
 
-        All markers of one moment are kept. The next moment of the same topic and namespace is PERIOD later,
-        or more after a crowd of markers, because MAX_SAMPLES bounds the memory.
+        All markers of one moment are kept. Then markers of the same topic and namespace are ignored for
+        PERIOD. If more than CROWD markers came at this moment, they are ignored longer, in proportion to the
+        number, because a run keeps at most MAX_SAMPLES markers.
         """
         if self._closed or len(self._samples) >= MAX_SAMPLES:
             return False
@@ -189,9 +192,10 @@ class MarkerWatch:
         return True
 
     def _finds_mesh(self, mesh: str) -> bool:
-        """Return whether RViz finds a mesh, file://PATH or package://NAME/PATH; not http, without a network.
+        """Return whether RViz finds a mesh at file://PATH or package://NAME/PATH.
 
-        Only files of packages count, so a submission cannot learn which other files this machine has.
+        Other addresses, such as http, do not count, because a run has no access to the internet. Only files
+        of packages count, so a submission cannot learn which other files this machine has.
         """
         scheme, _, place = mesh.partition("://")
         if scheme == "file":
@@ -210,7 +214,7 @@ class MarkerWatch:
     ) -> Tuple[MarkerSample, ...]:
         """Return all recorded markers in the world, by times (N,) [s] and N poses of base_link in the world.
 
-        `pillar` is the position of its axis in the world, x and y [m].
+        `pillar` is the position of the pillar's axis in the world, x and y [m].
         """
         # without poses of the robot, no marker can be placed
         samples = list(self._samples) if len(times) else []
@@ -257,12 +261,15 @@ class MarkerWatch:
         return replace(sample, **shape._asdict())
 
     def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
-        """Return the moment [s] that counts for a marker, and the pose of its frame in base_link then.
+        """Return the time [s] at which a marker is placed, and the pose of its frame in base_link then.
 
-        The moment is the stamp. With stamp 0 it is the time of sending, or up to RETRY_END later if the frame
-        is known only then. If no transform came after the marker, the moment is the time of the latest
-        transform, which is earlier. The pose is relative to base_link, because the true pose of base_link in
-        the world is known, so errors of odometry do not count.
+        - If the marker has a stamp, it is placed at the time of the stamp.
+        - If the stamp is 0, it is placed at the time at which it came. If TF does not know the frame then, a
+          time up to RETRY_END later is taken.
+        - If no transform came after the marker, the time of the latest transform is taken.
+
+        The pose is relative to base_link, because the true pose of base_link in the world is known. So errors
+        of odometry do not count.
 
         Raises:
             TransformException: no transform connects the two frames.
@@ -274,7 +281,7 @@ class MarkerWatch:
         # [s] times to try: first when the marker came, then later, because the transform may come after the
         # marker
         moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
-        first_error: Optional[Exception] = None
+        first_error: Optional[Exception] = None  # error at the time at which the marker came
         for moment in moments:
             try:
                 return moment, self._lookup(sample.frame, moment)

@@ -122,7 +122,8 @@ class DriveRecorder:
         # only by `_access`.
         self._access = DriveAccess(self._our_nodes, self._markers)
         self._watch = EXERCISES[self._task.exercise].watch(self._initial, self._access)
-        # receives the true states and events of the simulator, beside ROS, so a submission cannot forge them
+        # receives the true states and events of the simulator by a socket and not by ROS, so a submission
+        # cannot forge them
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         threading.Thread(target=self._listen, daemon=True).start()
         self._send(Ready())
@@ -137,11 +138,11 @@ class DriveRecorder:
         cause: Optional[Note] = None
         try:
             while cause is None and not rospy.is_shutdown():
-                # The value before `_look_at_graph`, which may join the run. So simulated time begins one look
-                # later, when all topics of the submission are known.
-                joined_at = self._joined_at
+                # `_look_at_graph` may join the run. Simulated time must begin only at the look after that, so
+                # `_begin_when_connected` gets the value from before this look.
+                joined_before = self._joined_at
                 self._look_at_graph()
-                self._begin_when_connected(joined_at)
+                self._begin_when_connected(joined_before)
                 self._send(Now(self._now, self._subscribed))
                 if self._feed.failure is not None:  # error of `_on_truth` or `_on_event`, in another thread
                     raise self._feed.failure
@@ -206,12 +207,12 @@ class DriveRecorder:
         """Take an event of the simulator: a call that changed the world, or a scan without an answer.
 
         An event "asleep" does not count while the exercise's watch has stopped the submission on purpose,
-        because a stopped controller may sleep. An event "unanswered" always counts, because lockstep ends
-        with it.
+        because a stopped controller may sleep. An event "unanswered" always counts, because after it the
+        simulator waits for no answer any more.
         """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
-        elif kind == "unanswered":  # the simulator no longer waits for answers, once in a run
+        elif kind == "unanswered":  # an event that comes at most once in a run
             self._unanswered = text
         elif kind == "asleep":  # a sleeping controller does not answer one scan
             last_command = self._commands[-1] if self._commands else -inf
@@ -236,7 +237,7 @@ class DriveRecorder:
             self._commands.append(now)
 
     def _on_scan(self, msg: LaserScan) -> None:
-        """Keep the smallest range of each scan, and a whole scan every HITS_PERIOD."""
+        """Keep the smallest range of each scan for the judge, and a scan every HITS_PERIOD for pictures."""
         if self._is_over:
             return
         scan = conversions.scan_from_msg(msg)
@@ -253,7 +254,7 @@ class DriveRecorder:
         """Ask the master for the ROS graph, and keep the parts that the rubric needs.
 
         New topics of the submission are subscribed to, if they have markers or types that the exercise
-        follows. In the end the recorder joins if the submission is ready. Without an answer of the master
+        follows. Then `_join` joins the run, if the submission is ready. Without an answer of the master
         nothing changes, because the next look comes soon.
         """
         try:
@@ -275,7 +276,7 @@ class DriveRecorder:
         listeners: Set[str] = set(subscribers.get(self._watch.input_topic, ()))
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
-        # so a topic stays silent here if its publisher comes after this look
+        # the first look that finds silent topics counts, even if their publishers come later
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         # for unread topics only the latest look counts, because a subscriber may come after the publisher
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
@@ -318,7 +319,7 @@ class DriveRecorder:
             )
 
     def _join(self) -> None:
-        """Take part in the run as soon as the submission is ready, or in its place after the message GoOn.
+        """Join the run as soon as the submission is ready, or as soon as marking has sent the message GoOn.
 
         In lockstep, simulated time begins only when a node subscribes to the scans and a node sends commands.
         So the recorder subscribes to the scans only now, because otherwise time could begin too early. If the
@@ -342,7 +343,7 @@ class DriveRecorder:
             rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
         )
 
-    def _begin_when_connected(self, joined_at: float) -> None:
+    def _begin_when_connected(self, joined_before: float) -> None:
         """Let simulated time begin after all recorded topics have connected.
 
         So two runs of the same submission are recorded alike from their first moment.
@@ -351,15 +352,16 @@ class DriveRecorder:
         graph. So time begins at a later look than the one at which the recorder joined.
 
         Args:
-            joined_at: wall time [s] at which the recorder joined before the latest look; inf if it had not.
-                CONNECTING seconds after this time, simulated time begins without connections.
+            joined_before: wall time [s] at which the recorder joined the run, if it joined before the latest
+                look; otherwise inf. Simulated time begins CONNECTING seconds later at the latest, even if
+                topics are not connected.
         """
         subscribers = (*self._subscribers, *self._markers.subscribers)
         is_connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
             for each in subscribers
         )
-        if joined_at < inf and (is_connected or time.monotonic() > joined_at + CONNECTING):
+        if joined_before < inf and (is_connected or time.monotonic() > joined_before + CONNECTING):
             self._feed.begin()  # only the first call has an effect
 
     def _send(self, message: Any) -> None:

@@ -39,6 +39,7 @@ EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters", 
 # the types of at most so many services are requested, because each request has its own thread
 MAX_SERVICES = 100
 MAX_DESCRIPTION = 2_000_000  # only so many characters of a robot description are searched
+# start of a link in a URDF, with its name
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
 
@@ -132,7 +133,7 @@ class DriveAccess:
         return self._transforms.places()
 
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
-        """Return the parameters with the URDF of a robot that has one of these frames as a link."""
+        """Return the names of the parameters with a robot's URDF that has a link with one of these names."""
         names = []
         with suppress(*UNANSWERED):  # the parameters so far count if the master does not answer
             for name in rospy.get_param_names():

@@ -20,7 +20,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Set
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
-# roslaunch needs Python's own distutils, and not the replacement that setuptools installs
+# roslaunch imports distutils. Without these lines, this import would load setuptools, which takes long.
 if sys.version_info < (3, 12):
     with contextlib.suppress(ImportError, AttributeError):
         import _distutils_hack
@@ -119,8 +119,10 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _report_missing(self, tag_name: str, error: ResourceNotFound) -> str:
         """Write an event on a tag that needs a missing package, and return the package's name."""
+        # the text of the error contains $(find PACKAGE), or begins with the name of the package
         match = re.search(r"\$\(find +([^)]+)\)", str(error))
         package = match.group(1).strip() if match else str(error).split()[0].strip("':,")
+        # a missing package of a simulator is not a fault, because `grade` starts the simulator itself
         event = "left_out" if package in SIMULATION or "gazebo" in package else "missing"
         self._reporter.write(event, package=package, tag=tag_name)
         return package
@@ -183,12 +185,16 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # These parameters are left out, because `grade` sets them itself. A launch file may set them by a
-            # command that this machine does not have.
+            # `grade` sets the robot_description itself, and other_simulator only looks for a running
+            # simulator. A launch file may set them by a command that this machine does not have.
             return None
         return self._load_as_roslaunch("param", tag, *arguments, **options)
 
     def _arg_tag(self, tag: Any, context: Any, *arguments: Any, **options: Any) -> Any:
+        """Load an <arg>, and give it a path that does not exist if its value needs a missing package.
+
+        roslaunch calls this. Without a value, roslaunch would reject each tag that uses the argument.
+        """
         try:
             return super()._arg_tag(tag, context, *arguments, **options)
         except ResourceNotFound as error:
@@ -234,8 +240,10 @@ def load_launchable(
         launchable: `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
             FILE is a name in the package, or an absolute path.
         reporter: writes events.
-        ours: nodes, launch files and places of the grading package, and the packages of the robot whose nodes
-            the submission (`by_submission`) or marking (`by_marking`) starts.
+        ours: facts that `starter` in husky_grading/submission.py has collected, because this program cannot
+            import our modules. Names of nodes are in `nodes` and `rviz`, launch files of the simulator in
+            `files`, see `is_own` for `places`. `by_submission` and `by_marking` are packages of the robot
+            whose nodes the submission or marking starts.
     """
     loader = TolerantLoader(reporter, ours["files"])
     config = read_launchable(launchable, reporter, loader)
@@ -319,7 +327,8 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
         elif (
             node.package in leave_out
             or node.package.startswith("rqt")  # a program with a window
-            or node.namespace + node.name in ours["nodes"]  # ROS would end the simulator's node
+            # ROS would end the simulator's node if another node with the same name started
+            or node.namespace + node.name in ours["nodes"]
         ):
             result.left_out.append(f"{node.package}/{node.type}")
             result.left_out_arguments.append([f"{node.package}/{node.type}", node.args or ""])
@@ -402,7 +411,7 @@ def tolerate_failed_nodes() -> None:
 
 
 class Parent(roslaunch.parent.ROSLaunchParent):
-    """Roslaunch with a configuration that is loaded already."""
+    """Roslaunch that starts the nodes of a configuration that is loaded already."""
 
     def __init__(self, run_id: str, ready: roslaunch.config.ROSLaunchConfig, reporter: Reporter) -> None:
         super().__init__(
@@ -412,11 +421,15 @@ class Parent(roslaunch.parent.ROSLaunchParent):
         self._ready = ready
 
     def _load_config(self) -> None:
+        """Take the configuration; roslaunch calls this before it starts the nodes."""
         self.config = self._ready
 
 
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
-    """Write events on a launchable, and return its configuration, or None if it cannot be loaded."""
+    """Write events on a launchable, and return its configuration, or None if it cannot be loaded.
+
+    For `ours`, see `load_launchable`.
+    """
     reporter.write("launchable")  # all events up to the next one of this kind are about this launchable
     # In the module `rospack`, `ElementTree` is the class that rospkg calls with the path of each package.xml.
     # Our function takes its place, so a broken package.xml does not hide other packages.
