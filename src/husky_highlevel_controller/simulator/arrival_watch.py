@@ -1,6 +1,6 @@
 """Arrival of the robot at a pillar, whatever node drives it.
 
-In: true motion of the robot, pillars. Out: an arrival, once until the robot is far from the pillar again.
+In: true motion of the robot, pillars. Out: an arrival; the robot must drive away before it can arrive again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Arrival(NamedTuple):
 
 
 class ArrivalWatch:
-    """Memory of whether the robot has driven, stands, and where it has arrived."""
+    """Memory of the robot's motion and of its last arrival."""
 
     def __init__(self, footprint: Footprint) -> None:
         """Begin with a robot that has not driven; `footprint` is its outline."""
@@ -49,13 +49,14 @@ class ArrivalWatch:
     def forget(self) -> None:
         """Begin again, because the robot was put elsewhere."""
         self._has_driven, self._stands_since = False, inf
-        # name of the pillar that the robot has reached and not left since; None if there is none
+        # name of the pillar at which the robot has arrived; None if there is none, or if the robot has left
+        # it
         self._arrived_at: Optional[str] = None
         # [s] earliest time of the next check whether the robot has left that pillar
         self._next_check = -inf
 
     def update(self, state: TrueState, pillars: Callable[[], Iterable[PillarPlace]]) -> Optional[Arrival]:
-        """Take in the motion of the robot; return an arrival when it has stood for STANDING_TIME.
+        """Take in the motion of the robot; return an arrival if it has stood at a pillar for STANDING_TIME.
 
         Args:
             state: true motion of the robot now.
@@ -73,11 +74,11 @@ class ArrivalWatch:
                     self._arrived_at = None
             return None
 
-        # inf, the value of a moving robot, becomes the stamp of the stop
+        # `_stands_since` is inf while the robot moves, so it becomes the stamp of the stop here
         self._stands_since = min(self._stands_since, state.stamp)
         if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
             return None
-        # each stop is checked only once; the robot must drive again before the next check
+        # each stop is checked once; the robot must drive before the next check
         self._has_driven = False
         all_pillars = list(pillars())
         gaps = self._gaps(state, all_pillars)  # [m] distances from the robot's outline to the pillars
@@ -91,7 +92,7 @@ class ArrivalWatch:
         return Arrival(self._stands_since, nearest, max(0.0, min(gaps)))
 
     def _gaps(self, state: TrueState, pillars: List[PillarPlace]) -> List[float]:
-        """Gaps between the robot and pillars [m]."""
+        """Return the gaps between the robot's footprint and the surfaces of pillars [m]."""
         pose = np.array([pose_to_2d(state.pose_in_world)])
         return [
             float(self._footprint.gaps(pose, np.array([each.x, each.y]), each.radius)[0]) for each in pillars

@@ -25,10 +25,10 @@ OVERRULED_TIME = 2.0
 class Habit(Enum):
     """Kind of a finding."""
 
-    DRIVES = "drives"
-    SLOW = "slow"
-    ZEROS = "zeros"
-    OVERRULED = "overruled"
+    DRIVES = "drives"  # the sender's commands move the robot; not a fault
+    SLOW = "slow"  # the sender's commands expire before its next command
+    ZEROS = "zeros"  # the sender's commands are all zero
+    OVERRULED = "overruled"  # the sender's commands are stopped by zero commands of higher priority
 
 
 class Finding(NamedTuple):
@@ -66,15 +66,15 @@ class CommandHabits:
     """Memory of the commands of each sender."""
 
     def __init__(self, timeout: float, may_stand: Callable[[str], bool]) -> None:
-        """Begin without a command.
+        """Begin without commands.
 
         Args:
             timeout: time after which a command expires [s].
-            may_stand: whether the node of a name may hold the robot on purpose.
+            may_stand: function that says whether a node, by its name, may hold the robot on purpose.
         """
         self._timeout, self._may_stand = timeout, may_stand
         self._senders: Dict[Tuple[str, str], _Sender] = {}  # memory by topic and name of the sender
-        # for each topic whose last command was zero, the sender of this command
+        # sender of the last command on each topic, only if this command was zero; `OVERRULED` needs it
         self._zero_senders: Dict[str, str] = {}
         # habits and names of senders that were reported; no habit of a sender is reported again
         self._reported: Set[Tuple[Habit, str]] = set()
@@ -96,7 +96,6 @@ class CommandHabits:
         gap, memory.last = stamp - memory.last, stamp
         memory.count += 1
         memory.has_commanded_motion |= not is_zero
-        # `_zero_senders` has a topic only if the last command on it was zero
         self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
@@ -115,7 +114,7 @@ class CommandHabits:
         is_zero: bool,
         stronger_topic: Optional[str],
     ) -> Iterator[Finding]:
-        """Update the memory of a sender by its last command, and yield all findings, also earlier ones.
+        """Update the memory of a sender by its last command, and yield all findings, reported or not.
 
         Args:
             memory: memory of the sender on this topic, with the last command's stamp.
@@ -126,9 +125,9 @@ class CommandHabits:
             stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
         """
         stamp = memory.last
-        # DRIVES: the rate is counted from the first command that moves the robot, and again after a long gap;
-        # a command moves the robot if it is not zero and no stronger topic overrules it. The first command
-        # after a long gap starts the count if it is not zero, even if a stronger topic overrules it.
+        # DRIVES: the rate is counted from the first command that moves the robot, because it is not zero and
+        # no stronger topic overrules it. The count also starts after a long gap, with a command that is not
+        # zero, even if a stronger topic overrules this command.
         begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
         if begins_to_move or gap > LONGEST_GAP:
             memory.moves_since, memory.moves_count = (None if is_zero else stamp), 0

@@ -1,6 +1,6 @@
 """Differential drive kinematics, limits and time-out, as in diff_drive_controller: cmd_vel to wheel speeds.
 
-In: velocity commands and the time. Out: the limited command and four wheel speeds.
+In: velocity commands and the time. Out: the limited command and the wheel speeds of both sides.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ class CommandError(HuskyError):
 
 
 def limit(target: Twist2D, previous: Twist2D, dt: float, config: DriveConfig) -> Twist2D:
-    """The command nearest to `target` that speed and acceleration limits allow `dt` s after `previous`."""
+    """Return the command nearest to `target` that the limits allow `dt` s after the command `previous`."""
     return Twist2D(
         _limit(target.linear, previous.linear, config.max_linear, config.max_linear_acceleration * dt),
         _limit(target.angular, previous.angular, config.max_angular, config.max_angular_acceleration * dt),
@@ -30,16 +30,17 @@ def _limit(target: float, previous: float, max_speed: float, max_change: float) 
 
 
 def wheel_speeds(twist: Twist2D, config: DriveConfig) -> Tuple[float, float]:
-    """Speeds of the (left, right) wheels in rad/s, forward positive."""
-    half = config.wheel_separation * config.wheel_separation_multiplier / 2.0
+    """Return the speeds of the (left, right) wheels in rad/s, forward positive."""
+    # half the distance of the wheels, times a factor, because wheels that skid turn the robot less
+    half_track = config.wheel_separation * config.wheel_separation_multiplier / 2.0
     return (
-        (twist.linear - twist.angular * half) / config.wheel_radius,
-        (twist.linear + twist.angular * half) / config.wheel_radius,
+        (twist.linear - twist.angular * half_track) / config.wheel_radius,
+        (twist.linear + twist.angular * half_track) / config.wheel_radius,
     )
 
 
 def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
-    """Twist of wheel odometry from (left, right) wheel speeds in rad/s: the inverse of `wheel_speeds`."""
+    """Return the twist of wheel odometry for (left, right) speeds in rad/s, the inverse of `wheel_speeds`."""
     separation = config.wheel_separation * config.wheel_separation_multiplier
     return Twist2D(
         (left + right) / 2.0 * config.wheel_radius, (right - left) * config.wheel_radius / separation
@@ -47,7 +48,7 @@ def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
 
 
 class Drive:
-    """Last command, until it expires, and the wheels' set point within the limits.
+    """Drive that follows the last command, until the command expires, within limits.
 
     The wheels obey at once, as with Gazebo's velocity interface.
     """
@@ -73,7 +74,7 @@ class Drive:
         self._command, self._commanded_at = twist, now
 
     def update(self, now: float, dt: float) -> Twist2D:
-        """Advance by `dt` to `now` [s]; a command older than the timeout counts as a stop, within limits."""
+        """Advance by `dt` to `now` [s]; return the limited command, which slows down after the timeout."""
         expired = now - self._commanded_at > self._config.timeout
         target = STOP if expired else self._command
         if target != self.output:
@@ -81,10 +82,10 @@ class Drive:
         return self.output
 
     def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
-        """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        """Advance by `dt` to `now` [s]; return the command in force, and (left, right) speeds [rad/s]."""
         command = self.update(now, dt)
         return command, wheel_speeds(command, self._config)
 
     def encoded(self, wheels: WheelState) -> WheelState:
-        """The wheels as the encoders report them."""
+        """Return the wheels as the encoders report them."""
         return wheels

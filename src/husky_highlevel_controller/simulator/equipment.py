@@ -49,7 +49,7 @@ class Equipment(NamedTuple):
 def equip(
     config: SimulatorConfig, drive_config: DriveConfig, model: RobotModel, cast: CastRays, gravity: Vector3
 ) -> Equipment:
-    """Return the equipment of a robot: that of a real Husky if `config.real` is set, otherwise Gazebo's.
+    """Return the equipment of a real Husky if `config.real` is set, otherwise of Gazebo's robot.
 
     Args:
         config: rates and sensors.
@@ -67,9 +67,8 @@ def equip(
     scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
     ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
-    # [m] distance between the wheels that odometry uses for turns; the wheels skid, so it is not the real
-    # distance. The IMU gets it because vibration grows with the speeds of the wheels, which follow from the
-    # yaw rate and this distance.
+    # [m] distance between the wheels that odometry uses for turns; it is not the real distance, because the
+    # wheels skid. `VibratingImu` computes the speeds of the wheels from it.
     effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
@@ -86,8 +85,8 @@ def equip(
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    # the encoders are read only together with odometry, so their period must be a multiple of the period of
-    # odometry and of the physics step; otherwise `steps_per` raises HuskyError
+    # the encoders are read only together with odometry, so their period must be a whole number of periods of
+    # odometry, and of physics steps; otherwise `steps_per` raises HuskyError
     for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))

@@ -3,9 +3,10 @@
 In: velocity commands and the time. Out: the wheels' speeds.
 
 Sources: husky_base 0.6.10 (Noetic, repository husky_robot) runs its loop at 10 Hz and, if one side would
-exceed 1.0 m/s, scales both (limitDifferentialSpeed), so that the curve keeps its radius. The lag is measured:
-wheels of a Husky reach 90 % of a step 0.7 s after 10 %, at 2.0 m/s^2 (norlab-ulaval/DRIVE). A lag of 0.29 s
-behind the drive's own limit of 3.0 m/s^2 does both. Its encoders measure speeds in whole cm/s (BorealTC).
+exceed 1.0 m/s, scales both (limitDifferentialSpeed), so that the curve keeps its radius. The lag comes from a
+measurement (norlab-ulaval/DRIVE): wheels of a Husky need 0.7 s from 10 % to 90 % of a step, at 2.0 m/s^2. A
+lag of 0.29 s and the drive's own limit of 3.0 m/s^2 give both values. The encoders measure speeds in whole
+cm/s (BorealTC).
 """
 
 from __future__ import annotations
@@ -41,24 +42,24 @@ def scale_to_limit(left: float, right: float, limit: float) -> Tuple[float, floa
 
 
 class HuskyBase(Drive):
-    """Drive with the real base's rate, limit and lag."""
+    """Drive with the control rate, the speed limit and the lag of the real base."""
 
     def __init__(self, drive_config: DriveConfig, config: HuskyBaseConfig, dt: float) -> None:
         """`dt`: duration of a physics step [s]; a period of the control loop is a whole number of steps."""
         self._base = config
         self.steps = round(1.0 / (config.control_rate * dt))
         self._lag_fraction = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0
-        super().__init__(drive_config)
+        super().__init__(drive_config)  # calls `reset`
 
     def reset(self) -> None:
-        """Stand still and forget the last command, at the beginning of a period."""
+        """Stand still and forget the last command; the next step begins a period of the control loop."""
         super().reset()
         self._step_count = 0
         self._target_speeds = self._wheel_speeds = (0.0, 0.0)
         self._command_in_force = STOP
 
     def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
-        """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        """Advance by `dt` to `now` [s]; return the command in force, and (left, right) speeds [rad/s]."""
         # `dt` is not used here, because the constructor has computed `steps` and `_lag_fraction` from it
         if self._step_count % self.steps == 0:  # a new period of the control loop begins
             self._command_in_force = self.update(now, 1.0 / self._base.control_rate)
@@ -74,7 +75,7 @@ class HuskyBase(Drive):
         return self._command_in_force, self._wheel_speeds
 
     def encoded(self, wheels: WheelState) -> WheelState:
-        """The wheels as husky_base publishes them: tread speeds in steps of the resolution, no efforts."""
+        """Return the wheels as husky_base publishes them: speeds in steps of the resolution, no efforts."""
         step = self._base.speed_resolution / self._config.wheel_radius
         return wheels._replace(
             speeds=tuple(round(speed / step) * step for speed in wheels.speeds),

@@ -38,7 +38,8 @@ def checked_motion(motion: ModelMotion) -> ModelMotion:
 def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
     """Return a motion in the world, from a motion in a frame and the motion of this frame in the world.
 
-    As in Gazebo, the velocity in the frame is one over the ground, so the frame's own velocity is not added.
+    As in Gazebo, the velocity in the frame is a velocity over the ground, along the frame's axes. So the
+    velocity of the frame is not added.
     """
     pose, velocity, spin = motion_in_frame
     turn = frame_in_world.pose.quat_xyzw
@@ -48,8 +49,8 @@ def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> Model
 def seen_from(motion_in_world: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
     """Return a motion relative to a frame that moves, along the frame's axes.
 
-    As in Gazebo, it has the difference of the two velocities. A frame that turns also seems to move distant
-    models around it, but this part of their velocity is not subtracted.
+    As in Gazebo, the result has the difference of the two velocities. A frame that turns also seems to move
+    distant models around it, but this part of their velocity is not subtracted.
     """
     pose, velocity, spin = motion_in_world
     back = quat_inverse(frame_in_world.pose.quat_xyzw)

@@ -1,6 +1,6 @@
 """Real-time pacing: keeps simulated time in step with wall time.
 
-In: both times. Out: the time to wait, and whether the machine falls behind.
+In: simulated time and wall time. Out: the time to wait, and whether the machine is too slow.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ MAX_LAG = 0.5
 
 
 class Pacer:
-    """Paces simulated time at `factor` times real time; 0 = as fast as possible."""
+    """Pace of simulated time: `factor` times real time, or as fast as possible if `factor` is 0."""
 
     def __init__(self, factor: float, stamp: float, now: float) -> None:
         self._real_time_factor = factor
@@ -28,7 +28,7 @@ class Pacer:
         return max(self._lead(stamp, now), 0.0)
 
     def lag(self, stamp: float, now: float) -> Optional[float]:
-        """Return the factor reached, and start over, if it is too low to catch up; otherwise return None."""
+        """Return the reached factor, and restart, if simulated time lags by MAX_LAG; otherwise None."""
         if self._lead(stamp, now) > -MAX_LAG:
             return None
         reached = (stamp - self._start_stamp) / (now - self._start_time)

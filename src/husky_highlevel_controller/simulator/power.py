@@ -4,8 +4,9 @@ In: the torque on each side's wheels, the time. Out: a `PowerState`.
 
 Measured (BorealTC, two motors together, at about 24 V): 3.9 A straight on at 0.3 m/s and 3.8 A at 1.0 m/s on
 hard ground, 7.5 A on loam and 10 A on snow, whatever the speed; 18 A turning in place on flooring, 23 A on
-loam. So a side draws a current for rolling, and one for the torque with which it drags its wheels sideways.
-`torque_per_ampere` is fitted to the 18 A on hard ground; the loam's 23 A then follow to within 10 %.
+loam. So each side draws one current for rolling and another for the torque that drags its wheels sideways.
+`torque_per_ampere` is fitted to the 18 A on hard ground; with it, the model is within 10 % of the 23 A on
+loam.
 
 The battery has the data sheet's 480 Wh (two sealed 12 V lead-acid batteries of 20 Ah). Its voltages and
 resistance, the electronics' current and all temperatures are not measured, only plausible. Drivers and motors
@@ -54,7 +55,7 @@ class Power:
         self.reset()
 
     def reset(self) -> None:
-        """A battery as charged as the config says, and everything cold."""
+        """Charge the battery as the config says, and let everything be cold."""
         self._uptime, self._charge = 0.0, self._config.charge
         # [A^2] squared currents of the left and the right motor after a low-pass filter; they warm drivers
         # and motors
@@ -103,7 +104,7 @@ class Power:
         )
 
     def _current(self, torque: float, speed: float) -> float:
-        """Current of one side [A]; a motor that the ground turns the way it rolls draws nothing."""
+        """Return the current of one side [A]; 0 if the side stands, or if the ground turns its wheels."""
         if abs(speed) < STANDING_SPEED:
             return 0.0
         pushing = torque if speed > 0.0 else -torque

@@ -7,9 +7,9 @@ real robot's drivers publish. config/robot_profile.yaml holds the same numbers; 
 
 Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE). The effective track follows
 from the geometry of four skidding wheels and from the ratio of sideways to lengthwise grip, not from how much
-they grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. Measured in place: flooring
-1.74, hence 0.92; sandy loam 2.13, hence 1.40: sunken wheels push soil aside.
-The friction is the URDF's on either ground, because no measurement contradicts it.
+they grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. In place, chi was measured as
+1.74 on flooring, so the ratio is 0.92, and as 2.13 on sandy loam, so the ratio is 1.40, because sunken wheels
+push soil aside. Both grounds have the friction of the URDF, because no measurement contradicts it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SOFT = Ground(
 
 @dataclass(frozen=True)
 class RobotProfile:
-    """The real Husky, the grounds there are, and which of them it drives on."""
+    """The real Husky, all grounds, and the name of the ground under the robot."""
 
     lidar: Lms1xxConfig = setting("the lidar and its driver", default=Lms1xxConfig())
     base: HuskyBaseConfig = setting("the drive", default=HuskyBaseConfig())

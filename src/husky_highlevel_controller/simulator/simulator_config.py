@@ -41,7 +41,8 @@ class SimulatorConfig:
 
 @lru_cache(maxsize=None)
 def simulator_config(robot: str = "husky") -> SimulatorConfig:
-    """Simulation of one of ROBOTS, as config/robots/NAME.yaml has it; ConfigError if that is wrong."""
+    """Read config/robots/NAME.yaml of one of ROBOTS. Raises ConfigError if the file is wrong."""
+    # `load_robot` reads the section `robot`
     values = {name: value for name, value in robot_file(robot).items() if name != "robot"}
     (config,) = read_config(values, f"config/robots/{robot}.yaml: ", SimulatorConfig)
     return replace(config, robot=load_robot(robot))

@@ -22,7 +22,7 @@ from husky_highlevel_controller.datatypes import (
     Vector3,
 )
 
-SIZES = (0.001, 1000.0)  # [m]
+SIZES = (0.001, 1000.0)  # [m] limits of the edges of a shape
 MASSES = (0.001, 1e5)  # [kg] limits of the mass of a movable body
 FARTHEST = 1e4  # [m] a position with a larger coordinate is refused
 ROUNDING = 1e-3  # a quaternion is refused if its length differs from 1 by more than this
@@ -92,7 +92,7 @@ def checked_pose(pose: Pose) -> Pose:
 
 
 def _shape(shape: str, size: Vector3) -> Shape:
-    """Return the shape of a name, from the edges of the box around it [m]; ObjectError if they do not fit."""
+    """Return a box, cylinder or sphere from the edges of the box around it [m]. Raises ObjectError."""
     x, y, z = (_within(value, SIZES, "size", "m") for value in size)
     if shape == "box":
         return Box((x, y, z))

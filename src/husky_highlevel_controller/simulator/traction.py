@@ -1,6 +1,6 @@
 """Traction of a skid-steer robot: friction forces between wheels and ground.
 
-In: the robot's velocity in the plane, where and how hard each wheel touches. Out: the ground's forces.
+In: the robot's velocity in the plane, the place and load of each wheel's contact. Out: the ground's forces.
 
 Bullet's own contact friction turns a skid-steer robot at half the commanded rate with a ripple of 50 %
 (its friction axes are fixed in the world), so the wheels' contacts are frictionless and the ground's force
@@ -8,17 +8,18 @@ comes from here: regularised Coulomb friction against the slip s of each contact
 
     F = -k s,   k = mu N (N / N0)^(-1/3) / sqrt(|s|^2 + vs^2),
 
-viscous below the slip speed vs and dry friction above it. The power is the load sensitivity of rubber
-(Schallamach, Proc. Phys. Soc. B 65, 1952: a contact area grows with N^(2/3)), N0 a quarter of the weight. It
-matters here: the published centre of mass puts 62 % of the Husky's weight on its right wheels.
+viscous below the slip speed vs and dry friction above it. N0 is a quarter of the weight. The power -1/3 is
+the load sensitivity of rubber (Schallamach, Proc. Phys. Soc. B 65, 1952: a contact area grows with N^(2/3)).
+It has an effect, because the published centre of mass puts 62 % of the Husky's weight on its right wheels.
 
 All wheels are solved together, and implicitly in the velocity after the step, which is stable for any vs and
 dt. In base_link, which turns by w dt meanwhile, a velocity that stays in the world turns back:
 
     (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u),   F = -k s(u+).
 
-k belongs to the slip after the step too: it is found in a few rounds, none of them needed at steady speed.
-With k of the slip before, 60 s of mixed driving at 200 Hz end 0.10 m from those at 2000 Hz; so, 0.01 m.
+k also depends on the slip after the step, so a few rounds find it; at steady speed, the first round is
+enough. If k came from the slip before the step, a mixed drive of 60 s at 200 Hz would end 0.10 m from the
+same drive at 2000 Hz; now the distance is 0.01 m.
 
 The published wheel_separation_multiplier of 1.875, found on real ground, follows from this to within 5 %: in
 place lengthwise and sideways forces balance at an effective track of (1 + g (wheelbase / track)^2) track,
@@ -36,7 +37,7 @@ from husky_highlevel_controller.datatypes import Vector3
 
 Vector2 = Tuple[float, float]
 
-LOAD_SENSITIVITY = -1.0 / 3.0
+LOAD_SENSITIVITY = -1.0 / 3.0  # power of N in the coefficient of friction
 # the iterations end after MAX_ITERATIONS, or when an iteration changes the velocity by less than SETTLED
 # times vs
 MAX_ITERATIONS, SETTLED = 3, 0.1
@@ -77,8 +78,9 @@ def ground_forces(
     """Return the ground's force on each wheel over the next step, in base_link's x and y [N].
 
     The force on a wheel is -k times its slip after the step. The slip depends on the velocity after the step,
-    and k depends on the slip. So a few rounds compute first k by the last slip, and then the velocity, which
-    solves three linear equations: momentum along x and y, and spin. The module's docstring derives them.
+    and k depends on the slip. So each round computes k from the slip of the round before, and then the
+    velocity from three linear equations (momentum along x and y, and spin), which the module's docstring
+    derives.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -121,8 +123,8 @@ def ground_forces(
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
             # the wheel's impulse in the step is -k dt (slip ahead, grip * slip to the left), with the slips
-            # vx - yaw_rate y - speed and vy + yaw_rate x; its terms with the unknown velocity go to the
-            # matrix, and its terms with the speed go to the right side
+            # vx - yaw_rate y - speed and vy + yaw_rate x. Its terms with the unknown velocity are added to
+            # the matrix (a to e), and its terms with the speed to the right side (px, pw)
             kdt = k * dt
             a += kdt
             b -= kdt * y
@@ -131,9 +133,10 @@ def ground_forces(
             e += kdt * grip
             px += kdt * speed
             pw -= kdt * speed * y
-        # put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the third equation, solve it for
-        # the yaw rate, and compute vx and vy from the yaw rate. c / e is used as `c_a_by_e` / a, so that both
-        # terms are divided by a. If the grip is equal in all directions, a == e, and `c_a_by_e` is exactly c.
+        # put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the equation of the spin, solve
+        # it for the yaw rate, and compute vx and vy from the yaw rate. c / e is used as `c_a_by_e` / a, so
+        # that both terms are divided by a. If the grip is equal in all directions, a == e, and `c_a_by_e` is
+        # exactly c.
         c_a_by_e = c * (a / e)
         yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e

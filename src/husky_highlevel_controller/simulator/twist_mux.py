@@ -16,7 +16,7 @@ TIMEOUT = 0.5  # [s] a topic without a command for longer than this loses its pr
 
 
 class CommandMux:
-    """Filter that passes commands of the strongest input that is not silent; a lock stops all commands."""
+    """Filter of commands: the strongest input that is not silent passes, but a lock stops all inputs."""
 
     def __init__(self, inputs: Sequence[str]) -> None:
         """`inputs`: topics, the strongest first."""

@@ -50,24 +50,25 @@ class CameraConfig:
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """A camera at work."""
+    """Depth camera and its rate."""
 
     camera_rate: int = number(1, 50, "depth images per second [Hz]", default=10)
     camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
 
 
 def image_of(buffer: np.ndarray, config: CameraConfig) -> np.ndarray:
-    """Depth along the camera's z axis, (height, width) float32 [m], of an OpenGL depth buffer in 0..1.
+    """Return the depths along the camera's z axis, (height, width) float32 [m], of an OpenGL depth buffer.
 
-    It is NaN if nothing is within the far limit.
+    The values of the buffer are within 0..1. A depth is NaN if there is no surface up to the far limit.
     """
     near, far = config.near, config.far
     depth = far * near / (far - (far - near) * np.asarray(buffer, dtype=float))
+    # a pixel without a surface has the depth `far`, except for rounding
     return np.where(depth < 0.999 * far, depth, np.nan).astype(np.float32)
 
 
 def points_in_image(depth: np.ndarray, config: CameraConfig) -> np.ndarray:
-    """Points of the pixels' surfaces in the camera's optical frame, (height, width, 3) float32 [m]."""
+    """Return the point that each pixel sees in the camera's optical frame, (height, width, 3) float32 [m]."""
     u, v = config.center
     height, width = depth.shape
     x = (np.arange(width) - u) / config.focal_length * depth

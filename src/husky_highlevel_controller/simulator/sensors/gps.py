@@ -3,8 +3,8 @@
 In: the true motion of base_link. Out: a `GpsFix`.
 
 As husky_description 0.6.10 has it, x points east (reference heading 90 degrees) and the position's error is a
-Gauss-Markov process an hour long (hector_gazebo_plugins' default). Its velocities are along north, west and
-up. The radii are WGS 84's.
+Gauss-Markov process with a time constant of an hour (default of hector_gazebo_plugins). The velocities are
+along north, west and up. The radii of the earth are from WGS 84.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from husky_highlevel_controller.datatypes import GpsFix, RobotState
 from husky_highlevel_controller.geometry import rotate
 
 EQUATORIAL_RADIUS, FLATTENING = 6378137.0, 1.0 / 298.257223563  # [m], WGS 84
-DRIFT_TIME = 3600.0  # [s]
+DRIFT_TIME = 3600.0  # [s] time constant of the position's error
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,10 @@ class Gps:
     """A GPS receiver; its position error is a Gauss-Markov process."""
 
     def __init__(self, config: GpsConfig, period: float) -> None:
-        """A receiver that is sampled every `period` s."""
+        """Make a receiver; `period` is the time from sample to sample [s]."""
         self._config = config
-        self._kept_fraction = exp(-period / DRIFT_TIME)
+        self._kept_fraction = exp(-period / DRIFT_TIME)  # fraction of the last error in the next error
+        # [m] radii of the earth for motion to the north and to the east, see `sample`
         phi = radians(config.latitude)
         eccentricity2 = FLATTENING * (2.0 - FLATTENING)
         curvature = 1.0 - eccentricity2 * sin(phi) ** 2
@@ -50,7 +51,7 @@ class Gps:
         self._error = (self._config.drift * rng.standard_normal(3)).tolist()
 
     def sample(self, state: RobotState, stamp: float) -> GpsFix:
-        """The fix at one instant, one period after the last."""
+        """Return the fix at `stamp` [s], one period after the last fix."""
         # each new error is a part of the last error plus a random part, so that the standard deviation stays
         # `drift`
         new_part = self._config.drift * sqrt(1.0 - self._kept_fraction**2)

@@ -3,11 +3,12 @@
 In: the true motion of base_link, gravity, a random generator. Out: an `ImuSample`, a `MagSample`.
 
 The Husky's plugin measures at base_link's origin, and its messages name that frame, although its imu_link is
-0.19 m further ahead; the SMB's measures at its imu_link, where turning adds the centripetal acceleration.
+0.19 m further ahead. The SMB's plugin measures at its imu_link, where turning adds the centripetal
+acceleration.
 
-The magnetic field is that of 49.9 N 8.9 E, where the world lies (IGRF, rounded): 20.4 uT north, 1.3 uT east,
-44.7 uT down; the world's x points east, as for the satellite receiver. The robot's own steel and currents,
-which bend a real reading by some degrees, are not known and left out.
+The magnetic field is the field at 49.9 N 8.9 E, the place of the world (IGRF, rounded): 20.4 uT north, 1.3 uT
+east, 44.7 uT down. The world's x points east, as for the satellite receiver. The robot's own steel and
+currents bend a real reading by some degrees; they are left out, because they are not known.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class ImuConfig:
 class Imu:
     """An IMU on base_link, along base_link's axes.
 
-    The specific force is the mean over a period, as of an accelerometer that integrates between two samples:
-    a knock of a millisecond is in one sample, however short, and nothing is counted twice.
+    The specific force is the mean over a period, as if an accelerometer integrates from sample to sample. So
+    even a knock of a millisecond is in one sample, and only in one.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class Imu:
         gravity_in_world: Vector3,
         position_in_base: Vector3 = (0.0, 0.0, 0.0),
     ) -> None:
-        """An IMU that is sampled every `period` s."""
+        """Make an IMU; `period` is the time from sample to sample [s]."""
         self._config, self._period, self._gravity_in_world = config, period, gravity_in_world
         self._position_in_base = position_in_base
 
@@ -57,12 +58,12 @@ class Imu:
         self.restart()
 
     def restart(self) -> None:
-        """Take the robot to be at rest, for instance after it has been moved."""
+        """Forget the last sample, because the robot is at rest, for instance after a move."""
         self._last_velocity_in_world: Vector3 = (0.0, 0.0, 0.0)
         self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
 
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
-        """The sample at one instant, one period after the last."""
+        """Return the sample at `stamp` [s], one period after the last sample."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
         turning = cross(state.angular_velocity_in_base, self._position_in_base)
         # velocity of the IMU: v + w x r; `minus` with the factor -1 adds
@@ -84,7 +85,7 @@ class Imu:
         wx, wy, wz = (
             value + config.rate_noise * draw for value, draw in zip(state.angular_velocity_in_base, noise[3:])
         )
-        self.yaw_rate = wz  # the filtered odometry uses it
+        self.yaw_rate = wz  # used by the filtered odometry
         return ImuSample(stamp, attitude, (wx, wy, wz), (fx, fy, fz))
 
 

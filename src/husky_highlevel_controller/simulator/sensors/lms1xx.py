@@ -5,12 +5,13 @@ In: the robot's true pose and motion, a function that casts rays, a random gener
 Sources: range_min, range_max, beams, whole millimetres, misses of 0.0, and 0.5 / 360 / 50 s between beams
 from the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees; the spot, 8 mm + 15 mrad x
 distance, from the operating instructions (SICK 8012471, 3.6.2); 12 mm of statistical error and 18 m of range
-on a surface of 10 % remission from the data sheet. Assumed, because no source gives them: the remission of
-what is hit, the separation below which two echoes are one, and the scale of the intensities.
+on a surface of 10 % remission from the data sheet. No source gives the remission of surfaces, the distance
+below which two echoes become one, and the scale of the intensities; these three values are assumed.
 
-A beam is a round spot, sampled across its width in the scan plane only. Each sample returns a share of the
-light; shares from within one echo are averaged (hence ranges between near and far at an edge), and an echo is
-seen if its share is large enough for its distance: half a spot on a pillar is enough at 10 m and not at 20 m.
+A beam is a round spot of light. Rays sample the spot across its width, in the scan plane only, and each ray
+returns a fraction of the light. The rays of one echo are averaged, so an edge gives ranges between near and
+far. An echo is detected if its fraction is large enough for its distance: half a spot on a pillar is enough
+at 10 m, but not at 20 m.
 """
 
 from __future__ import annotations
@@ -144,9 +145,9 @@ class _Piece(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
-    """Return the sweep as `count` pieces, each with the rays that are cast from the middle pose of its beams.
+    """Return the sweep as `count` pieces; all rays of a piece are cast from the pose at its middle beam.
 
-    Neighbouring spots share rays, of which there are RAYS_PER_BEAM from one beam to the next.
+    There are RAYS_PER_BEAM rays from one beam to the next. Neighbouring spots overlap and share rays.
     """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
     step = float(increment) / RAYS_PER_BEAM  # [rad] angle from one ray to the next
@@ -189,8 +190,8 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         if not len(beams):
             break
         # true for the rays of each beam's nearest echo: the shortest ray of the beam, and its other rays that
-        # are longer by at most `echo_length`; FARTHEST keeps rays that miss (inf) out of the echo, if a beam
-        # has only such rays left
+        # are longer by at most `echo_length`. A ray that misses is inf, and FARTHEST keeps it out of the
+        # echo, even if the beam has only such rays left
         in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
         light = np.where(in_echo, weights, 0.0)
         fraction = light.sum(axis=1)
@@ -211,7 +212,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
 
 
 def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
-    """Return the fraction of a round spot's light that each ray stands for, (N, S), also for rays that miss.
+    """Return the fraction of a spot's light that each ray carries, (N, S), also a ray that meets nothing.
 
     Args:
         spots: distances of the rays (N, S) [m].

@@ -2,8 +2,8 @@
 
 In: the robot's true pose, a function that casts rays, a random generator. Out: points in the lidar's frame.
 
-The beams of two opposite columns lie in one upright plane, so the planar ray caster measures them as it
-measures a planar lidar's, in closed form: half as many casts as there are columns.
+The beams of two opposite columns lie in one upright plane. So the ray caster of the planar lidar measures
+both columns in one cast.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class PointLidar:
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # beams of a plane: first the column, then the opposite column. In the plane, an opposite beam at an
-        # elevation e > 0 has the angle pi - e, otherwise -pi - e, so that all angles are within [-pi, pi].
+        # angles of the beams in a plane: first the elevations of the column, then the opposite column, where
+        # the elevation e has the angle pi - e, or -pi - e if this would be more than pi
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
         self._order = np.argsort(bearings)  # ray casting needs ascending angles
@@ -80,7 +80,7 @@ class PointLidar:
         self._rng = rng
 
     def sample(self, state: RobotState) -> np.ndarray:
-        """Points (rings, columns, 3) [m] at one instant, the lowest ring first; NaN if there is none.
+        """Return the points (rings, columns, 3) [m] now, lowest ring first; NaN for beams that meet nothing.
 
         One cast measures a column of beams and the column on the opposite side, because both are in one
         upright plane. So there are half as many casts as columns.
@@ -93,7 +93,7 @@ class PointLidar:
         for column, plane in enumerate(self._planes):
             # the beams are cast in the order of their angles, and `_order` puts their ranges back in place
             ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
-        # the opposite columns move beside the others, because they are the second half turn
+        # the opposite columns are the second half turn, so they come behind the first half
         ranges = np.hstack([ranges[:rings], ranges[rings:]])
         # the true range decides whether there is a point, and then noise is added
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan

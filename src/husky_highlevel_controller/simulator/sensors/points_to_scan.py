@@ -61,7 +61,7 @@ class FlattenConfig:
 
 
 def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
-    """Parameters of a FlattenConfig; as there, text in place of a number, or nothing, is the default."""
+    """Return all parameters of a FlattenConfig; a missing value, or a text for a number, is the default."""
     defaults = asdict(FlattenConfig())
     values = {name: given.get(name, default) for name, default in defaults.items()}
     return {

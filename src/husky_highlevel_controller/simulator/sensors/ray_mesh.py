@@ -1,10 +1,10 @@
 """Ray intersection of a planar lidar with triangle meshes.
 
-In: a mesh at a pose, the laser's, its beams. Out: distances along the beams.
+In: a mesh at a pose, the pose of the laser, its beams. Out: distances along the beams.
 
 The scan plane cuts a mesh in line segments, one for each triangle whose corners lie on both sides of it. So a
-scan takes one height for each corner, and meets only the segments: the time grows with the corners, not with
-beams times triangles, and no tree is needed.
+scan computes one height for each corner, and its beams meet only the segments. The time grows with the number
+of corners, not with beams times triangles, so no search tree is needed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class RayMesh(NamedTuple):
 
 
 def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:
-    """A mesh at a pose, as rays meet it."""
+    """Return a mesh at a pose, with the ball around the mesh."""
     low, high = mesh.bounds
     x, y, z = ((low + high) / 2.0).tolist()
     faces = np.ascontiguousarray(mesh.faces.T)
@@ -57,8 +57,7 @@ def meet_mesh(
         distances: distances of the beams.
 
     Returns:
-        0 if the mesh is out of reach of every beam, otherwise inf. The caller needs an upper bound of the
-        distances at which beams meet the mesh [m], and no closer bound is known.
+        An upper bound of the distances to the mesh [m]: 0 if no beam can meet the mesh, otherwise inf.
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
@@ -149,8 +148,8 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     # of both sides with `along` removes s and gives t
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
     entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
-    # a pair is a beam and a segment. A beam on the line of its segment gives 0 / 0 = nan, which `fmin`
-    # ignores. A beam may be in several pairs, and `at` then takes the smallest entry of all of them
+    # a beam on the line of its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because a beam
+    # may be in several pairs
     np.fmin.at(distances, beam, entries)
 
 

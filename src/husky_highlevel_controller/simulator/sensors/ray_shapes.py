@@ -1,11 +1,11 @@
 """Ray intersection of a planar lidar with boxes, cylinders and spheres, in closed form.
 
-In: numbers of one shape, or arrays of many: the formulas are the same. Out: distances along the beams.
+In: numbers of one shape, or arrays of many shapes; the formulas are the same. Out: distances along the beams.
 
-`prepare` takes centre and axes, in the laser's frame, and size: numbers, or arrays (K,) for K shapes. It
-gives rows (F, 2[, K]), whose products with a beam's direction say how bodies change along the beam, and
-numbers (G[, K]) that are the same for all beams. `enter` takes these products (F, P) and numbers (G, 1 or P),
-and says where each beam enters, (P,) [m]; inf or nan if it does not.
+`prepare` takes the centre, the axes and the size of a shape in the laser's frame: numbers, or arrays (K,) for
+K shapes. It returns rows (F, 2[, K]), to be multiplied by the direction of each beam, and numbers (G[, K]),
+which are the same for all beams. `enter` takes these products (F, P) and the numbers (G, 1 or P), and returns
+the distance at which each beam enters the shape, (P,) [m]; inf or nan if the beam misses the shape.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # m
     middle, square = x * u + y * v + z * w, radius * radius
     rows = (
-        (i, j),  # d.m; the root uses it instead of m.m - radius^2, so that it keeps its digits far away
+        (i, j),  # d.m, for the root
         (v * k - w * j, w * i - u * k),  # s.m, which is d.(e x m)
-        (v, -u),  # z of s; for a unit vector d, s.s is w^2 plus its square
+        (v, -u),  # z of s; s.s is w^2 plus the square of this, because d is a unit vector
         (u, v),  # d.e, for the ends
     )
     depth = square - i * i - j * j - k * k  # negative if the laser is outside of the endless cylinder
@@ -64,8 +64,9 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter, by t = (ahead -+ root) / a of the endless cylinder, and its ends."""
+    """Distances at which beams enter the part of the endless cylinder (see `_flank`) between its ends."""
     a, ahead, root = _flank(along, numbers)
+    # the numbers from 2 on are depth, middle, half, and depth between the ends, see `_prepare_cylinder`
     enter, leave = _span((ahead - root) / a, (ahead + root) / a, a < 1e-18, numbers[2])
     near, far = _slab(along[3], numbers[3], numbers[4], numbers[5])
     return _entries(np.maximum(enter, near), np.minimum(leave, far))
@@ -74,8 +75,8 @@ def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter a cylinder that is ahead of them, if no beam can meet its ends.
 
-    This is `_enter_cylinder` without the steps that have no effect then. An upright pillar and a level lidar
-    are the case that runs in each scan of the course, and these steps would be a fifth of that scan.
+    This is `_enter_cylinder` without the steps that have no effect in this case. The case is an upright
+    pillar and a level lidar, as in each scan of the course, where these steps would take a fifth of the time.
     """
     a, ahead, root = _flank(along, numbers)
     return (ahead - root) / a
@@ -84,7 +85,8 @@ def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (a, ahead, root) of the cylinder without ends, which beams cross at t = (ahead -+ root) / a.
 
-    The root is that of ahead^2 - a (m.m - radius^2) = radius^2 a - (d.m)^2, which keeps its digits far away.
+    The square of the root is ahead^2 - a (m.m - radius^2), computed as radius^2 a - (d.m)^2, because this is
+    precise for a cylinder far away, too.
     """
     aside, ahead, cross, _ = along
     a = numbers[0] + cross * cross  # squared sine of the angle between beam and axis
@@ -144,8 +146,8 @@ def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depth
 def _span(near: np.ndarray, far: np.ndarray, is_parallel: np.ndarray, depths: np.ndarray) -> Span:
     """Span from `near` to `far`, except for rays that are parallel to the surface.
 
-    A parallel ray stays inside or outside, as the laser is. If `depths` is negative, the laser is outside and
-    the span is empty, from inf to -inf. Otherwise it is endless, from -inf to inf.
+    A parallel ray is inside everywhere, from -inf to inf, if the laser is inside (`depths` is not negative).
+    Otherwise it is outside everywhere, and its span is empty, from inf to -inf.
     """
     if is_parallel.any():
         near_of_parallel = np.where(depths >= 0.0, -inf, inf)

@@ -1,10 +1,10 @@
 """Ray casting of a planar lidar against boxes, cylinders, spheres, planes and meshes, in closed form.
 
-In: shapes with poses, where the laser stands, its beams' bearings. Out: distances.
+In: shapes with poses, the pose of the laser, the bearings of its beams. Out: distances.
 
-Bullet's own rays see a cylinder through its collision margin: a pillar of 0.2 m at 20 m is a beam too wide
-and its flank 2 cm off. Here every shape is exact, and the time grows with the beams that may hit something,
-not with beams times shapes.
+Bullet's own rays meet the collision margin around a cylinder. So they see a pillar of 0.2 m at 20 m one beam
+too wide, and its flank 2 cm off. Here every shape is exact, and the time grows with the beams that may hit
+something, not with beams times shapes.
 
 A call of NumPy costs about the same for one number as for a hundred. So a few shapes are met one by one, each
 prepared in plain numbers and met by a slice of the beams; many are met all at once. Both share the formulas.
@@ -138,7 +138,7 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
 # and a beam beside a round shape gives nan
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
-    """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range` [m].
+    """Return the distance at which each beam meets the first body, (N,) [m]; +inf beyond `max_range` [m].
 
     A laser inside a solid shape reads 0; a plane or a mesh is seen from either side. Beams lie in the xy
     plane of the laser, at bearings within [-pi, pi].
@@ -146,8 +146,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    # [m] no beam meets a shape farther away than this; if it is above `max_range`, farther distances become
-    # inf at the end
+    # [m] upper bound of all distances; up to `max_range`, the end of this function need not search them
     farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
@@ -180,7 +179,7 @@ def _meet_one(
 ) -> float:
     r"""Shorten the distances (N,) [m] of the beams that meet a solid, in place.
 
-    The result is an upper bound of the distances at which beams meet the solid [m]; 0 if none can.
+    The result is an upper bound of the distances at which beams meet the solid [m]; 0 if no beam can meet it.
 
     The ball around the shape, seen from above: the scan plane cuts it in a circle round (x, y)::
 
@@ -220,7 +219,7 @@ def _meet_one(
 
 
 def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
-    """The beams within `spread` of `middle` [rad]: the first, and the one after the last."""
+    """Return ranges of beams within `spread` of `middle` [rad]: first beam, and last beam plus 1."""
     # 1e-9 rad are added, so that rounding loses no beam that touches an edge
     low, high = middle - spread - 1e-9, middle + spread + 1e-9
     ends = [(low, high)]

@@ -33,18 +33,17 @@ class Renderer:
 
     def __init__(self, config: CameraConfig) -> None:
         """Start the process, and send it the camera's configuration."""
-        self._pipe, end = Pipe()
-        # a new program, because multiprocessing would run the simulator's main script again in the new
-        # process
-        command = [sys.executable, "-m", __name__, str(end.fileno())]
-        self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
-        end.close()  # the new process has its own copy of this end of the pipe
+        self._pipe, process_end = Pipe()
+        # not by multiprocessing, because it would run the simulator's main script again in the new process
+        command = [sys.executable, "-m", __name__, str(process_end.fileno())]
+        self._process = subprocess.Popen(command, pass_fds=[process_end.fileno()])
+        process_end.close()  # the new process has its own copy of this end of the pipe
         self._pipe.send(config)
         self._bodies: Dict[str, Body] = {}  # bodies that the process knows
         self.busy = False  # true from the start of an image until `take` returns it
 
     def start(self, bodies: Mapping[str, Body], poses: Mapping[str, Pose], camera: Pose) -> None:
-        """Begin to render; not while busy."""
+        """Begin to render an image; `busy` must be false."""
         changed = self._bodies != bodies
         if changed:
             self._bodies = dict(bodies)
@@ -52,7 +51,7 @@ class Renderer:
         self.busy = True
 
     def take(self, timeout: Optional[float] = 0.0) -> Optional[np.ndarray]:
-        """The depth buffer begun last, (height, width) in 0..1; None if it is not ready after `timeout` s."""
+        """Return the depth buffer, (height, width) in 0..1; None if it is not ready after `timeout` s."""
         if not self.busy or not self._pipe.poll(timeout):
             return None
         self.busy = False
@@ -68,8 +67,8 @@ class Renderer:
 def _serve_requests(pipe: Connection) -> None:
     """Render in the new process: read the camera's configuration, then serve requests.
 
-    It ends when the pipe closes. The Bullet world here only holds shapes, and its physics never steps. Bodies
-    that have changed are replaced, and the others are only moved.
+    It ends when the pipe closes. The Bullet world here only contains shapes, and its physics never steps.
+    Changed bodies are removed and added again, and all other bodies are only moved.
     """
     # Ctrl-C is ignored, because this process ends when the simulator closes the pipe
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -83,7 +82,6 @@ def _serve_requests(pipe: Connection) -> None:
         except (EOFError, OSError):
             return
         if request.bodies is not None:
-            # a changed body is removed before it is added again, because its name must be free
             bodies = _bodies_to_draw(request.bodies)
             for name, body in bodies_drawn.items():
                 if body != bodies.get(name):
@@ -107,7 +105,7 @@ def _serve_requests(pipe: Connection) -> None:
 
 
 def _bodies_to_draw(bodies: Mapping[str, Body]) -> Dict[str, Body]:
-    """Return bodies by name whose collision shapes the camera sees: their visuals if they have none."""
+    """Return the bodies to draw, by name; a body without collision shapes gets its visuals as such shapes."""
     to_draw = {}
     for name, body in bodies.items():
         if body.collisions:

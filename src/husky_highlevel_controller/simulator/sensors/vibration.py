@@ -11,10 +11,11 @@ wheel speed v:
     asphalt 0.27 m/s: 0.9 1.0 0.35, 0.02      loam 0.30 m/s: 1.45 1.3 0.5, 0.05
     asphalt 0.57 m/s: 2.0 1.8 0.7, 0.03       snow 0.12, 0.28 m/s: 2.1, 1.1 2.0, 0.7 1.0, 0.3, 0.03
 
-so about proportional to v up to 0.6 m/s on hard ground, the fastest that was measured, and not growing beyond
-0.3 m/s on soft; what a faster robot feels is not known, and here it is no more. The samples' correlation,
-0.15 one and -0.4 two periods of 50 Hz later, is that of an autoregressive process of second order; the
-measured peaks, 6 to 8 standard deviations, those of Student's distribution with seven degrees of freedom.
+On hard ground, the vibration is about proportional to v up to 0.6 m/s, the fastest measured speed. On soft
+ground, it does not grow above 0.3 m/s. Nothing is known about faster robots, so here it stays constant.
+Samples have the correlation 0.15 after one period of 50 Hz and -0.4 after two, as an autoregressive process
+of second order. The measured peaks, 6 to 8 standard deviations, fit Student's distribution with 7 degrees of
+freedom.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class VibrationConfig:
 
 
 class VibratingImu:
-    """An IMU on a robot that its ground shakes."""
+    """An IMU on a robot that shakes because of its ground."""
 
     def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
         """`track`: effective track, by which turning makes the wheels roll [m]."""
@@ -68,14 +69,14 @@ class VibratingImu:
         self.restart()
 
     def restart(self) -> None:
-        """Take the robot to be at rest, for instance after it has been moved."""
+        """Forget the last samples, because the robot is at rest, for instance after a move."""
         self._imu.restart()
         self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
         self._last_noise: List[float] = [0.0] * 6
         self._noise_before_last: List[float] = [0.0] * 6
 
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
-        """The sample at one instant, one period after the last."""
+        """Return the sample at `stamp` [s], one period after the last sample."""
         sample = self._imu.sample(state, stamp)
         # noise of variance 1 for each value of a sample (three accelerations, three rates), from its last two
         # values and a random number (autoregressive)
@@ -85,8 +86,8 @@ class VibratingImu:
             for last, before, draw in zip(self._last_noise, self._noise_before_last, draws)
         ]
         self._last_noise, self._noise_before_last = noise, self._last_noise
-        # The vibration grows with the mean speed of the wheels. The mean of |linear - turning| (left wheels)
-        # and |linear + turning| (right wheels) is equal to the larger of |linear| and |turning|.
+        # the vibration grows with the mean of |linear - turning| (left wheels) and |linear + turning| (right
+        # wheels), which is equal to the larger of |linear| and |turning|
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
         wheel_speed = max(abs(linear), abs(turning))
         speed = min(wheel_speed, self._saturation_speed)
@@ -94,7 +95,7 @@ class VibratingImu:
             speed * scale * value for scale, value in zip(self._noise_per_speed, noise)
         )
         (fx, fy, fz), (wx, wy, wz) = sample.specific_force, sample.angular_velocity
-        self.yaw_rate = wz + dwz  # the filtered odometry uses it
+        self.yaw_rate = wz + dwz  # used by the filtered odometry
         return sample._replace(
             specific_force=(fx + dfx, fy + dfy, fz + dfz),
             angular_velocity=(wx + dwx, wy + dwy, self.yaw_rate),
