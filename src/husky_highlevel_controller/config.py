@@ -136,7 +136,7 @@ def to_plain(value: Any) -> Any:
 
 
 def to_json(record: Any, **more: Any) -> str:
-    """A record as text that `load` reads, not finite numbers as null; `more` is for other programs."""
+    """A record as text that `load` reads; NaN and infinity become null; `more` is for other programs."""
     text = json.dumps({**to_plain(record), **more})
     return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=2) + "\n"
 

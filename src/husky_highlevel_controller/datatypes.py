@@ -69,7 +69,7 @@ class Cylinder:
 
     @property
     def size(self) -> Vector3:
-        """Edges of the box around it [m]."""
+        """Edges of the box around the shape [m]."""
         return (2.0 * self.radius, 2.0 * self.radius, self.length)
 
 
@@ -79,7 +79,7 @@ class Sphere:
 
     @property
     def size(self) -> Vector3:
-        """Edges of the box around it [m]."""
+        """Edges of the box around the shape [m]."""
         return (2.0 * self.radius,) * 3
 
 
@@ -99,11 +99,11 @@ class TriangleMesh:
 
     @cached_property
     def _digest(self) -> bytes:
-        """Hash of the triangles; a mesh may have a million, so they are compared by it."""
+        """Hash of the triangles; meshes may have a million triangles, so their hashes are compared."""
         return hashlib.sha256(self.vertices.tobytes() + self.faces.tobytes()).digest()
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another mesh has the same triangles, also if it was read again or sent here."""
+        """Return whether another mesh has the same triangles, also if it is another object in memory."""
         return isinstance(other, TriangleMesh) and self._digest == other._digest
 
     def __hash__(self) -> int:
@@ -117,7 +117,7 @@ class TriangleMesh:
 
     @property
     def size(self) -> Vector3:
-        """Edges of the box around it [m]."""
+        """Edges of the box around the shape [m]."""
         x, y, z = (self.bounds[1] - self.bounds[0]).tolist()
         return (x, y, z)
 

@@ -92,7 +92,7 @@ class RobotTopics:
     velocity: Tuple[str, ...] = setting("geometry_msgs/Twist, inputs of twist_mux, highest priority first")
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a guard has no input above the controller's."""
+        """Raise ValueError if twist_mux has no input for a guard above the input of the controller."""
         if len(self.velocity) < 2:
             raise ValueError(f"velocity has {len(self.velocity)} inputs; guard and controller need one each")
 
@@ -125,7 +125,7 @@ class Robot:
 
 @lru_cache(maxsize=None)
 def robot_file(name: str) -> Dict[str, Any]:
-    """Content of config/robots/NAME.yaml of a robot or version; ConfigError if there is no such name."""
+    """Content of the file config/robots/NAME.yaml of a robot, by one of its names; ConfigError if unknown."""
     name = VERSIONS.get(name, name)
     if name not in ROBOTS:
         raise ConfigError(f"robot '{name}' is not {' or '.join(ROBOTS)}")

@@ -140,7 +140,7 @@ class CrashDetector:
         # [s] time between the last two stamps; number of samples that have the last stamp
         self._period, self._samples_of_stamp = 0.0, 1
         self._increments: Deque[_Increment] = deque()
-        # stamp [s]; squared velocity that the body had gained sideways and upwards since `config.window`
+        # stamp [s]; squared velocity that the body gained sideways and upwards in the time `config.window`
         # before this stamp [m^2/s^2]
         self._squared_swings: Deque[Tuple[float, float]] = deque()
         # stamp [s]; vibration of the ground, which is the root of the mean of _squared_swings [m/s]
@@ -331,9 +331,9 @@ class CrashDetector:
         """Judge the change of velocity that ended LATENESS ago; return its size [m/s] if it is a crash.
 
         The change is the mean velocity of the last AFTER seconds, minus the mean velocity of BEFORE seconds.
-        The time `window` lies between the two. What counts of the change, and the vibration of the ground,
-        are stored in `change`. Nothing is judged until the direction of gravity has been learnt, which takes
-        LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
+        The time `window` lies between the two. `self.change` gets the part of the change that neither wheels
+        nor curve explain, and the vibration of the ground. Nothing is judged until the direction of gravity
+        has been learnt, which takes LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
         """
         window, end = self._config.window, self._last_stamp - LATENESS
         longest = AFTER + window + BEFORE
@@ -389,9 +389,9 @@ class CrashDetector:
     def _weight(self, age: float) -> float:
         """Weight, 0 to 1, of a velocity increment in the change of the mean velocity (see `_judge_change`).
 
-        `age` is the time from the increment to the end of the change [s]. An increment between AFTER and
-        BEFORE counts fully. An increment within one of them changes only a part of that mean, so it counts
-        partly.
+        `age` is the time from the increment to the end of the change [s]. An increment between the times of
+        the two means counts fully. An increment within one of these times changes only a part of that mean,
+        so it counts partly.
         """
         remaining = AFTER + self._config.window + BEFORE - age
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
@@ -408,9 +408,9 @@ class CrashDetector:
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # possible changes of the wheels' speed: the change by odometry for each of five shifts in time, with
-        # the same weights as the change by the IMU; and 0, because wheels that only speed up take no speed
-        # from the robot
+        # possible changes of the wheels' speed. The first is 0, because wheels that only speed up take no
+        # speed from the robot. The others are changes by odometry for five shifts in time, with the weights
+        # of the change by the IMU.
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0

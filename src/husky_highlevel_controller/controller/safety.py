@@ -40,7 +40,7 @@ class ProximityConfig:
 
 
 def is_moving(twist: Twist2D) -> bool:
-    """Return whether a measured velocity is more than the noise of standing, or NaN."""
+    """Return whether a measured velocity is larger than the noise of a robot at rest, or is NaN."""
     return not (abs(twist.linear) <= MOVING_LINEAR and abs(twist.angular) <= MOVING_ANGULAR)
 
 

@@ -93,13 +93,16 @@ class ClockOffset:
 
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:
-    """Sentence on messages ("scans are") stamped so far ahead of a reference [s]; behind it if negative."""
+    """Sentence on stamps that are this much ahead of a reference [s], or behind it if `seconds` is negative.
+
+    `who` is the subject of the sentence with its verb, such as "scans are".
+    """
     side = "ahead of" if seconds > 0.0 else "behind"
     return f"{who} stamped {abs(seconds):.2f} s {side} {reference}; set the clocks (chrony)"
 
 
 def zero_sentence(who: str) -> str:
-    """Sentence on messages ("scans are") without stamps."""
+    """Sentence on messages without stamps; `who` is the subject with its verb, such as "scans are"."""
     return f"{who} stamped 0; set the stamps in their driver"
 
 

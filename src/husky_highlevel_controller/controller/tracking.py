@@ -224,7 +224,7 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
 
 
 def _give_up(track: Track, reject: bool) -> Track:
-    """Return a track without a pillar, which still knows the bad positions; `reject` adds this position."""
+    """Return a track without a pillar, which keeps the bad positions; `reject` adds the pillar's to them."""
     assert track.estimate is not None
     rejected = track.rejected
     if reject:

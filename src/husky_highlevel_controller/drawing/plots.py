@@ -25,7 +25,7 @@ STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))
 def new_figure(
     width: float, height: float, layout: Optional[Literal["constrained"]] = "constrained"
 ) -> Figure:
-    """An empty figure of a size in inches; a layout of None saves a second drawing."""
+    """An empty figure of a size in inches; it is drawn only once, not twice, if the layout is None."""
     return Figure(figsize=(width, height), dpi=DPI, layout=layout)
 
 

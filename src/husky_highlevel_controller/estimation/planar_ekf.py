@@ -60,7 +60,7 @@ class PlanarEkf:
         self.started = False
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
-        """Stand still at a pose: x, y [m], yaw [rad], with its covariance (3, 3)."""
+        """Start again with a robot at rest at a pose, x, y [m], yaw [rad], with its covariance (3, 3)."""
         state, full = np.zeros(STATES), 1e-6 * np.eye(STATES)
         state[:3], full[:3, :3] = pose, covariance
         self.estimate, self.started = MotionEstimate(stamp, state, full), True
@@ -122,7 +122,7 @@ def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
 
 
 def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimate:
-    """The estimate, corrected by a measurement of its time; Joseph's form keeps the covariance positive."""
+    """Correct an estimate by a measurement of the same time; Joseph's form keeps the covariance positive."""
     _, measured, values, noise = measurement
     stamp, state, covariance = estimate
     noise = noise.copy()

@@ -176,7 +176,7 @@ class MotionSensor:
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
         """Acceleration of base_link, without gravity and the centripetal part at the sensor's position.
 
-        None if the acceleration is not measured or not used. `yaw_rate` is the robot's [rad/s].
+        None if the acceleration is not measured or not used. `yaw_rate` is the yaw rate of the robot [rad/s].
         """
         if reading.specific_force is None or not self._force_used.any():
             return None
@@ -218,13 +218,16 @@ def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
 
 
 def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Return which of six variables are used after a turn, (6,) bool: each with a used component along it."""
+    """Return the mask of used values along rotated axes, (6,) bool.
+
+    A value along a rotated axis counts as used if a used axis has a component along it.
+    """
     blocks = [np.linalg.norm(axes * block, axis=1) >= MIN_COMPONENT for block in (used[:3], used[3:])]
     return np.concatenate(blocks)
 
 
 def _turned_covariance(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The covariance (6, 6) of linear and angular parts after a turn of both."""
+    """The covariance (6, 6) of three linear and three angular values along rotated axes."""
     turn = np.kron(np.eye(2), axes)
     return np.asarray(turn @ covariance @ turn.T)
 
