@@ -201,7 +201,7 @@ def wheels_to_msg(wheels: WheelState, stamp: float) -> JointState:
 
 
 def odometry_to_msg(odometry: Odometry, stamp: float, odom: str, base: str) -> OdometryMsg:
-    """Pose in odom, twist in base (REP 105)."""
+    """Odometry message with the pose in `odom` and the twist in `base` (REP 105)."""
     msg = _odometry(stamp, odom, base, pose_from_2d(odometry.pose_base_in_odom))
     msg.twist.twist = twist_to_msg(odometry.twist_in_base)
     msg.pose.covariance = msg.twist.covariance = ODOMETRY_COVARIANCE
@@ -297,7 +297,7 @@ def mag_to_msg(sample: MagSample, frame: str) -> MagneticField:
 
 
 def imu_from_msg(msg: Imu) -> ImuSample:
-    """A sample of any IMU; without an orientation it is taken to be level."""
+    """A sample of any IMU; an IMU without an orientation counts as level."""
     q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
     length = hypot(q.x, q.y, q.z, q.w)
     # REP 145 marks a missing orientation by a covariance of -1; some drivers send a quaternion of zeros or

@@ -54,7 +54,7 @@ def publish(publisher: Any, message: Any, **options: Any) -> None:
 
 @contextmanager
 def contained(what: str) -> Iterator[None]:
-    """Run a block whose error must not end its thread, because others wait for that thread.
+    """Run a block whose error must not end its thread, because the node still needs the thread.
 
     Each kind of error is logged once with its traceback, and errors are ignored while the node shuts down.
 
@@ -115,7 +115,7 @@ class Runnable(Protocol):
 def run_node(
     name: str, make: Callable[[], Runnable], listen_to_clock: bool = True, in_one_thread: bool = False
 ) -> None:
-    """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
+    """Make and run a node. Bad input ends it with a message and exit code 1, and a signal with exit code 0.
 
     With the argument --debug it logs at DEBUG level, and shows a stack trace if a crash, such as one of the
     physics engine, ends Python itself.

@@ -167,7 +167,8 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     def _note(self, caller_id: Any, key: Any, is_found: bool) -> None:
         """Keep a node's request for a parameter; any program can send these values, so they are checked.
 
-        A tool that reads the parameters of other nodes does not use them, so its requests do not count.
+        A tool that reads the parameters of other nodes does not use them, so only the requests for its own
+        parameters count.
         """
         if not (isinstance(caller_id, str) and isinstance(key, str) and key):
             return

@@ -1,7 +1,8 @@
 """rospy's line on a connection with a wrong type of messages, shortened to one sentence.
 
 rospy 1.15.15 (tcpros_base.py) appends the whole header of the connection, with the definition of the message.
-In: a line of the log. Out: the line. Only the standard library, for `./dev launch`.
+In: a line of the log. Out: the line. This module imports only the standard library, because `./dev launch`
+uses it.
 """
 
 from __future__ import annotations

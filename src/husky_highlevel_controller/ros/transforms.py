@@ -38,7 +38,7 @@ def lookup_transform(
 def lookup_pose(
     transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
 ) -> Optional[Pose]:
-    """`lookup_transform` as the pose of the child frame."""
+    """Pose of a child frame in its parent frame, with the arguments of `lookup_transform`."""
     stamped = lookup_transform(transforms, parent, child, stamp)
     return None if stamped is None else pose_from_transform(stamped)
 

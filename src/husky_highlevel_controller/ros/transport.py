@@ -107,7 +107,7 @@ class PromptConnection(QueuedConnection):
 
 
 def _read_header(sock: socket.socket, buffer: Any, size: int) -> Any:
-    """Header of a connection of TCPROS, within a deadline."""
+    """Read the header of a connection as rospy does, but with a deadline."""
     sock.settimeout(HEADER_TIMEOUT)
     header = _READ_HEADER(sock, buffer, size)
     sock.settimeout(None)

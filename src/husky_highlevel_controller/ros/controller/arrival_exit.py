@@ -96,7 +96,7 @@ class ArrivalExit:
         """Sentence on what the controller or the robot did last."""
         if self._controller_message:
             return self._controller_message
-        if self._standing_since == inf:
+        if self._standing_since == inf:  # the robot moves, or no odometry has come
             return "the robot moves" if self._has_driven else "no odometry has come"
         return "the robot stands" if self._has_driven else "the robot has not moved"
 
@@ -116,7 +116,7 @@ class ArrivalExit:
         """Notice the arrival of a robot whose controller does not announce its arrival.
 
         The robot has arrived if it has driven, has then stood for STANDING_TIME, and is at most REACHED from
-        the nearest return of a scan that was made since it stands.
+        the nearest return of a scan that was made after it had stopped.
         """
         stamp = message.header.stamp.to_sec()
         if is_moving(conversions.twist_from_msg(message.twist.twist)):

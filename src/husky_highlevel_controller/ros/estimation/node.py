@@ -49,7 +49,7 @@ PLANE = np.ix_(ON_PLANE, ON_PLANE)
 
 
 class LocalizationNode:
-    """Wheel odometry and IMU in, odometry/filtered and the transform of odom to base_link out."""
+    """Filters wheel odometry and IMU; publishes odometry/filtered and the transform of odom to base_link."""
 
     def __init__(self) -> None:
         """Read the parameters, make the filter, and subscribe to its inputs.

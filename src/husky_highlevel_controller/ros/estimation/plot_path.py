@@ -1,4 +1,4 @@
-"""Command plot_path: x and y of nav_msgs/Odometry, of bags and of topics that are published, as a PNG.
+"""Command plot_path: draws x and y of the odometry in bags and on topics, as a PNG file.
 
 In: bags and topics. Out: a picture, and a line about each path.
 """

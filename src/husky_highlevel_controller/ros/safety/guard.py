@@ -100,10 +100,13 @@ class Guard:
     def time_of(self, stamp: float, who: str, effect: str) -> float:
         """Time of a message by odometry's clock [s]: its stamp, or the stamp of the newest odometry.
 
-        If the clocks differ, a warning names the messages with their verb ("scans are") and the effect.
+        Args:
+            stamp: stamp of the message [s].
+            who: beginning of the warning that the clocks differ, such as "scans are".
+            effect: end of this warning, which says how the difference is handled.
         """
         self.clocks.add(stamp, time.monotonic())
-        # an offset within the tolerance is exactly 0
+        # the stamp is right if the clocks agree; an offset within the tolerance is exactly 0
         if self.clocks.seconds == 0.0 or self._odometry is None:
             return stamp
         # a stamp of 0 is a missing stamp

@@ -1,4 +1,4 @@
-"""Player of exercise 4's drive: the messages of its bag, published as they are simulated, without a file.
+"""Player of exercise 4's drive: publishes the messages of its bag while they are simulated, without a file.
 
 In: `ROBOT SEED PACE SECONDS`. Out: /clock, the bag's topics, and the true poses by `TruthLog`, whose reader
 lets time begin.

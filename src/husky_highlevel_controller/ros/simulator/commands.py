@@ -137,7 +137,8 @@ class Commands:
                 self._findings.tell(sender, sentence)
 
     def has_sender(self) -> bool:
-        """Return whether a controller is connected; this node itself is one sender of the direct input."""
+        """Return whether a controller is connected."""
+        # one connection of the direct topic is this node's own publisher
         return (
             self._main_subscriber.get_num_connections() > 0
             or self._direct_subscriber.get_num_connections() > 1

@@ -44,7 +44,7 @@ class DepthCamera:
         self._renderer.close()
 
     def update(self, simulation: Simulation, snapshot: Snapshot) -> None:
-        """Call after every step of the physics."""
+        """Publish an image that is drawn, and start the next one; call it after every step of the physics."""
         try:
             self._update(simulation, snapshot)
         except (OSError, EOFError):

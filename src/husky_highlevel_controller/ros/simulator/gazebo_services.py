@@ -86,7 +86,7 @@ class GazeboServices:
         return [self._robot_name if model == ROBOT else model for model in self._simulation.models]
 
     def _model_name(self, name: str, field: str) -> str:
-        """The simulation's name of a model; ObjectError if there is none."""
+        """Name of a model in the simulation; ObjectError if the simulation has no such model."""
         if name in (self._robot_name, *NAMES_OF_ROBOT):
             return ROBOT
         if name not in self._simulation.models:

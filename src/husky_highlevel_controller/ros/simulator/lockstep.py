@@ -22,8 +22,8 @@ PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start of simulated
 ANSWER_TIMEOUT = 5.0
 # [s] if the very first command has not come after this wall time, the scan is sent again
 RESEND_TIMEOUT = 1.0
-# [s] an idle controller that sends no command for this wall time gets an additional tick of /clock; after the
-# same time again, it counts as sleeping
+# [s] if an idle controller sends no command for this wall time, the clock is nudged; after the same time
+# again, the controller counts as sleeping
 SLEEP_TIMEOUT = 0.3
 # [s] longest wait at a tick until all subscribers sleep; after it, there are no more such waits, because some
 # subscribers, such as RViz, never sleep
@@ -263,7 +263,10 @@ class Lockstep:
     def _wait_or_end_lockstep(
         self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
     ) -> None:
-        """Wait until something is done; after `timeout` [s] of wall time, warn and end lockstep (FREE)."""
+        """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep (FREE).
+
+        A warning then says what is `missing`. `period` is the wall time between two calls of `done` [s].
+        """
         end = time.monotonic() + timeout
         while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:

@@ -216,7 +216,7 @@ class SimulatorNode:
     def _use_wall_time_if_not_simulated(self) -> None:
         """Set the stamp of the simulation to the wall time if the nodes do not use simulated time.
 
-        Other nodes then ask TF for transforms at the present wall time.
+        The reason is that such nodes ask TF for transforms at the present wall time.
         """
         if self._publishers.uses_simulated_time:
             return

@@ -31,7 +31,7 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, simulator_config
 
 WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
-DURATION = 90.0  # [s]
+DURATION = 90.0  # [s] length of the drive, with the times for which the robot stands
 MAX_SEED = 2**31 - 1  # largest seed that the simulator accepts
 STANDING_TIME = 3.0  # [s] time for which the robot stands before and after it drives
 SPEED = 0.33  # [m/s]

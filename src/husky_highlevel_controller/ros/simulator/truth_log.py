@@ -48,7 +48,7 @@ class TruthLog:
         return self._socket is not None
 
     def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until the reader lets time begin, calling `meanwhile`; no reader means no wait."""
+        """Wait until the reader, if there is one, lets time begin; call `meanwhile` again and again."""
         self.write_line("ready", "")
         while self._socket and not rospy.is_shutdown():
             if select.select([self._socket], [], [], POLL_PERIOD)[0]:

@@ -1,6 +1,7 @@
 """Mistakes in the ROS graph: misspelt and absent topics, parameters, wrong types, second publishers.
 
-In: the ROS graph. Out: findings, and a sentence for each. Only the standard library, for `./dev doctor`.
+In: the ROS graph. Out: findings, and a sentence for each. This module imports only the standard library,
+because `./dev doctor` uses it.
 """
 
 from __future__ import annotations
@@ -266,7 +267,7 @@ def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, s
     Args:
         topic: topic that no node of the other side uses.
         node: node that uses the topic; topics that only this node uses are not suggested.
-        other_side: nodes by topic that publish, if `node` subscribes, and the other way round.
+        other_side: nodes by topic; all publishers if `node` subscribes, all subscribers if it publishes.
         types: types of messages by topic; only topics of the same type are suggested.
     """
     candidates = []
