@@ -39,7 +39,7 @@ class Comparison:
     new: float  # median
     old: float  # median
     ratio: float  # median of the pairs' ratios; above 1 the new checkout is worse
-    spread: Tuple[float, float]  # limits of the ratios
+    spread: Tuple[float, float]  # smallest and largest ratio, without outliers
     judged: bool  # False if the pairs are too few
     runs: List[Tuple[float, float]]  # values (new, old), in the order measured
 
@@ -167,9 +167,9 @@ def _measure(folder: Path, name: str, short: bool) -> Readings:
 
 
 def readings_of(file: Path, name: str, folder: Path) -> Readings:
-    """Return the first run of each row that a checkout has written for a figure.
+    """Return the value of each row that a checkout's benchmark has written for a figure, from its first run.
 
-    A figure with two yardsticks has two rows with the same values, so they become one.
+    A row appears twice, with equal values, if it is compared with two baselines.
 
     Raises:
         CheckoutError: The file has other contents.

@@ -34,13 +34,13 @@ OUTSIDE = 0.15  # [m] distance from the optical centre at which rays are out of 
 def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[str, float]:
     """Simulate the Husky in the course's world as in PyBullet's quick start.
 
-    240 steps and 50 batches of 720 rays per second; the robot drives on, its ranges are not used.
+    240 steps and 50 batches of 720 rays per second. The robot drives all the time, whatever the rays hit.
 
     Args:
         seconds: simulated time [s].
-        tuned: with wheels that are true cylinders, 20 solver iterations, and rays that start outside the
-            robot: Bullet takes three times as long for a ray that starts within a hull.
-        paced: at real time, by a sleep after each scan.
+        tuned: true for wheels that are true cylinders, 20 solver iterations, and rays that start outside of
+            the robot, because Bullet takes three times as long for a ray that starts within a hull.
+        paced: true for real time, by a sleep after each scan.
 
     Returns:
         Simulated seconds per second of wall time ("factor") and CPU seconds per simulated second ("cpu").
@@ -61,12 +61,13 @@ def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[
     beams = np.column_stack([x, y, np.zeros(lidar.beams)])
     mount = model_of(load_robot()).fixed_poses[model_of(load_robot()).laser_frame]
     info = pybullet.getDynamicsInfo(robot, -1, physicsClientId=client)
+    # Bullet gives the pose of the robot's centre of mass, whose position and rotation in the base are these
     base_in_inertial = pybullet.invertTransform(info[3], info[4])
     laser = pybullet.multiplyTransforms(*base_in_inertial, mount.position, mount.quat_xyzw)
     begin, cpu_begin = time.perf_counter(), time.process_time()
     for step in range(1, round(seconds * STEP_RATE) + 1):
         pybullet.stepSimulation(client)
-        if step * SCAN_RATE % STEP_RATE < SCAN_RATE:
+        if step * SCAN_RATE % STEP_RATE < SCAN_RATE:  # true in SCAN_RATE of STEP_RATE steps
             body = pybullet.getBasePositionAndOrientation(robot, client)
             center, quat = pybullet.multiplyTransforms(*body, *laser)
             turned = beams @ matrix_from_quat(quat).T
@@ -79,12 +80,15 @@ def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[
 
 
 def cast(client: int, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """How far along its ray each beam hits something; 1 for nothing. Arrays in are faster than lists."""
+    """Return the distance to the hit of each ray as a fraction of the ray, 1 without a hit.
+
+    Starts and ends are arrays, because PyBullet reads arrays faster than lists.
+    """
     return np.array([hit[2] for hit in pybullet.rayTestBatch(starts, ends, physicsClientId=client)])
 
 
 def put(client: int, shape: Shape, pose: Pose) -> int:
-    """A body that does not move, of one shape."""
+    """Add a body of one shape that does not move, and return its number in Bullet."""
     if isinstance(shape, Box):
         size = {"shapeType": pybullet.GEOM_BOX, "halfExtents": [edge / 2.0 for edge in shape.size]}
     elif isinstance(shape, Cylinder):
@@ -101,7 +105,7 @@ def put(client: int, shape: Shape, pose: Pose) -> int:
 
 
 class BulletRays:
-    """Shapes in a server of their own, and Bullet's rays at them."""
+    """Shapes in a Bullet server of their own, and rays that hit them."""
 
     def __init__(self, shapes: Sequence[Tuple[Shape, Pose]]) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)
@@ -109,7 +113,7 @@ class BulletRays:
             put(self._client, shape, pose)
 
     def scan(self, pose_laser_in_world: Pose, angles: np.ndarray, reach: float) -> np.ndarray:
-        """The distances of one scan [m]."""
+        """Return the distances of one scan [m]."""
         beams = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
         beams = beams @ matrix_from_quat(pose_laser_in_world.quat_xyzw).T
         starts = np.broadcast_to(pose_laser_in_world.position, beams.shape)
@@ -121,6 +125,7 @@ class BulletRays:
 
 
 def _load_husky(client: int, flags: int) -> int:
+    """Put the Husky on the ground with motors that turn its wheels, and return its number in Bullet."""
     handle, path = tempfile.mkstemp(suffix=".urdf")
     with os.fdopen(handle, "w") as file:
         file.write(_with_joints(model_of(load_robot())))
@@ -137,7 +142,7 @@ def _load_husky(client: int, flags: int) -> int:
 
 
 def _with_joints(robot: RobotModel) -> str:
-    """The robot's URDF with wheels that turn on joints, without the model of traction.py."""
+    """Return the robot's URDF with wheels that turn on joints, as PyBullet needs it without traction.py."""
     root = ET.fromstring(robot.physics_urdf)
     base = root.find("link")
     assert base is not None
@@ -148,7 +153,7 @@ def _with_joints(robot: RobotModel) -> str:
         solid = ET.SubElement(link, "inertial")
         ET.SubElement(solid, "mass", value=repr(wheel.mass))
         axial = repr(wheel.axial_inertia)
-        across = repr(wheel.axial_inertia / 1.8)  # ratio of the published wheel
+        across = repr(wheel.axial_inertia / 1.8)  # ratio of the two inertias in the published URDF
         ET.SubElement(solid, "inertia", ixx=across, ixy="0", ixz="0", iyy=axial, iyz="0", izz=across)
         joint = ET.SubElement(root, "joint", name=wheel.joint, type="continuous")
         place = " ".join(map(repr, wheel.position))

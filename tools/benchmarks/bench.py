@@ -44,7 +44,7 @@ def machine() -> Dict[str, object]:
 
 
 def table(rows: List[Row]) -> str:
-    """The rows as Markdown, which reads well on a terminal too."""
+    """Return the rows as a table of Markdown, which reads well on a terminal, too."""
     lines = [("figure", "ours", "baseline", "ratio", "goal", "reached")]
     lines += [
         (
@@ -61,7 +61,7 @@ def table(rows: List[Row]) -> str:
 
 
 def markdown(cells: Sequence[Tuple[str, ...]]) -> str:
-    """A table, its head first."""
+    """Return a table of Markdown from its rows of cells, the head first."""
     widths = [max(map(len, column)) for column in zip(*cells)]
     lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
@@ -120,7 +120,7 @@ def compare_with(wanted: argparse.Namespace) -> int:
 
 
 def measure(wanted: argparse.Namespace) -> None:
-    """Measure beside the baselines, print, write."""
+    """Measure the figures and their baselines; print and write the rows."""
     effort = SHORT if wanted.short else Effort()
     if wanted.repeats:
         effort = replace(effort, repeats=wanted.repeats)
@@ -131,6 +131,7 @@ def measure(wanted: argparse.Namespace) -> None:
         rows += found[name]
         print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
     print(describe(host) + "\n")
+    # the figures of a short run mean nothing, so they are not compared with the goals
     print(table([replace(row, near=None) for row in rows] if wanted.short else rows))
     if wanted.short:
         print("\nA short run shows that the benchmark works; its times mean nothing.")

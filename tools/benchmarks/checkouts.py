@@ -23,7 +23,7 @@ LEFT_OUT = {
 
 
 class CheckoutError(Exception):
-    """A command that failed in a checkout; the text names both and ends with the command's last lines."""
+    """Failure of a command in a checkout; the text has the command, the checkout and the last output."""
 
 
 def checkout(path: str) -> Path:

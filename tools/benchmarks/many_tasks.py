@@ -1,7 +1,7 @@
 """Cost of `Workers.map`: ./dev run python tools/benchmarks/many_tasks.py [--cluster tcp://HOST:8786].
 
 Prints overhead for one-second tasks, how much faster two workers are than one, memory over 10 000 short
-tasks, and the size of a report of 10 000 drives. On two idle cores; with --cluster, start two workers.
+tasks, and the size of a report of 10 000 drives. Needs two idle cores, and with --cluster two workers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ TASKS, SHORT_TASKS, GROUP = 16, 10000, 20  # short ones are sent in groups, as e
 
 
 def compute(rounds: int) -> float:
-    """Compute for some time, without memory."""
+    """Compute for some time, with little memory."""
     values = np.ones(1000)
     for _ in range(rounds):
         values = np.sqrt(values + 1.0)
@@ -33,7 +33,7 @@ def compute(rounds: int) -> float:
 
 
 def memory(_: int) -> Tuple[int, int]:
-    """Process and its resident memory [bytes] after a short task."""
+    """Return the number of this process and its resident memory [bytes], as a short task."""
     return os.getpid(), psutil.Process().memory_info().rss
 
 
@@ -45,7 +45,7 @@ def seconds(work: Callable[[], object]) -> float:
 
 
 def rounds_for_a_second() -> int:
-    """Number of rounds that take this machine a second."""
+    """Return the number of rounds of `compute` that take this machine a second."""
     return int(20000 / min(seconds(lambda: compute(20000)) for _ in range(3)))
 
 
@@ -57,33 +57,38 @@ def main() -> None:
     )
     options = parser.parse_args()
     rounds = [rounds_for_a_second()] * TASKS
-    alone = seconds(lambda: [compute(one) for one in rounds])
+    without_workers = seconds(lambda: [compute(one) for one in rounds])
     with Workers(2, options.cluster) as workers:
         workers.map(compute, [1, 1])  # imports are done here, so they are not counted
         two = seconds(lambda: workers.map(compute, rounds))
-    print(f"{TASKS} tasks of {alone / TASKS:.2f} s: two workers {alone / two:.2f} times one (wanted: 1.8)")
+    faster = without_workers / two
+    print(
+        f"{TASKS} tasks of {without_workers / TASKS:.2f} s: two workers {faster:.2f} times one (wanted: 1.8)"
+    )
     if not options.cluster:
         with Workers(1) as workers:
             one = seconds(lambda: workers.map(compute, rounds))
-        print(f"overhead of the seam with one process: {100.0 * (one / alone - 1.0):.2f} % (wanted: 2)")
+        overhead = 100.0 * (one / without_workers - 1.0)
+        print(f"overhead of the seam with one process: {overhead:.2f} % (wanted: 2)")
     print_memory(options.cluster)
     print_report()
 
 
 def print_memory(cluster: str) -> None:
-    """Memory of client and workers after a tenth and after all of the short tasks."""
+    """Print the memory of client and workers after a tenth and after all of the short tasks."""
     with Workers(2, cluster) as workers:
+        # number of a task, process and memory of its worker, memory of this client
         rows: List[Tuple[int, Tuple[int, int], int]] = []
         start = time.perf_counter()
-        for number, told in workers.as_completed(memory, list(range(SHORT_TASKS)), chunk=GROUP):
-            if number % 100 == 0:
-                rows.append((number, told, psutil.Process().memory_info().rss))
+        for number, worker in workers.as_completed(memory, list(range(SHORT_TASKS)), chunk=GROUP):
+            if number % 100 == 0:  # a sample is enough
+                rows.append((number, worker, psutil.Process().memory_info().rss))
         took = time.perf_counter() - start
     print(f"{SHORT_TASKS} short tasks: {1e3 * took / SHORT_TASKS:.2f} ms each")
     early, late = rows[len(rows) // 10], rows[-1]
     print(f"client: {early[2] / 1e6:.1f} MB after {early[0]}, {late[2] / 1e6:.1f} MB after {late[0]}")
-    for process in sorted({told[0] for _, told, _ in rows}):
-        own = [(number, told[1]) for number, told, _ in rows if told[0] == process]
+    for process in sorted({worker[0] for _, worker, _ in rows}):
+        own = [(number, worker[1]) for number, worker, _ in rows if worker[0] == process]
         first, last = own[len(own) // 10], own[-1]
         print(f"worker: {first[1] / 1e6:.1f} MB after {first[0]}, {last[1] / 1e6:.1f} MB after {last[0]}")
     if cluster:
@@ -95,11 +100,14 @@ def print_memory(cluster: str) -> None:
 
 
 def print_report() -> None:
-    """A sweep of 10 000 drives: how long it takes to write, and how large its page is."""
+    """Print the time to write the report of 10 000 drives, and the size of its page."""
     axes = (parse_axis("p_gain_vel=0.1:10:25"), parse_axis("p_gain_ang=0.1:10:20"))
     scenes = tuple(f"start {number}" for number in range(20))
     drives = tuple(
-        DriveResult(scene, 20.0 + number % 7, 15.0, 0.01, 0.25, 0.0, (), 0, 0.001 * (number % 5), 0.25)
+        DriveResult(
+            scene, arrived_at=20.0 + number % 7, bound=15.0, final_error=0.01, gap=0.25, pushed=0.0,
+            touched=(), crossings=0, overshoot=0.001 * (number % 5), nearest=0.25,
+        )
         for number in range(25 * 20) for scene in scenes
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:

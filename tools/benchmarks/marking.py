@@ -15,7 +15,7 @@ SUBMISSIONS = ("drives_in_cpp", "complete", "does_not_build")
 
 
 def marking(checkout: Path) -> Dict[Tuple[str, str], float]:
-    """Mark each submission once as a class of one.
+    """Mark each submission once, in a class of its own.
 
     Returns:
         CPU seconds of all programs and wall seconds, by name and unit.
@@ -27,7 +27,7 @@ def marking(checkout: Path) -> Dict[Tuple[str, str], float]:
 
 
 def _mark(checkout: Path, name: str) -> Tuple[float, float]:
-    """CPU seconds of all programs, and seconds, of marking a class of one."""
+    """Mark a class of this submission only; return CPU seconds of all programs, and wall seconds."""
     with tempfile.TemporaryDirectory() as folder:
         packages = str(OURS / "test/submissions/packages.py")
         run_in(checkout, "run", "python", packages, f"{folder}/class", name)

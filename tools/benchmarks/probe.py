@@ -1,10 +1,10 @@
 """Nodes of the benchmark, each a process of its own: `probe.py RESULT.json NODE ...`.
 
-first            say when the first scan was received, by the machine's monotonic clock
-arrived          say when the controller had arrived, by the same
-scans FROM TO    let time begin and say how fast it passed from one stamp to the other [s]
-latency SCANS    send scans of a whole drive at 50 Hz and time the commands that answer them
-answer           answer every scan with an empty command: the least that a controller can do
+first            write the time of the first scan, by the machine's monotonic clock
+arrived          write the time of the controller's arrival, by the same clock
+scans FROM TO    start simulated time, and measure its real-time factor between two stamps [s]
+latency SCANS    send scans of a whole drive at 50 Hz, and measure the time from each scan to its command
+answer           answer every scan with an empty command, which is the least that a controller can do
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 
 ARRIVED = "/husky_highlevel_controller/arrived"
 PERIOD = 0.02  # [s] between two scans
-WAY = 19.2  # [s] time at 1 m/s until 1.2 m from the pillar's centre
+DRIVE_TIME = 19.2  # [s] time of a drive at 1 m/s to 1.2 m from the pillar's centre
 ANSWER_TIMEOUT = 1.0  # [s] wall time for the answer to one scan
 Arrival = Tuple[float, float]  # stamp of a scan, and when it was received [s]
 
@@ -51,38 +51,44 @@ def first() -> Dict[str, Any]:
 
 
 def arrived() -> Dict[str, Any]:
-    """Hear that the controller has arrived."""
+    """Wait for the arrival of the controller."""
     has_arrived = Event()
-    # one subscription, because each new one would get the last message at once, and would load the controller
+    # one subscription, because rospy.wait_for_message in a loop would subscribe again and again: each time it
+    # would get the last message, and cost the controller time
     rospy.Subscriber(ARRIVED, Bool, lambda msg: has_arrived.set() if msg.data else None, tcp_nodelay=True)
     has_arrived.wait()
     return {"arrived": time.monotonic()}
 
 
 def scans(start: float, end: float) -> Dict[str, Any]:
-    """Receive scans until the stamp `end`; read only their stamps, to take little time from the others."""
+    """Measure the real-time factor from the stamp `start` to the stamp `end`, and whether all scans come.
+
+    Only the stamps of the scans are read, so that this node takes little time from the other nodes.
+    """
     arrivals: List[Arrival] = []
     done = Event()
 
     def receive(msg: rospy.AnyMsg) -> None:
         now = time.monotonic()
+        # a scan begins with its header: number of the message, stamp in seconds and nanoseconds
         _, seconds, nanoseconds = struct.unpack_from("<III", msg._buff)
         arrivals.append((seconds + nanoseconds * 1e-9, now))
         if arrivals[-1][0] >= end:
             done.set()
 
-    # rospy keeps what it has not read yet when the queue is not limited
+    # without a `queue_size`, rospy drops no message
     begin(rospy.Subscriber("/front/scan", rospy.AnyMsg, receive, tcp_nodelay=True))
     done.wait()
     within = [(stamp, wall) for stamp, wall in arrivals if start - PERIOD / 2 <= stamp <= end + PERIOD / 2]
     stamps = [stamp for stamp, _ in within]
     due = np.arange(round((end - start) / PERIOD) + 1) * PERIOD + start
-    every = len(stamps) == len(due) and np.allclose(stamps, due, rtol=0.0, atol=1e-6)
-    return {"factor": (stamps[-1] - stamps[0]) / (within[-1][1] - within[0][1]), "every": bool(every)}
+    has_all_scans = len(stamps) == len(due) and np.allclose(stamps, due, rtol=0.0, atol=1e-6)
+    factor = (stamps[-1] - stamps[0]) / (within[-1][1] - within[0][1])
+    return {"factor": factor, "has_all_scans": bool(has_all_scans)}
 
 
 def begin(subscription: rospy.Subscriber) -> None:
-    """Let time begin, which the launch file holds, as soon as this probe and the controller hear scans."""
+    """Start the paused simulator as soon as this node and the controller subscribe to the scans."""
     network = rosgraph.Master(rospy.get_name())
     listeners: List[str] = []
     while not subscription.get_num_connections() or len(listeners) < 2:
@@ -93,7 +99,7 @@ def begin(subscription: rospy.Subscriber) -> None:
 
 
 def latency(count: int) -> Dict[str, Any]:
-    """Send one recorded scan after another, and TF before each; how long each took to be answered [s]."""
+    """Send `count` recorded scans at 50 Hz, each after its TF; measure the times to their commands [s]."""
     snapshots = recorded(count)
     answered = Event()
     answers: List[float] = []
@@ -128,14 +134,17 @@ def latency(count: int) -> Dict[str, Any]:
 
 
 def recorded(count: int) -> List[Snapshot]:
-    """Snapshots of a straight way to the course's pillar, with 3 beams on it at first and 50 at the end."""
+    """Return snapshots of a straight drive to the course's pillar.
+
+    At first 3 beams meet the pillar, and 50 at the end.
+    """
     course = course_scenario()
     (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
     x, y, _ = pillar.pose_in_world.position
     start = Pose2D(yaw=atan2(y, x))
     simulation = Simulation(course.world, model_of(load_robot()), simulator_config(), start, course.seed)
     found: List[Snapshot] = []
-    while simulation.stamp < WAY:
+    while simulation.stamp < DRIVE_TIME:
         simulation.command(Twist2D(1.0, 0.0))
         snapshot = simulation.step()
         if snapshot.scan is not None:
@@ -145,7 +154,7 @@ def recorded(count: int) -> List[Snapshot]:
 
 
 def answer() -> None:
-    """The yardstick of the controller's latency."""
+    """Answer every scan with an empty command."""
     velocity = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
     rospy.Subscriber(
         "/front/scan", LaserScan, lambda _: velocity.publish(Twist()), queue_size=1, tcp_nodelay=True

@@ -30,13 +30,13 @@ class Row:
 
     what: str
     unit: str
-    ours: float
-    yardstick: float
+    ours: float  # median of this package
+    yardstick: float  # median of the baseline
     against: str  # name of the baseline
     ratio: float  # median of the runs' own ratios, ours to the baseline
     goal: str = ""
-    near: Optional[float] = None  # fraction of the goal, which is reached at 1.0
-    limit: str = ""  # cause that keeps it from the goal
+    near: Optional[float] = None  # reached fraction of the goal, 1.0 or more at the goal; None without a goal
+    limit: str = ""  # cause that keeps the figure from the goal
     runs: List[Tuple[float, float]] = field(
         default_factory=list
     )  # values (ours, baseline), in the order measured
@@ -46,7 +46,7 @@ class Row:
 def compare(
     what: str, unit: str, runs: Sequence[Tuple[float, float]], against: str, more_is_better: bool = False
 ) -> Row:
-    """A row of values that were measured by turns: (ours, baseline) of each run."""
+    """Return the row of a figure; `runs` has values (ours, baseline) that were measured by turns."""
     ours, baselines = zip(*runs)
     ratio = median(a / b for a, b in runs)
     return Row(
@@ -64,6 +64,15 @@ def compare(
 def reaching(
     row: Row, goal: str, value: float, minimum: float = 0.0, maximum: float = np.inf, limit: str = ""
 ) -> Row:
-    """The row with a goal, the fraction of its minimum or maximum that `value` reaches, and the limit."""
+    """Return the row with a goal, and with the fraction of the goal that `value` reaches.
+
+    Args:
+        row: row of a figure.
+        goal: text of the goal.
+        value: value that should reach the goal.
+        minimum: goal, if more is better.
+        maximum: goal, if less is better.
+        limit: cause that keeps the figure from the goal.
+    """
     near = value / minimum if minimum else maximum / value
     return replace(row, goal=goal, near=near, limit=limit)
