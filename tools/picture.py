@@ -65,7 +65,7 @@ def main() -> None:
             page.close()
             page = open_page(browser, url, SIZE, WIDTH / SIZE["width"])
             pictures = frames(page, env)
-            page.close()  # an open page would draw on
+            page.close()  # an open page would go on drawing
             save(pictures)
         finally:
             launch.terminate()
@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def address(log: Path) -> str:
-    """Address of the page, which its node prints."""
+    """Return the address of the page, which its node prints."""
     end = time.monotonic() + TIMEOUT
     while time.monotonic() < end:
         found = re.search(r"browser: (http://\S+)", log.read_text())
@@ -94,9 +94,9 @@ def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> P
 
 
 def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> List[Tuple[float, bytes]]:
-    """Times [s] and PNGs of a run from the start, one for each PERIOD, or as soon as one is drawn.
+    """Return times [s] and PNGs of a run from its start, one per PERIOD or, if drawing takes longer, fewer.
 
-    With `last`, only the PNG at this time [s].
+    With `last`, only the PNG at this time [s] is returned.
     """
     reset = ["rosservice", "call", "/husky_simulator/reset"]
     subprocess.run(reset, check=True, env=env, stdout=subprocess.DEVNULL)
@@ -116,9 +116,10 @@ def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> Lis
 
 
 def save(pictures: List[Tuple[float, bytes]]) -> None:
-    """Write PNGs as an animation, each shown as long as its share of the drive."""
+    """Write PNGs as an animation, each shown until the time of the next one."""
     small = [Image.open(io.BytesIO(png)).convert("RGB") for _, png in pictures]
     times = [at for at, _ in pictures]
+    # [ms] time for which each PNG is shown; a second for the last one
     shown = [round(1000.0 * (after - at) / SPEED) for at, after in zip(times, times[1:])] + [1000]
     path = DOCS / "drive.webp"
     small[0].save(

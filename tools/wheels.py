@@ -27,7 +27,7 @@ SYSTEMS = {
 
 
 def resolve(requirements: list[str], system: str, python: str) -> str | None:
-    """Versions that a resolver takes if every one must have a wheel; None if there are none."""
+    """Return versions of all packages that a resolver takes if each must have a wheel; None without them."""
     command = [
         "uv",
         "pip",
@@ -52,9 +52,9 @@ def resolve(requirements: list[str], system: str, python: str) -> str | None:
 
 
 def cell(requirements: list[str], system: str, python: str) -> str:
-    """Result of an installation on a system with a Python."""
+    """Return a cell of the table: the package that has PyBullet's wheel, or that pip must compile."""
     found = resolve(requirements, system, python)
-    if found is not None:
+    if found is not None:  # either pybullet or pybullet_arm64
         return re.search(r"^pybullet[\w-]*", found, re.MULTILINE)[0].replace("-", "_")  # type: ignore[index]
     others = [line for line in requirements if not line.startswith("pybullet")]
     return "compiled" if resolve(others, system, python) is not None else "more than PyBullet is compiled"

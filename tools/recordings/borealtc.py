@@ -1,8 +1,8 @@
 """Reader of BorealTC, recordings of a real Husky A200 on five grounds (norlab-ulaval/BorealTC, CC0 1.0).
 
-Its folder data/borealtc has GROUND/imu_NN.csv at 100 Hz and pro_NN.csv (currents, wheels' speeds) at 6.5. The
-wheels' messages have no stamps of their own and some are missing. So every 4 s their clock is laid again,
-where yaw rate and acceleration agree best with the IMU's.
+Its folder data/borealtc has GROUND/imu_NN.csv at 100 Hz and GROUND/pro_NN.csv (currents, wheels' speeds) at
+6.5 Hz. The wheels' messages have no stamps, and some messages are missing. So `wheel_stamps` searches stamps
+with which yaw rate and acceleration of the wheels agree best with the IMU.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from typing import List, NamedTuple
 import numpy as np
 
 HARD, SOFT = ("FLOORING", "ICE", "ASPHALT"), ("SANDY_LOAM", "SNOW")
-SPEED_SCALE = 1.27  # factor on the recorded wheel speeds, whose unit is 0.13/0.1651 of the driver's
+SPEED_SCALE = 1.27  # factor to m/s, because the recorded wheel speeds are 0.13/0.1651 of the driver's speeds
+IMU_RATE = 100  # [Hz]
 WHEELS_PERIOD = 1.0 / 6.5  # [s]
-TRACK = 1.05  # [m] effective track, used only to lay the clocks
+TRACK = 1.05  # [m] effective track, used only to compare the wheels with the gyro in `wheel_stamps`
+PIECE = 4 * IMU_RATE  # number of rows of the IMU for which the clock of the wheels' messages has one offset
 
 
 class Run(NamedTuple):
@@ -37,7 +39,7 @@ class Run(NamedTuple):
 
 
 def read_runs(folder: Path) -> List[Run]:
-    """The runs on one ground each, without the runs that have no IMU file."""
+    """Return the runs on a single ground that have an IMU file."""
     runs = []
     for path in sorted(folder.glob("*/imu_*.csv")):
         name = f"{path.parent.name}_{path.stem[-2:]}"
@@ -45,7 +47,7 @@ def read_runs(folder: Path) -> List[Run]:
         if name.startswith("MIXED"):
             continue
         imu, wheels = (np.loadtxt(file, delimiter=",", skiprows=1) for file in (path, wheels_path))
-        speeds = SPEED_SCALE * wheels[:, 3:5]
+        speeds = SPEED_SCALE * wheels[:, 3:5]  # of the left and of the right side
         runs.append(Run(name, imu, np.column_stack([wheel_stamps(imu, speeds), speeds])))
     if not runs:
         raise SystemExit(
@@ -55,39 +57,57 @@ def read_runs(folder: Path) -> List[Run]:
 
 
 def _mean(values: np.ndarray, count: int) -> np.ndarray:
+    """Return the moving mean over so many values."""
     mean: np.ndarray = np.convolve(values, np.ones(count) / count, "same")
     return mean
 
 
 def wheel_stamps(imu: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    """Stamps of the wheels' messages by the IMU's clock [s], (M,).
+    """Return the stamps of the wheels' messages by the IMU's clock [s], (M,).
+
+    The messages come at WHEELS_PERIOD, but their clock is shifted by an offset for each piece of the run. The
+    offsets are chosen so that the wheels agree best with the IMU, and change little from piece to piece.
 
     Args:
         imu: (N, 7) at 100 Hz, as in `Run`.
         speeds: (M, 2) [m/s].
     """
-    stamps, piece, offsets = WHEELS_PERIOD * np.arange(len(speeds)), 400, np.arange(-2.0, 2.001, 0.04)
+    stamps, offsets = WHEELS_PERIOD * np.arange(len(speeds)), np.arange(-2.0, 2.001, 0.04)
 
     def acceleration(values: np.ndarray) -> np.ndarray:
         smooth = _mean(values, 31)
-        return smooth - _mean(smooth, piece)  # the mean is the tilt
+        return smooth - _mean(smooth, PIECE)  # without the mean, which is gravity on a robot that is tilted
 
-    yaw_rate, ahead = _mean(imu[:, 3], 15), acceleration(imu[:, 4])
-    pieces = np.arange(0, len(imu), piece)
+    yaw_rate, forward_of_imu = _mean(imu[:, 3], 15), acceleration(imu[:, 4])
+    pieces = np.arange(0, len(imu), PIECE)  # first row of each piece
     costs = np.empty((len(pieces), len(offsets)))
     for column, offset in enumerate(offsets):
         left, right = (np.interp(imu[:, 0], stamps + offset, side) for side in speeds.T)
-        gained = acceleration(np.gradient(_mean(0.5 * (left + right), 15), 0.01))
+        forward_of_wheels = acceleration(np.gradient(_mean(0.5 * (left + right), 15), 1.0 / IMU_RATE))
+        # the limit 9.0 keeps outliers from deciding
         errors = np.minimum(((right - left) / TRACK - yaw_rate) ** 2 / 0.08**2, 9.0)
-        errors += np.minimum((gained - ahead) ** 2 / 0.3**2, 9.0)
+        errors += np.minimum((forward_of_wheels - forward_of_imu) ** 2 / 0.3**2, 9.0)
         costs[:, column] = np.add.reduceat(errors, pieces) / 25.0 + abs(offset)
-    jumps = 40.0 * np.abs(offsets[:, None] - offsets)
-    total, best = costs[0] + 3.0 * np.abs(offsets), []
+    costs[0] += 3.0 * np.abs(offsets)
+    path = _cheapest_path(costs, 40.0 * np.abs(offsets[:, None] - offsets))
+    middles = (pieces + PIECE / 2) / IMU_RATE  # [s]
+    shifted: np.ndarray = stamps + np.interp(stamps, middles, offsets[path])
+    return shifted
+
+
+def _cheapest_path(costs: np.ndarray, cost_of_change: np.ndarray) -> List[int]:
+    """Return the column in each row with which the sum of all costs is smallest, by dynamic programming.
+
+    Args:
+        costs: (R, C), cost of each column in each row.
+        cost_of_change: (C, C), cost if a row has the first column, and the next row has the second one.
+    """
+    # smallest cost of a path to each column of the row, and column in the row before on this path
+    total, came_from = costs[0], []
     for cost in costs[1:]:
-        best.append((total[:, None] + jumps).argmin(axis=0))
-        total = (total[:, None] + jumps).min(axis=0) + cost
+        came_from.append((total[:, None] + cost_of_change).argmin(axis=0))
+        total = (total[:, None] + cost_of_change).min(axis=0) + cost
     path = [int(total.argmin())]
-    for choice in reversed(best):
-        path.append(int(choice[path[-1]]))
-    laid: np.ndarray = stamps + np.interp(stamps, (pieces + piece / 2) / 100.0, offsets[path[::-1]])
-    return laid
+    for columns in reversed(came_from):
+        path.append(int(columns[path[-1]]))
+    return path[::-1]

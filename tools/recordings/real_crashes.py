@@ -2,15 +2,14 @@
 
 ./dev run python tools/recordings/real_crashes.py FOLDER [--rate 50|100|400] [--picture docs/crash_curve.png]
 
-FOLDER is that of borealtc.py. No run holds a collision. A loss of 0.4 m/s within 80 ms is added at 18
-places of each run, while the wheels go on turning as recorded; it is felt if a stop comes within 0.3 s.
-Stops less than a second apart are one.
+FOLDER is the folder of borealtc.py. No run has a collision, so every stop is a false stop. At 18 places of
+each run, a loss of 0.4 m/s within 80 ms is added to the IMU's data; the recorded wheel speeds stay. The loss
+is felt if a stop comes within 0.3 s. Stops less than a second apart count as one stop.
 
-Cross-validation decides `max_loss_rough` and `vibration_factor`: of the pairs that feel ENOUGH on the hard
-ground of the runs for fitting the one of fewest false stops there, then on their soft ground. A row counts
-only runs that its pair was not fitted to: by run, each fifth of the runs with the pair of the other four;
-by ground, each ground with the pair of the other grounds. The last rows are those of config/crash_stop.yaml
-on all runs.
+`max_loss_rough` and `vibration_factor` are judged by cross-validation: they are fitted to some of the runs
+(`fitted`), and tested on the other runs. "Folds by run" are five parts of the runs; "folds by ground" are the
+runs of each ground. Each fold is tested with the values that are fitted to all other folds. The last rows are
+for the values of config/crash_stop.yaml on all runs.
 """
 
 from __future__ import annotations
@@ -23,24 +22,31 @@ from typing import Callable, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 import yaml
-from borealtc import HARD, SOFT, Run, read_runs
+from borealtc import HARD, IMU_RATE, SOFT, Run, read_runs
 
 from husky_highlevel_controller.controller.crash_detection import Change, CrashConfig, CrashDetector
 from husky_highlevel_controller.datatypes import ImuSample, Twist2D
 
-LOSS, LOSS_TIME, FELT_WITHIN = 0.4, 0.08, 0.3  # [m/s], [s], [s]
-PLACES, FOLDS, ENOUGH = 18, 5, 0.96  # added losses in a run; folds by run; share felt
+LOSS, LOSS_TIME = 0.4, 0.08  # [m/s] speed that is lost in an added loss; [s] its duration
+FELT_WITHIN = 0.3  # [s] longest time from an added loss to the stop
+ONE_STOP = 1.0  # [s] stops with less time between them count as one
+PLACES = 18  # number of losses that are added to a run
+FOLDS = 5  # number of parts of the runs, in the folds by run
+ENOUGH = 0.96  # share of the losses on hard ground that fitted values must feel
+# values of `max_loss_rough` and of `vibration_factor` that are tried
 ROUGH_LOSSES, FACTORS = np.arange(0.14, 0.45, 0.02).round(2).tolist(), (0.0, 0.5, 1.0, 1.5, 2.0)
-LEVEL = (0.0, 0.0, 0.0, 1.0)
-Changes = List[Tuple[float, Change]]  # stamps [s] and changes
+# goals on hard ground, see docs/robot_data.md
+MOST_FALSE_STOPS_AN_HOUR, LEAST_PERCENT_FELT = 6.0, 95.0
+LEVEL = (0.0, 0.0, 0.0, 1.0)  # quaternion of an IMU that is level
+Changes = List[Tuple[float, Change]]  # stamps [s] and changes of velocity
 
 
 class Evidence(NamedTuple):
-    """Changes of a run that may be crashes, and the changes after each added loss."""
+    """Changes of velocity in a run that a configuration may take for a crash."""
 
     run: Run
-    free: Changes
-    losses: List[Changes]
+    free: Changes  # changes in the run as recorded
+    losses: List[Changes]  # for each added loss, the changes after it
 
 
 class Outcome(NamedTuple):
@@ -48,36 +54,36 @@ class Outcome(NamedTuple):
 
     hours: float
     false_stops: int
-    losses: int
-    felt: int
+    losses: int  # number of added losses
+    felt: int  # number of added losses that are felt
 
     @property
     def an_hour(self) -> float:
-        """False stops an hour."""
+        """Return the number of false stops per hour."""
         return self.false_stops / self.hours
 
     @property
     def share(self) -> float:
-        """Share of the added losses that is felt."""
+        """Return the share of the added losses that is felt."""
         return self.felt / max(self.losses, 1)
 
 
 def at_rate(imu: np.ndarray, rate: int) -> np.ndarray:
-    """IMU rows at another rate [Hz]: means of neighbours, or interpolated."""
-    if rate < 100:
-        count = 100 // rate
+    """Return the IMU's rows at another rate [Hz], as means of neighbours or by interpolation."""
+    if rate < IMU_RATE:
+        count = IMU_RATE // rate
         return imu[: len(imu) // count * count].reshape(-1, count, 7).mean(axis=1)
-    if rate == 100:
+    if rate == IMU_RATE:
         return imu
     stamps = np.arange(imu[0, 0], imu[-1, 0], 1.0 / rate)
     return np.column_stack([stamps, *(np.interp(stamps, imu[:, 0], column) for column in imu[:, 1:].T)])
 
 
 def changes(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> Changes:
-    """Changes of velocity that are a crash by this configuration."""
+    """Return the changes of velocity that the detector with this configuration takes for a crash."""
     detector, found, k = CrashDetector(config), [], 0
     stamps, speeds = wheels[:, 0].tolist(), wheels[:, 1:].mean(axis=1).tolist()
-    while k < len(stamps) and stamps[k] < imu[0, 0] - 1.0:
+    while k < len(stamps) and stamps[k] < imu[0, 0] - 1.0:  # odometry long before the IMU's first sample
         k += 1
     for stamp, wx, wy, wz, ax, ay, az in imu.tolist():
         while k < len(stamps) and stamps[k] <= stamp:
@@ -90,22 +96,31 @@ def changes(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> Changes
 
 
 def pieces_with_a_loss(run: Run, rate: int) -> Iterator[Tuple[float, np.ndarray]]:
-    """Stamp of each added loss [s], and the IMU rows from 3 s before it to 0.3 s after."""
+    """Return the stamp of each added loss [s], and the IMU's rows from 3 s before it to FELT_WITHIN later."""
     count = len(run.imu)
-    if count < 450:
+    if count < 450:  # the run is too short
         return
     seed = int.from_bytes(run.name.encode(), "little") % 2**32
-    for place in np.sort(np.random.default_rng(seed).choice(np.arange(310, count - 40), PLACES)).tolist():
+    places = np.arange(310, count - 40)  # rows with enough rows before and after them
+    for place in np.sort(np.random.default_rng(seed).choice(places, PLACES)).tolist():
         begin = run.imu[place, 0]
-        piece = at_rate(run.imu[place - 300 : place + round(100 * FELT_WITHIN)], rate).copy()
+        rows = run.imu[place - 3 * IMU_RATE : place + round(IMU_RATE * FELT_WITHIN)]
+        piece = at_rate(rows, rate).copy()
         speed = np.interp(begin, run.wheels[:, 0], run.wheels[:, 1:].mean(axis=1))
+        # samples during the loss; without the one at its end, also if its stamp is rounded
         struck = (piece[:, 0] >= begin) & (piece[:, 0] < begin + LOSS_TIME - 1e-6)
-        piece[struck, 4] -= np.copysign(LOSS * rate / struck.sum(), speed)
+        piece[struck, 4] -= np.copysign(LOSS * rate / struck.sum(), speed)  # forward acceleration
         yield begin, piece
 
 
 def evidence(run: Run, rate: int, config: CrashConfig) -> Evidence:
-    """Changes of a run at a rate [Hz], by the configuration that stops most often."""
+    """Return the changes of a run that may be crashes.
+
+    Args:
+        run: recording.
+        rate: rate of the IMU [Hz].
+        config: the most sensitive configuration that is tried, because it finds the changes of all others.
+    """
     losses = [
         [(stamp, change) for stamp, change in changes(piece, run.wheels, config) if stamp >= begin]
         for begin, piece in pieces_with_a_loss(run, rate)
@@ -114,21 +129,26 @@ def evidence(run: Run, rate: int, config: CrashConfig) -> Evidence:
 
 
 def outcome(runs: Sequence[Evidence], config: CrashConfig) -> Outcome:
-    """False stops and felt losses of some runs."""
-    false = 0
+    """Return the number of false stops and of felt losses in some runs, with a configuration."""
+    false_stops = 0
     for run in runs:
         last = -1e9
         for stamp, change in run.free:
             if change.excess(config) > config.max_loss:
-                false += stamp - last > 1.0
+                if stamp - last > ONE_STOP:
+                    false_stops += 1
                 last = stamp
     losses = [loss for run in runs for loss in run.losses]
     felt = sum(any(change.excess(config) > config.max_loss for _, change in loss) for loss in losses)
-    return Outcome(sum(run.run.hours for run in runs), false, len(losses), felt)
+    return Outcome(sum(run.run.hours for run in runs), false_stops, len(losses), felt)
 
 
 def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
-    """The configuration of fewest false stops, on hard ground first, that detects enough losses there."""
+    """Return the configuration with the fewest false stops of all that feel ENOUGH losses on hard ground.
+
+    Of configurations with equally many false stops on hard ground, the one with the fewest on soft ground is
+    returned.
+    """
     hard, soft = ([run for run in runs if run.run.ground in grounds] for grounds in (HARD, SOFT))
     best, fewest = config, (len(runs) * 10**6, 0)
     for rough, factor in product(ROUGH_LOSSES, FACTORS):
@@ -144,13 +164,19 @@ def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
 def held_out(
     runs: Sequence[Evidence], config: CrashConfig, fold: Callable[[Evidence], object]
 ) -> Dict[str, List[Outcome]]:
-    """Outcomes of each ground; each run uses the configuration fitted to the runs of the other folds."""
+    """Return the outcomes on each ground; each run is tested with values that are fitted to the other folds.
+
+    Args:
+        runs: runs of all folds.
+        config: configuration whose other values are used.
+        fold: function that returns the fold of a run.
+    """
     results: Dict[str, List[Outcome]] = {}
-    for out in sorted({fold(run) for run in runs}, key=str):
-        chosen = fitted([run for run in runs if fold(run) != out], config)
-        print(f"  without {out}: max_loss_rough {chosen.max_loss_rough}, factor {chosen.vibration_factor}")
+    for tested in sorted({fold(run) for run in runs}, key=str):
+        chosen = fitted([run for run in runs if fold(run) != tested], config)
+        print(f"  without {tested}: max_loss_rough {chosen.max_loss_rough}, factor {chosen.vibration_factor}")
         for run in runs:
-            if fold(run) == out:
+            if fold(run) == tested:
                 results.setdefault(run.run.ground, []).append(outcome([run], chosen))
     return results
 
@@ -174,7 +200,10 @@ def show(title: str, results: Dict[str, List[Outcome]]) -> None:
 
 
 def draw(path: Path, runs: Sequence[Evidence], config: CrashConfig) -> None:
-    """Draw false stops an hour against the share felt, over `max_loss_rough`."""
+    """Draw the false stops per hour over the share of felt losses, with a point for each of ROUGH_LOSSES.
+
+    A circle marks the given configuration, and dotted lines mark the goals.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -187,10 +216,10 @@ def draw(path: Path, runs: Sequence[Evidence], config: CrashConfig) -> None:
         axis.plot(
             [100 * one.share for one in tried], [one.an_hour for one in tried], ".-", color=color, label=name
         )
-        now = outcome(chosen, config)
-        axis.plot(100 * now.share, now.an_hour, "o", color=color, fillstyle="none", markersize=10)
-    axis.axhline(6.0, color="0.6", linestyle=":")
-    axis.axvline(95.0, color="0.6", linestyle=":")
+        given = outcome(chosen, config)
+        axis.plot(100 * given.share, given.an_hour, "o", color=color, fillstyle="none", markersize=10)
+    axis.axhline(MOST_FALSE_STOPS_AN_HOUR, color="0.6", linestyle=":")
+    axis.axvline(LEAST_PERCENT_FELT, color="0.6", linestyle=":")
     axis.set(xlabel="losses of 0.4 m/s in 80 ms felt within 0.3 s [%]", ylabel="false stops an hour")
     axis.set_yscale("symlog", linthresh=10.0)
     axis.set_ylim(bottom=0.0)
@@ -210,8 +239,8 @@ def main() -> None:
     options = parser.parse_args()
     values = yaml.safe_load((Path(__file__).parents[2] / "config" / "crash_stop.yaml").read_text())
     config = CrashConfig(**{name: values[name] for name in CrashConfig.__dataclass_fields__})
-    most_often = replace(config, max_loss_rough=min(ROUGH_LOSSES), vibration_factor=min(FACTORS))
-    runs = [evidence(run, options.rate, most_often) for run in read_runs(options.folder)]
+    most_sensitive = replace(config, max_loss_rough=min(ROUGH_LOSSES), vibration_factor=min(FACTORS))
+    runs = [evidence(run, options.rate, most_sensitive) for run in read_runs(options.folder)]
     number = {run.run.name: i for i, run in enumerate(runs)}
     show("folds by run", held_out(runs, config, lambda run: number[run.run.name] % FOLDS))
     show("folds by ground", held_out(runs, config, lambda run: run.run.ground))

@@ -5,14 +5,17 @@
 A log is a CARMEN log with corrected poses (`*.log`, `*.log.gz`: acschaefer/ple, data/carmen) or a rosbag of
 sensor_msgs/LaserScan from lidars at rest (tysik/obstacle_detector, resources). Parameters are those of
 config/controller.yaml with config/robot.yaml and the lidar's limits of config/robot_profile.yaml; only the
-tolerance of the radius is wider, for there are few columns of exactly 0.4 m.
+tolerance of the radius is wider, because few columns in the logs have a diameter of exactly 0.4 m.
 
-A place is judged by the scans taken 0.7 m and more away from where it was sighted, within 12 m, that look
-there. It stands if at least half of them have a return there, and is a ghost if fewer than a fifth have;
-with fewer than three such scans it is not judged. A rosbag's places are judged by all its scans. A
-controller begins at every scan; its first confirmed estimate, on which it drives on, counts. A round body
-stands and has returns on its circle most of the way round; the last row offers each such body, seen from
-two places, alone.
+A place is a position at which a pillar was found. It is judged by the scans that look at it from at
+most 12 m, and at least 0.7 m away from the positions at which the pillar was found; in a rosbag by all scans.
+The place stands if at least half of these scans have a return there. It is a ghost if less than a fifth have.
+It is not judged if there are fewer than three such scans.
+
+The first rows count the pillars of all scans by their number of beams. "confirmed" counts the first estimate
+that a controller confirms, for a controller that begins at each scan. A round body is a place that stands and
+has returns on most of its circle. "from two places" counts the round bodies that were seen from two
+positions; it says of how many the controller confirms an estimate if it gets no other pillars.
 """
 
 from __future__ import annotations
@@ -34,11 +37,17 @@ from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
 from husky_highlevel_controller.geometry import pose_from_2d, transform_point, wrap_angle
 
 CONFIG = Path(__file__).parents[2] / "config"
-ELSEWHERE, FARTHEST = 0.7, 12.0  # [m] distances of scans that judge a place: from the sighting's, from it
+# [m] a scan that judges a place is at least this far from the lidar's positions at which the pillar was found
+ELSEWHERE = 0.7
+FARTHEST = 12.0  # [m] largest distance from a place to the lidar of a scan that judges it
 SLACK = 0.1  # [m] errors of the poses
+# smallest share of scans with a return at a place that stands; share below which the place is a ghost;
+# smallest number of scans that judge a place
 STANDS, GHOST, VOTERS = 0.5, 0.2, 3
-LONGEST_DRIVE = 40  # scans after a start in which an estimate may be confirmed
-ROUND_SECTORS = 5  # number of eight sectors with returns on the circle that shows a standing round body
+LONGEST_DRIVE = 40  # number of scans in which a controller may confirm an estimate
+SAME_BODY = 0.4  # [m] places that are nearer to each other are one body
+SECTORS = 8  # number of equal sectors of a circle
+ROUND_SECTORS = 5  # smallest number of these sectors that have returns, if the body is round
 
 
 class Log(NamedTuple):
@@ -51,22 +60,31 @@ class Log(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Place of a pillar that was found, and of the lidar."""
+    """Position at which a pillar was found, and the scans in which it was found."""
 
     x: float  # [m]
     y: float  # [m]
     radius: float  # [m]
-    beams: int  # most that a scan had on it
-    seen_from: Tuple[int, ...]  # scans that found it
+    beams: int  # largest number of beams of a scan that meet it
+    seen_from: Tuple[int, ...]  # indices of the scans in which it was found
+
+
+class Counts(NamedTuple):
+    """Numbers of places."""
+
+    found: int
+    judged: int
+    standing: int
+    ghosts: int
 
 
 def read_carmen(path: Path, max_range: float, speeds: Tuple[float, float]) -> Log:
-    """The scans of a CARMEN log with the poses of a map.
+    """Return the scans of a CARMEN log with the poses of a map.
 
     Args:
-        path: path of the log; 180 or 181 beams a degree apart, 360 or 361 half a degree.
-        max_range: readings from here on are misses [m].
-        speeds: [m/s] and [rad/s] at which the path is driven, as few logs have true stamps.
+        path: path of the log; 180 or 181 beams are 1 degree apart, 360 or 361 beams 0.5 degrees.
+        max_range: distance from which on a reading means no return [m].
+        speeds: speeds [m/s] and [rad/s] for the stamps of the scans, because few logs have true stamps.
     """
     scans: List[Scan] = []
     poses: List[Tuple[float, float, float]] = []
@@ -81,18 +99,19 @@ def read_carmen(path: Path, max_range: float, speeds: Tuple[float, float]) -> Lo
             x, y, yaw = map(float, words[2 + count : 5 + count])
             if poses:
                 driven = hypot(x - poses[-1][0], y - poses[-1][1])
+                # time for the way and the turn since the last scan, but at least 0.1 s
                 stamp += max(driven / speeds[0], abs(wrap_angle(yaw - poses[-1][2])) / speeds[1], 0.1)
-            step = radians(180.0 / (count - count % 2))
+            step = radians(180.0 / (count - count % 2))  # 180 or 360 steps to half a turn
             last = -pi / 2.0 + (count - 1) * step
             scans.append(Scan(stamp, "laser", -pi / 2.0, last, 0.01, max_range, ranges))
             poses.append((x, y, yaw))
     if not scans:
         raise SystemExit(f"{path}: no FLASER line in this file. Pass a CARMEN log")
-    return Log(path.name.split(".")[0].replace("-corrected", ""), scans, np.array(poses), False)
+    return Log(path.name.split(".")[0].replace("-corrected", ""), scans, np.array(poses), at_rest=False)
 
 
 def read_bag(path: Path) -> List[Log]:
-    """The scans of each LaserScan topic of a rosbag, taken by a lidar at rest."""
+    """Return a log for each LaserScan topic of a rosbag from lidars at rest."""
     import rosbag
 
     scans: Dict[str, List[Scan]] = {}
@@ -103,20 +122,26 @@ def read_bag(path: Path) -> List[Log]:
                 limits = message.angle_min, message.angle_max, message.range_min, message.range_max
                 scans.setdefault(topic, []).append(Scan(stamp, message.header.frame_id, *limits, ranges))
     return [
-        Log(f"{path.stem} {topic}", taken, np.zeros((len(taken), 3)), True) for topic, taken in scans.items()
+        Log(f"{path.stem} {topic}", taken, np.zeros((len(taken), 3)), at_rest=True)
+        for topic, taken in scans.items()
     ]
 
 
 def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
-    """Masks of the scans with a return at the place, and of the scans that look through it, (N,) bool."""
+    """Return masks (N,) of the scans with a return at a place, and of the scans that look through the place.
+
+    Only the beams to the middle 90 % of the place's width are used. A scan has a return there if a third of
+    them end there; otherwise it looks through if more than half of them end at the place or behind it.
+    """
     first = log.scans[0]
     step, count = first.angle_increment, len(first.ranges)
     dx, dy = place.x - log.poses[:, 0], place.y - log.poses[:, 1]
     distance = np.hypot(dx, dy)
     bearing = np.arctan2(dy, dx) - log.poses[:, 2]
-    half = np.arcsin(np.minimum(0.9 * place.radius / np.maximum(distance, 1e-9), 1.0))
-    spread = np.linspace(-1.0, 1.0, 9)
-    angles = np.mod(bearing[:, None] + half[:, None] * spread - first.angle_min + pi / 2, 2.0 * pi) - pi / 2
+    half_width = np.arcsin(np.minimum(0.9 * place.radius / np.maximum(distance, 1e-9), 1.0))  # [rad]
+    bearings = bearing[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, 9)
+    # angles from the first beam, from -pi/2 to 3/2 pi, so that small negative ones stay negative
+    angles = np.mod(bearings - first.angle_min + pi / 2, 2.0 * pi) - pi / 2
     beams = np.rint(angles / step).astype(int)
     inside = ((beams >= 0) & (beams < count)).all(axis=1) & (distance < FARTHEST) & (distance > place.radius)
     hit, through = np.zeros(len(log.scans), dtype=bool), np.zeros(len(log.scans), dtype=bool)
@@ -133,7 +158,7 @@ def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def share_standing(log: Log, place: Place) -> Optional[float]:
-    """Share of the judging scans that have a return at the place; None with too few of them."""
+    """Return the share of the judging scans that have a return at the place; None if they are too few."""
     hit, through = looks(log, place)
     if not log.at_rest:
         elsewhere = np.ones(len(log.scans), dtype=bool)
@@ -146,12 +171,12 @@ def share_standing(log: Log, place: Place) -> Optional[float]:
 
 
 def is_round(log: Log, place: Place) -> bool:
-    """Return whether the returns of all scans near a place lie on its circle, most of the way round."""
+    """Return whether 80 % of all returns near a place lie on its circle, in enough sectors of the circle."""
     hit, _ = looks(log, place)
     points = []
     for i in hit.nonzero()[0]:
         scan, (x, y, yaw) = log.scans[i], log.poses[i]
-        returns = np.where(scan.valid, scan.ranges, 1e9)
+        returns = np.where(scan.valid, scan.ranges, 1e9)  # without a return, a point is far away
         points.append(
             np.stack([x + returns * np.cos(scan.bearings + yaw), y + returns * np.sin(scan.bearings + yaw)])
         )
@@ -161,27 +186,29 @@ def is_round(log: Log, place: Place) -> bool:
     distance, bearing = np.hypot(*off), np.arctan2(off[1], off[0])
     near = distance < place.radius + 0.25
     on_circle = near & (np.abs(distance - place.radius) < SLACK)
-    sectors = np.unique(np.floor((bearing[on_circle] + pi) / (pi / 4.0)).clip(0, 7))
+    width = 2.0 * pi / SECTORS
+    sectors = np.unique(np.floor((bearing[on_circle] + pi) / width).clip(0, SECTORS - 1))
     return on_circle.sum() >= 0.8 * near.sum() and len(sectors) >= ROUND_SECTORS
 
 
 def in_odom(log: Log, scan: int, pillar: Pillar) -> Tuple[float, float]:
-    """Centre of a pillar of a scan in the log's frame, x, y [m]."""
+    """Return the centre of a pillar of a scan in the log's frame, x, y [m]."""
     return transform_point(laser_pose(log.poses[scan]), (pillar.x, pillar.y, 0.0))[:2]
 
 
 def laser_pose(row: Sequence[float]) -> Pose:
-    """Pose of the lidar from x, y [m] and yaw [rad]."""
+    """Return the pose of the lidar from x, y [m] and yaw [rad]."""
     return pose_from_2d(Pose2D(*map(float, row)))
 
 
 def confirmed_from(log: Log, found: List[List[Pillar]], start: int) -> Optional[Place]:
-    """The first estimate that a controller which begins at scan `start` confirms."""
+    """Return the first estimate that a controller confirms if it begins at the scan `start`, or None."""
     track, seen_from = Track(), []  # type: Tuple[Track, List[int]]
     for i in range(start, min(start + LONGEST_DRIVE, len(log.scans))):
         before = track.anchor
         track, sighting, _ = follow(track, found[i], log.scans[i], laser_pose(log.poses[i]))
         if track.estimate is not None and sighting is not None:
+            # a new anchor before the confirmation means that another pillar is followed from now on
             seen_from = [*seen_from, i] if track.anchor is before or track.confirmed else [i]
             if track.confirmed:
                 x, y, radius = track.estimate[:3]
@@ -190,28 +217,28 @@ def confirmed_from(log: Log, found: List[List[Pillar]], start: int) -> Optional[
 
 
 def distinct(places: List[Place]) -> List[Place]:
-    """Places of distinct bodies."""
+    """Return the first place of each body."""
     kept: List[Place] = []
     for place in places:
-        if all(hypot(place.x - other.x, place.y - other.y) > 0.4 for other in kept):
+        if all(hypot(place.x - other.x, place.y - other.y) > SAME_BODY for other in kept):
             kept.append(place)
     return kept
 
 
-def row(log: Log, places: List[Place]) -> Tuple[int, int, int, int]:
-    """Numbers of places: found, judged, standing, ghosts."""
+def row(log: Log, places: List[Place]) -> Counts:
+    """Judge places, and return their numbers."""
     shares = [share_standing(log, place) for place in places]
     judged = [share for share in shares if share is not None]
-    return (
-        len(places),
-        len(judged),
-        sum(share >= STANDS for share in judged),
-        sum(share < GHOST for share in judged),
+    return Counts(
+        found=len(places),
+        judged=len(judged),
+        standing=sum(share >= STANDS for share in judged),
+        ghosts=sum(share < GHOST for share in judged),
     )
 
 
-def report(log: Log, config: PillarConfig) -> Dict[str, Tuple[int, int, int, int]]:
-    """Rows of one log: sightings by number of beams, confirmed estimates, each body once."""
+def report(log: Log, config: PillarConfig) -> Dict[str, Counts]:
+    """Return the rows of one log by name, see above."""
     found = [find_pillars(scan, config) for scan in log.scans]
     places = []
     for i, pillars in enumerate(found):
@@ -226,29 +253,35 @@ def report(log: Log, config: PillarConfig) -> Dict[str, Tuple[int, int, int, int
     estimates = [place for place in confirmed if place is not None]
     rows["confirmed"] = row(log, estimates)
     rows["bodies confirmed"] = row(log, distinct(estimates))
-    standing = [
+    bodies = [
         place
         for place in distinct(sorted(places, key=lambda place: -place.beams))
         if (share_standing(log, place) or 0.0) >= STANDS and is_round(log, place)
     ]
-    rows["round bodies"] = len(standing), len(standing), len(standing), 0
-    followed = [followed_alone(log, found, place) for place in standing]
-    seen_twice = sum(confirmed is not None for confirmed in followed)
-    rows["  from two places"] = seen_twice, seen_twice, sum(map(bool, followed)), 0
+    rows["round bodies"] = Counts(found=len(bodies), judged=len(bodies), standing=len(bodies), ghosts=0)
+    are_confirmed = [followed_alone(log, found, body) for body in bodies]
+    seen_twice = sum(is_confirmed is not None for is_confirmed in are_confirmed)
+    # in this row, `standing` is the number of bodies of which an estimate is confirmed
+    rows["  from two places"] = Counts(
+        found=seen_twice, judged=seen_twice, standing=sum(map(bool, are_confirmed)), ghosts=0
+    )
     return rows
 
 
 def followed_alone(log: Log, found: List[List[Pillar]], body: Place) -> Optional[bool]:
-    """Return whether the tracker confirms a body that is alone; None if it was seen from one place only."""
-    own = [
-        [p for p in pillars if dist(in_odom(log, i, p), (body.x, body.y)) < 0.4]
+    """Return whether the tracker confirms a body if it gets no other pillars.
+
+    None if the body was not seen from two positions BASELINE apart within 5 scans.
+    """
+    pillars_at_body = [
+        [p for p in pillars if dist(in_odom(log, i, p), (body.x, body.y)) < SAME_BODY]
         for i, pillars in enumerate(found)
     ]
-    seen = [i for i, pillars in enumerate(own) if pillars]
+    seen = [i for i, pillars in enumerate(pillars_at_body) if pillars]
     steps = np.diff(log.poses[seen, :2], axis=0)
     if not (np.hypot(*steps.T)[np.diff(seen) <= 5] >= BASELINE).any():
         return None
-    return any(confirmed_from(log, own, start) is not None for start in seen)
+    return any(confirmed_from(log, pillars_at_body, start) is not None for start in seen)
 
 
 def main() -> None:

@@ -2,12 +2,15 @@
 
 ./dev run python tools/recordings/real_turns.py FOLDER
 
-FOLDER is that of borealtc.py. The simulated wheels turn as the recorded ones did. Compared are means over
-half a second in which the real robot turns by 0.05 rad/s or more. Where the simulated one does and the real
-one turns by less than a tenth of that, it is stuck: that time is given apart. Each run has a median and a
-90 % quantile of the error's size; a ground has the medians of its runs'. The errors are of runs of odd
-number; `lateral_grip` is to be fitted to those of even number: the effective track of both halves is
-printed.
+FOLDER is the folder of borealtc.py. The simulated wheels turn as the recorded wheels did. The yaw rates of
+the simulated and of the real robot are compared as means over half a second, in which the real robot turns at
+0.05 rad/s or more. If the real robot turns at less than a tenth of the simulated rate, it is stuck; this time
+is printed, but not compared. The row of a run has the median and the 90 % quantile of its absolute errors,
+and the row of a ground has the medians over its runs.
+
+Only runs with an odd number are compared, because `lateral_grip` is to be fitted to the runs with an even
+number. The effective track of both halves is printed. It is the wheel separation with which a robot that does
+not skid would turn as slowly.
 """
 
 from __future__ import annotations
@@ -30,21 +33,23 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 from husky_highlevel_controller.simulator.world_objects import WorldObjects
 
 GRAVITY = (0.0, 0.0, -9.8)  # [m/s^2]
-MEAN_TIME, TURNING, STUCK = 0.5, 0.05, 0.1  # [s], [rad/s], share of the simulated rate
+MEAN_TIME = 0.5  # [s] time over which the yaw rates are averaged
+TURNING = 0.05  # [rad/s] smallest yaw rate at which a robot counts as turning
+TURNING_FAST = 0.15  # [rad/s] yaw rate above which the effective track is measured
+STUCK = 0.1  # share of the simulated yaw rate; below it, the real robot is stuck
 PLANE = Body("ground", Pose(), (Geometry(Plane((0.0, 0.0, 1.0), (1e3, 1e3))),), (), 0.0)
 
 
 def means(run: Run, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Means over each MEAN_TIME of a run, of values at stamps [s]."""
+    """Return the mean of values in each MEAN_TIME of a run; their stamps [s] have equal distances."""
     edges = np.arange(run.imu[0, 0], run.imu[-1, 0], MEAN_TIME)
-    mean: np.ndarray = (
-        np.diff(np.interp(edges, stamps, np.cumsum(values) * (stamps[1] - stamps[0]))) / MEAN_TIME
-    )
+    integral = np.cumsum(values) * (stamps[1] - stamps[0])
+    mean: np.ndarray = np.diff(np.interp(edges, stamps, integral)) / MEAN_TIME
     return mean
 
 
 def simulated_yaw_rate(run: Run) -> Tuple[np.ndarray, np.ndarray]:
-    """Stamps [s] and yaw rates [rad/s] of the simulated robot with the wheel speeds of a run."""
+    """Return stamps [s] and yaw rates [rad/s] of the simulated robot with the wheel speeds of a run."""
     config, robot = simulator_config(), model_of(load_robot(), "robot")
     ground = RobotProfile().on("hard" if run.ground in HARD else "soft").ground
     traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
@@ -69,16 +74,17 @@ def simulated_yaw_rate(run: Run) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def track(run: Run) -> float:
-    """Effective track of the real robot [m]; nan if it hardly turned."""
-    true = means(run, run.imu[:, 0], run.imu[:, 3])
+    """Return the effective track of the real robot [m]; nan if it hardly turned.
+
+    It is the difference of the speeds of both sides, divided by the yaw rate.
+    """
+    real = means(run, run.imu[:, 0], run.imu[:, 3])
     stamps = np.arange(run.imu[0, 0], run.imu[-1, 0], 0.01)
     difference = np.interp(stamps, run.wheels[:, 0], run.wheels[:, 2] - run.wheels[:, 1])
-    turning = np.abs(true) > 0.15
-    return (
-        float(np.median(means(run, stamps, difference)[turning] / true[turning]))
-        if turning.sum() > 4
-        else np.nan
-    )
+    turning = np.abs(real) > TURNING_FAST
+    if turning.sum() <= 4:  # too few means
+        return np.nan
+    return float(np.median(means(run, stamps, difference)[turning] / real[turning]))
 
 
 class Turning(NamedTuple):
@@ -92,16 +98,16 @@ class Turning(NamedTuple):
 
 
 def compare(run: Run) -> Turning:
-    """The simulated robot's turning on a run against the real one's."""
-    true = means(run, run.imu[:, 0], run.imu[:, 3])
+    """Compare the yaw rates of the simulated robot and of the real robot on a run."""
+    real = means(run, run.imu[:, 0], run.imu[:, 3])
     simulated = means(run, *simulated_yaw_rate(run))
-    stuck = (np.abs(simulated) >= TURNING) & (np.abs(true) < STUCK * np.abs(simulated))
-    turning = (np.abs(true) >= TURNING) & ~stuck
+    stuck = (np.abs(simulated) >= TURNING) & (np.abs(real) < STUCK * np.abs(simulated))
+    turning = (np.abs(real) >= TURNING) & ~stuck
     times = turning.sum() * MEAN_TIME, stuck.sum() * MEAN_TIME
-    if turning.sum() < 4:
+    if turning.sum() < 4:  # too few means
         return Turning(*times)
-    off = np.abs(simulated - true)[turning]
-    return Turning(*times, np.abs(true[turning]).mean(), np.median(off), np.quantile(off, 0.9))
+    errors = np.abs(simulated - real)[turning]
+    return Turning(*times, np.abs(real[turning]).mean(), np.median(errors), np.quantile(errors, 0.9))
 
 
 def main() -> None:
