@@ -74,6 +74,7 @@ class FrameTree:
         return self._root(frame) == self._root(BASE) and frame in {*self.parents, *self.parents.values()}
 
     def _root(self, frame: str) -> str:
+        """Return the top frame above a frame; `seen` ends the search in a circle of frames."""
         seen = set()
         while frame in self.parents and frame not in seen:
             seen.add(frame)

@@ -36,8 +36,8 @@ def judge_again(job: Job) -> MarkingResult:
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
     """Return the result of a submission by the rubric, with points by hand and a late penalty.
 
-    If luck decides, because other launch files fit as well or a variable is read before it is written, the
-    items concerned are left to a person.
+    A result depends on luck if several launch files fit equally well, or if a variable is read before it is
+    written. A person then grades the items that depend on it.
 
     Args:
         submission: prepared submission.
@@ -59,7 +59,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     if first.uninitialised:  # the submission reads a variable before it writes it
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
-    asked = exercise.drives(job.config.trials)  # number of runs that the teacher has asked for
+    asked = exercise.number_of_runs(job.config.trials)  # number of runs that the teacher has asked for
     if len(recordings) < asked:
         text = f"{len(recordings)} of {asked} runs were made, because the robot did not move in the first one"
         notes.append(Note(Kind.FEWER_DRIVES, text))

@@ -12,7 +12,7 @@ import sys
 import traceback
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Sequence
 
 from husky_grading.drive.observe import observe
 from husky_grading.drive.trials import draw_trials
@@ -25,7 +25,7 @@ from husky_grading.isolation.process import StoppedError, stop_on_signals
 from husky_grading.isolation.sandbox import kind_of_sandbox
 from husky_grading.judge import failure_text, judge, unmarked
 from husky_grading.notes import MISSES_PACKAGES
-from husky_grading.recording import recordings_in
+from husky_grading.recording import Recording, recordings_in
 from husky_grading.records import Job, MarkingResult, printable
 from husky_grading.reports.files import (
     FINGERPRINT,
@@ -65,7 +65,7 @@ def mark(job: Job) -> MarkingResult:
         submission = kept_submission(job) or prepare(job, exercise.facts)
         # a robot in marking.yaml, for this student only, comes before the robot of the class
         config = replace(job.config, robot=job.override.robot or job.config.robot)
-        trials = draw_trials(exercise.drives(config.trials), config.seed)
+        trials = draw_trials(exercise.number_of_runs(config.trials), config.seed)
         observe(submission, trials, config, exercise.bring_up, out)
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
@@ -73,12 +73,7 @@ def mark(job: Job) -> MarkingResult:
         misses_packages = bool(MISSES_PACKAGES & {note.kind for note in notes})
         # set before `judge`, so that the runs are kept if `judge` finds an error in the teacher's points
         fingerprint = job.fingerprint + (job.installed if misses_packages else "")
-        cause = None  # first item that lost points; one picture shows its moment
-        try:
-            result = judge(submission, recordings, job)
-            cause = result.cause
-        finally:  # the pictures are written even if `judge` rejects the teacher's points
-            write_pictures(recordings, job.name, out, cause)
+        result = _judge_and_draw(submission, recordings, job)
     except StoppedError:
         raise
     # a fault that marking again would not repair, such as a broken archive
@@ -104,6 +99,17 @@ def mark(job: Job) -> MarkingResult:
         # the fingerprint is written last, because this file means that all other files are complete
         write_whole(out / FINGERPRINT, fingerprint)
     return result
+
+
+def _judge_and_draw(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
+    """Return the result, and write the pictures of the runs, also if `judge` rejects the teacher's points."""
+    cause = None  # first item that lost points; one picture shows its moment
+    try:
+        result = judge(submission, recordings, job)
+        cause = result.cause
+        return result
+    finally:
+        write_pictures(recordings, job.name, Path(job.out), cause)
 
 
 def _text_of(error: Exception) -> str:

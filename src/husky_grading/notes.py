@@ -51,7 +51,7 @@ class Kind(Enum):
     UNANSWERED_SCANS = "unanswered scans"
     FLOOD = "flood"  # the submission sends far too many commands
     # faults of markers
-    MIRRORED = "mirrored"  # x or y has the wrong sign
+    MIRRORED = "mirrored"  # y has the wrong sign, so the marker is on the wrong side of the robot
     SWAPPED = "swapped"  # x and y are swapped
     Y_IS_ZERO = "y is zero"
     WHOLE_METRES = "whole metres"  # coordinates have no decimals, so an int has probably cut them

@@ -235,12 +235,15 @@ def is_zero(twist: bytes) -> bool:
 
 
 def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
-    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if unknown."""
+    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if unknown.
+
+    With inf, an unknown command counts as a command that moves the robot.
+    """
     if len(twist) != TWIST_SIZE:
         return inf, inf
     numbers = np.abs(np.frombuffer(twist, "<f8"))
-    ahead, turn = np.where(np.isfinite(numbers), numbers, inf)[[0, 5]].tolist()
-    return ahead, turn
+    linear_x, *_, angular_z = np.where(np.isfinite(numbers), numbers, inf).tolist()
+    return linear_x, angular_z
 
 
 # [m/s] a robot that moves faster has jumped, which breaks the rules. The limit is four times the Husky's top

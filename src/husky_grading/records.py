@@ -48,6 +48,7 @@ class Rules:
         0.0, 5.0, "distance of a marker from the axis for half of the points [m]", 0.5
     )
     other_worlds: float = number(0.0, 1.0, "weight of all runs in other worlds together", 1.0 / 3.0)
+    # "person", "zero" and "node" stand for the three rules in the text, in this order
     no_rviz_config: str = setting(
         "rule for a submission without a configuration of RViz: graded by hand, no points, or all points for "
         "a launch file that starts RViz", "person", choices=("person", "zero", "node"),

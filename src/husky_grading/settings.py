@@ -60,6 +60,7 @@ def read_settings(path: Path) -> Any:
         ConfigError: the file cannot be read.
     """
     try:
+        # `resolve`, because `read_text` rejects a link, but a teacher's file may be a link
         return yaml.safe_load(read_text(path.resolve())) or {}
     except (LookupError, TypeError, AttributeError) as error:
         # YAML raises these errors for a wrong tag, such as `!!bool x`

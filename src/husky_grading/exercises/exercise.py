@@ -34,6 +34,6 @@ class Exercise:
     bring_up: BringUp = simulate
     watch: Callable[[Recording, RosAccess], Watch] = Watch
 
-    def drives(self, trials: int) -> int:
+    def number_of_runs(self, trials: int) -> int:
         """Return the number of runs, if a teacher asks for so many trials."""
         return trials if self.random_starts else 1

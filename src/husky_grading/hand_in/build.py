@@ -230,9 +230,9 @@ def _repair_interpreter(script: Path) -> bool:
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
-    """Replace paths below /home in launch files by $(find PACKAGE)/... if the packages have such a file.
+    """Replace paths of the student's home folder in launch files by $(find PACKAGE)/..., and return them.
 
-    Return the paths that were replaced.
+    A path is replaced only if one of the packages has such a file.
     """
     paths: List[str] = []
 

@@ -270,7 +270,7 @@ def equal_launch_files(
 def _launch_files(
     contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Yield launch files in the copies of packages, and copies of launch files in the folders above them.
+    """Yield launch files in the copies of packages, and copies of those in folders above the packages.
 
     Each file comes with its path in the submission.
 

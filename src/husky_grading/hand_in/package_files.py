@@ -194,6 +194,7 @@ MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
 # patterns of the topics of scans; a package that names only /scan is for the Husky of ROS Melodic
 FRONT_SCAN, PLAIN_SCAN = re.compile(r"\bfront/scan\b"), re.compile(r"(?<![\w/])/scan\b")
+# suffixes of files in which a submission names its robot; scripts may have no suffix
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 

@@ -383,9 +383,12 @@ def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
-    """Copy .rviz files outside of the packages, such as ~/.rviz/default.rviz, into a package without any.
+    """Copy .rviz files outside of all packages, such as ~/.rviz/default.rviz, into a package.
 
-    Return whether there were such files.
+    Nothing is copied if the package has an .rviz file already.
+
+    Returns:
+        Whether files were copied.
     """
     if any(path.suffix == ".rviz" for path in walk(package)):
         return False

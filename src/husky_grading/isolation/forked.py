@@ -112,7 +112,7 @@ class _Child:
 def _run(
     command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection, handed: Sequence[Any]
 ) -> None:
-    """Become the program of a command, in the forked process; `output` gets both of its output streams.
+    """Become the program of a command, in the forked process; stdout and stderr go to `output`.
 
     The arguments are those of `_Child`.
     """

@@ -129,9 +129,9 @@ def socket_count() -> int:
 
 
 def temporary_files(processes: Sequence[psutil.Process]) -> int:
-    """Return the size of the files in the memory folders of the sandbox of these processes [bytes].
+    """Return the size of the files that the sandbox of these processes keeps in memory [bytes].
 
-    It is 0 if none of the processes is in a sandbox with mounts of its own.
+    The size is 0 if none of the processes is in a sandbox with mounts of its own.
     """
     own_mounts = os.readlink("/proc/self/ns/mnt")
     for process in processes:

@@ -67,7 +67,7 @@ class Network:
             "ROS_IP": "127.0.0.1",  # nodes reach each other without a look-up of this machine's name
             "ROS_LOG_DIR": str(self.folder / "log"),
             "ROS_HOME": str(self.folder / "ros_home"),
-            # these two variables let the log have each line at once
+            # with these two variables, each line of output is in the log at once
             "PYTHONUNBUFFERED": "1",
             "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1",
         }

@@ -2,9 +2,10 @@
 
 In: folders that a program may see and write. Out: a command that runs inside.
 
-With bubblewrap a program sees the system's programs and settings, except files that not every user may read,
-and the folders of its workspace, all read-only. It can write only its own folder and folders of temporary
-files. It sees only its own processes. docs/sandbox.md has the guarantees without bubblewrap.
+With bubblewrap a program sees the system's programs and settings, and the folders of its workspace, all
+read-only. It does not see files in /etc that not every user may read. It can write only its own folder and
+folders of temporary files. It sees only its own processes. docs/sandbox.md has the guarantees without
+bubblewrap.
 """
 
 from __future__ import annotations

@@ -48,11 +48,11 @@ class DriveAccess:
 
     def __init__(self, our_nodes: Set[str], transforms: MarkerWatch) -> None:
         self._our_nodes, self._transforms = our_nodes, transforms
-        self._velocity: Optional[rospy.Publisher] = None
+        self._velocity: Optional[rospy.Publisher] = None  # made by `advertise_commands`
         self._asked: Set[str] = set()  # services whose types were requested
         self._types: List[Tuple[str, str]] = []  # (service, type); several threads append to this list
         self._answers: List[Answer] = []  # answer to the last call; empty until it comes
-        self._give_up_at = 0.0  # [s] wall time
+        self._give_up_at = 0.0  # [s] wall time at which the last call counts as not answered
 
     def advertise_commands(self) -> None:
         """Advertise velocity commands; lockstep waits for the commands of such a node."""
@@ -71,7 +71,7 @@ class DriveAccess:
             if name not in self._asked and len(self._asked) < MAX_SERVICES:
                 self._asked.add(name)
                 threading.Thread(target=self._ask_type, args=(name,), daemon=True).start()
-        return dict(tuple(self._types))
+        return dict(tuple(self._types))  # a copy first, because threads may append
 
     def _ask_type(self, name: str) -> None:
         """Ask the node that offers a service for its type, and keep the type; a thread runs this."""

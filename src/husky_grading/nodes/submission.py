@@ -280,7 +280,7 @@ def read_launchable(
     # not in a package.
     with contextlib.suppress(ResourceNotFound):
         reporter.write("package", path=RosPack().get_path(package))
-    if kind == "--node":  # a single node is put into a launch file, so that only launch files must be read
+    if kind == "--node":  # a single node is put into a launch file, so the loader reads it, too
         text = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
         text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
         loader.load_string(text, config, verbose=False)
@@ -493,4 +493,4 @@ def main(arguments: List[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[2:]))
+    sys.exit(main(sys.argv[2:]))  # argument 1 is the path of this file, which runpy runs
