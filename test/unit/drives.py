@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from husky_grading.displays import RvizView
+from husky_grading.exercises.exercise_3 import find_placements, judge_place
 from husky_grading.recording import MarkerSample, Recording
+from husky_grading.records import DEFAULT_RULES
 from husky_highlevel_controller.datatypes import Pose2D
 
 PILLAR = (10.0, 0.0)  # [m]
@@ -58,3 +60,8 @@ RIGHT, WRONG = (10.0, 0.0, 0.0), (3.0, 0.0, 0.0)
 
 def with_samples(samples):
     return replace(GOOD, markers=tuple(samples), marker_topics=("/marker",))
+
+
+def place(recording, rules=DEFAULT_RULES):
+    """Item of the marker's place in a run."""
+    return judge_place(recording, find_placements(recording, rules))

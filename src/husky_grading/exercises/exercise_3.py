@@ -29,7 +29,7 @@ from husky_grading.rubrics.causes import (
 from husky_grading.rubrics.items import by_hand, forfeited, over_trials, weighted
 from husky_grading.rubrics.marker_faults import CHECK
 from husky_grading.rubrics.marker_faults import HINTS as MARKER_HINTS
-from husky_grading.rubrics.marker_places import judge_namespaces
+from husky_grading.rubrics.marker_places import Placement, judge_namespaces
 from husky_grading.rubrics.rviz_view import (
     NAMES,
     SAVED,
@@ -320,7 +320,20 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
     return replace(item, points=20.0, evidence=evidence, at=reached_at, hint=SLOWS)
 
 
-def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
+def find_placements(recording: Recording, rules: Rules) -> List[Placement]:
+    """Return the placement of each topic and namespace of markers before the robot first touches the pillar.
+
+    A push moves the pillar to an unknown position, so later markers do not count.
+    """
+    return judge_namespaces(recording, first_touch(recording), rules)
+
+
+def points_for_place(placement: Placement) -> float:
+    """Return the points that a placement gets, 0 to 20."""
+    return round(20.0 * placement.score, 1)
+
+
+def judge_place(recording: Recording, placements: Sequence[Placement]) -> Item:
     """Grade whether the marker is at the pillar: 20 points, by its distance and by how long it is right."""
     item = Item(PLACES_MARKER, 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):  # the run has not begun, and the reason is known
@@ -333,15 +346,18 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         if cause:
             hint = hint_on(cause)
         return replace(item, evidence=evidence, hint=hint)
-    # only markers before the first touch count, because a push moves the pillar to an unknown position
-    placements = judge_namespaces(recording, first_touch(recording), rules)
+    if not placements and recording.markers:
+        evidence = (
+            f"no marker came on {', '.join(recording.marker_topics)} before the robot touched the pillar"
+        )
+        return replace(item, evidence=evidence, at=recording.markers[0].at, hint=NO_MARKER)
     if not placements:
         evidence = f"nothing came on {', '.join(recording.marker_topics)}{as_ending(cause)}"
         return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
     # the marker namespace with the most points counts, as docs/rubrics.md says
     best = max(placements, key=lambda placement: placement.score)
     hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
-    return replace(item, points=round(20.0 * best.score, 1), evidence=best.evidence, at=best.at, hint=hint)
+    return replace(item, points=points_for_place(best), evidence=best.evidence, at=best.at, hint=hint)
 
 
 def first_touch(recording: Recording) -> float:
@@ -407,17 +423,21 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
 
 
 def judge_shown(
-    view: RvizView, recordings: Sequence[Recording], places: Sequence[Item], rules: Rules = DEFAULT_RULES
+    view: RvizView,
+    placements: Sequence[Placement],
+    places: Sequence[Item],
+    rules: Rules = DEFAULT_RULES,
 ) -> Item:
     """Grade whether RViz shows the marker: 10 points, if the marker has points for its place in a run.
 
-    `places` are the items of judge_place, one for each run.
+    `placements` are those of all runs, and `places` are the items of judge_place, one for each run.
     """
     item = Item(SHOWS_MARKER, 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
-    # a marker counts only in a run in which `judge_place` gave points for it
-    good_runs = [recording for recording, place in zip(recordings, places) if place.points]
-    markers = [marker for run in good_runs for marker in run.markers if not marker.problem]
-    topics = {marker.topic for marker in markers}
+    # topics and namespaces whose markers were at the pillar
+    namespaces = {
+        each for placement in placements if points_for_place(placement) for each in placement.namespaces
+    }
+    topics = {topic for topic, _ in namespaces}
     if not topics:
         # first the marker must get to the pillar, so the hint is the hint on its place
         hint = places[0].hint if places else CHECK
@@ -425,9 +445,7 @@ def judge_shown(
     if not view.source:
         return without_config(item, view, rules)
     # topics of which at least one marker namespace is switched on in RViz
-    switched_on_topics = {
-        marker.topic for marker in markers if (marker.topic, marker.namespace) not in view.hidden
-    }
+    switched_on_topics = {topic for topic, _ in namespaces - set(view.hidden)}
     subscribed_topics = topics & set(view.topics)  # topics that a display of RViz subscribes to
     shown_topics = sorted(switched_on_topics & subscribed_topics)
     if shown_topics:
@@ -470,13 +488,14 @@ def judge_exercise_3(
     """
     approaches = [judge_approach(recording) for recording in recordings]
     arrivals = [judge_arrival(each, rules, approach) for each, approach in zip(recordings, approaches)]
-    places = [judge_place(recording, rules) for recording in recordings]
+    placements = [find_placements(recording, rules) for recording in recordings]
+    places = [judge_place(recording, found) for recording, found in zip(recordings, placements)]
     items = [
         over_trials(approaches, rules.other_worlds),
         over_trials(arrivals, rules.other_worlds),
         judge_rviz(view, scan_topic, rules),
         over_trials(places, rules.other_worlds),
-        judge_shown(view, recordings, places, rules),
+        judge_shown(view, [each for found in placements for each in found], places, rules),
     ]
     # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import List, Optional
 
 from husky_grading.notes import Kind, Note
@@ -30,6 +31,10 @@ HINTS = {
     Kind.ZERO_COMMANDS: (
         "look for a gain of 0, or one that an int cuts to 0; a parameter that is not loaded; a branch that "
         "always stops; or a service that must be called first"
+    ),
+    Kind.NOT_A_NUMBER: (
+        "print the speed and the rate of turn before you publish them; look for a range that is inf or NaN, "
+        "and for a division by 0"
     ),
     Kind.EXCEPTION: "it happens in the line that is named here",
     Kind.NOT_STARTED: "compare pkg and type in the launch file with the programs that your package has",
@@ -142,6 +147,8 @@ def first_cause(recording: Recording) -> Note:
         most = f"{recording.fastest:.1g} m/s and {recording.sharpest:.1g} rad/s"
         text = f"all {recording.command_count} commands are nearly zero, at most {most}"
         return Note(Kind.ZERO_COMMANDS, text)
+    if inf in (recording.fastest, recording.sharpest):
+        return Note(Kind.NOT_A_NUMBER, "it sends commands that are NaN or infinite, which the robot refuses")
     return Note(Kind.IN_SPITE_OF_COMMANDS, f"in spite of {recording.command_count} commands")
 
 

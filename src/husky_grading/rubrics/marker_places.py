@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, pi
-from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -64,6 +64,7 @@ class Placement:
     evidence: str
     at: float  # [s] simulated time of the first wrong marker; if none is wrong, of the first marker
     fault: Optional[Kind] = None  # fault that most wrong markers have; None if unknown
+    namespaces: FrozenSet[Tuple[str, str]] = frozenset()  # topics and namespaces of its markers
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
@@ -77,13 +78,17 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
         (marker.topic, marker.namespace): [] for marker in markers if marker.action == ADD
     }
     if len(series) > MAX_SERIES:
-        return [_judge_together(recording, markers, rules)]
+        together = _judge_together(recording, markers, rules)
+        return [replace(together, namespaces=frozenset(series))]
     for marker in markers:
         for (topic, namespace), members in series.items():
             # `delete all` deletes the markers of all namespaces of a topic, so it is added to each namespace
             if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
                 members.append(marker)
-    return [_judge_together(recording, members, rules) for members in series.values()]
+    return [
+        replace(_judge_together(recording, members, rules), namespaces=frozenset({namespace}))
+        for namespace, members in series.items()
+    ]
 
 
 def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:

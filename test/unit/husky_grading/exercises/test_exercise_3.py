@@ -9,7 +9,7 @@ from drives import FULL_VIEW, GOOD, RIGHT, SCAN, TO_PILLAR, WAY, drive, markers
 from husky_grading.displays import RvizView
 from husky_grading.drive.drive_end import NODES_ENDED
 from husky_grading.exercises import exercise_3
-from husky_grading.exercises.exercise_3 import judge_approach, judge_arrival, judge_place
+from husky_grading.exercises.exercise_3 import find_placements, judge_approach, judge_arrival, judge_place
 from husky_grading.notes import Kind, Note
 from husky_grading.records import DEFAULT_RULES, Rules
 
@@ -115,7 +115,8 @@ def test_ramming_may_cost_points_and_never_at_the_speed_that_is_allowed(speed, p
 
 def shown(view, position=RIGHT, rules=DEFAULT_RULES):
     recording = markers(GOOD, position)
-    return exercise_3.judge_shown(view, [recording], [judge_place(recording, rules)], rules)
+    placements = find_placements(recording, rules)
+    return exercise_3.judge_shown(view, placements, [judge_place(recording, placements)], rules)
 
 
 @pytest.mark.parametrize(
@@ -150,12 +151,21 @@ def test_the_marker_in_rviz_counts_only_where_it_is_right(view, position, points
     assert evidence in item.evidence
 
 
+def test_a_marker_elsewhere_that_rviz_shows_is_not_the_marker_at_the_pillar():
+    recording = markers(GOOD, RIGHT)
+    elsewhere = [replace(each, topic="/elsewhere", position=(0.0, 0.0, 0.0)) for each in recording.markers]
+    recording = replace(recording, markers=(*recording.markers, *elsewhere))
+    view = replace(FULL_VIEW, topics=(SCAN, "/elsewhere"))
+    item = exercise_3.judge_shown(view, find_placements(recording, DEFAULT_RULES), [])
+    assert (item.points, item.evidence) == (0.0, "RViz does not subscribe to /marker")
+
+
 def test_only_topics_with_a_display_are_said_to_have_a_hidden_namespace():
     recording = markers(GOOD, RIGHT)
     other = replace(recording, markers=tuple(replace(each, topic="/other") for each in recording.markers))
-    places = [judge_place(run, DEFAULT_RULES) for run in (recording, other)]
+    placements = [each for run in (recording, other) for each in find_placements(run, DEFAULT_RULES)]
     view = replace(FULL_VIEW, hidden=(("/marker", "pillar"),))
-    item = exercise_3.judge_shown(view, [recording, other], places)
+    item = exercise_3.judge_shown(view, placements, [])
     assert (item.points, "in the display of /marker" in item.evidence) == (0.0, True)
     assert "/other" not in item.evidence
 

@@ -4,9 +4,8 @@ from dataclasses import replace
 from math import nan
 
 import numpy as np
-from drives import TO_PILLAR, drive, markers
+from drives import TO_PILLAR, drive, markers, place
 
-from husky_grading.exercises.exercise_3 import judge_place
 from husky_highlevel_controller.course import PILLARS
 
 
@@ -31,25 +30,25 @@ def mirrored(x, y):
 
 
 def test_a_mirrored_marker_gets_half_at_most_and_is_named():
-    assert judge_place(turning(lambda x, y: (x, y))).points == 20.0
-    item = judge_place(turning(mirrored))
+    assert place(turning(lambda x, y: (x, y))).points == 20.0
+    item = place(turning(mirrored))
     assert 9.0 <= item.points <= 10.0
     assert item.evidence.startswith(
         "mirrored: y has the wrong sign, because this lidar is mounted upside down; "
     )
     assert "0 % with the pillar to the side, 100 % with it ahead" in item.evidence
-    assert "upside down" not in judge_place(replace(turning(mirrored), robot="smb")).evidence
+    assert "upside down" not in place(replace(turning(mirrored), robot="smb")).evidence
 
 
 def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code():
     """Those of test/submissions are named in their recordings."""
-    whole_metres = judge_place(turning(lambda x, y: (np.trunc(x), np.trunc(y)), "base_link"))
+    whole_metres = place(turning(lambda x, y: (np.trunc(x), np.trunc(y)), "base_link"))
     assert "whole metres" in whole_metres.evidence
-    near = judge_place(turning(lambda x, y: (x - 1.5, y), "front_laser"))
+    near = place(turning(lambda x, y: (x - 1.5, y), "front_laser"))
     assert "m in front of the pillar, seen" in near.evidence
     assert near.hint.startswith("check header.frame_id")
     assert "base_link" not in near.hint
-    assert "NaN" not in judge_place(turning(lambda x, y: (nan, y), problem="its alpha is 0")).hint
+    assert "NaN" not in place(turning(lambda x, y: (nan, y), problem="its alpha is 0")).hint
 
 
 def beside(x, y, angle):
@@ -60,10 +59,10 @@ def beside(x, y, angle):
 
 
 def test_a_marker_by_another_beam_is_named_beside_a_thick_pillar_and_one_by_the_nearest_beam_is_not():
-    wrong = judge_place(replace(turning(lambda x, y: beside(x, y, 0.2)), robot="smb"))
+    wrong = place(replace(turning(lambda x, y: beside(x, y, 0.2)), robot="smb"))
     assert wrong.evidence.startswith("its distance is right, its angle is not; ")
-    right = judge_place(replace(turning(lambda x, y: beside(x, y, 0.0)), robot="smb"))
+    right = place(replace(turning(lambda x, y: beside(x, y, 0.0)), robot="smb"))
     assert right.points == 20.0
-    late = judge_place(replace(turning(lambda x, y: beside(x, y, 0.2 if y > 3.0 else 0.0)), robot="smb"))
+    late = place(replace(turning(lambda x, y: beside(x, y, 0.2 if y > 3.0 else 0.0)), robot="smb"))
     assert "its angle is not" not in late.evidence
     assert late.hint.startswith("check header.frame_id and header.stamp")

@@ -6,9 +6,9 @@ from math import nan
 
 import numpy as np
 import pytest
-from drives import FULL_VIEW, GOOD, PERIOD, RIGHT, SCAN, WRONG, drive, markers, sample, with_samples
+from drives import FULL_VIEW, GOOD, PERIOD, RIGHT, SCAN, WRONG, drive, markers, place, sample, with_samples
 
-from husky_grading.exercises.exercise_3 import judge_exercise_3, judge_place
+from husky_grading.exercises.exercise_3 import judge_exercise_3
 from husky_grading.records import Rules
 
 LOST = '"map" passed to lookupTransform does not exist'
@@ -27,15 +27,21 @@ LOST = '"map" passed to lookupTransform does not exist'
     ],
 )
 def test_what_nobody_can_see_is_no_marker(recording, evidence):
-    item = judge_place(recording)
+    item = place(recording)
     assert item.points == 0.0
     assert evidence in item.evidence
+
+
+def test_a_first_marker_after_the_touch_is_said_to_be_late():
+    touching = markers(drive((10.0, 0.5)), RIGHT)
+    late = replace(touching, markers=touching.markers[-1:])
+    assert place(late).evidence == "no marker came on /marker before the robot touched the pillar"
 
 
 @pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
 def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
     last = share * len(GOOD.times)
-    item = judge_place(markers(GOOD, lambda row: (10.0, 0.0, 0.0) if row < last else (0.0, 0.0, 0.0)))
+    item = place(markers(GOOD, lambda row: (10.0, 0.0, 0.0) if row < last else (0.0, 0.0, 0.0)))
     assert item.points == pytest.approx(points, abs=0.2)
 
 
@@ -70,7 +76,7 @@ def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
 )
 def test_points_by_the_distance_the_height_and_the_size_of_a_marker(position, size, points, evidence):
     sized = with_samples(replace(marker, **size) for marker in markers(GOOD, position).markers)
-    item = judge_place(sized, Rules(marker_per_metre=0.0))
+    item = place(sized, Rules(marker_per_metre=0.0))
     assert item.points == pytest.approx(points, abs=0.05)
     assert evidence in item.evidence
     assert item.at == PERIOD
@@ -92,7 +98,7 @@ def test_a_new_marker_for_each_scan_counts_by_all_that_is_drawn_whatever_tells_t
         )
         for row, t in enumerate(GOOD.times[::5])
     ]
-    item = judge_place(with_samples(drawn))
+    item = place(with_samples(drawn))
     assert item.points == points
     assert points or f"{len(drawn)} markers in " in item.evidence
 
@@ -109,7 +115,7 @@ def test_markers_that_a_busy_machine_loses_cost_no_point_of_one_that_turns_on_th
         for row, each in enumerate(marked.markers)
         if not (lost and row % lost == 0 and abs(yaw[row]) < 2.3)
     ]
-    item = judge_place(replace(marked, markers=tuple(kept)))
+    item = place(replace(marked, markers=tuple(kept)))
     assert item.points == pytest.approx(17.7, abs=0.1)
     assert "73 % with the pillar to the side, 100 % with it ahead" in item.evidence
 
@@ -124,8 +130,8 @@ def test_what_is_deleted_too_old_or_in_another_namespace_is_not_drawn_in_its_pla
         ([*wrong, cleared], 20.0),
         ([replace(marker, namespace="path") for marker in wrong], 20.0),
     ):
-        assert judge_place(with_samples([*others, *right])).points == points
-    gone = judge_place(with_samples([right[0], replace(right[0], action="delete")]))
+        assert place(with_samples([*others, *right])).points == points
+    gone = place(with_samples([right[0], replace(right[0], action="delete")]))
     assert (gone.points, "deleted as soon as it has come" in gone.evidence) == (0.0, True)
 
 
