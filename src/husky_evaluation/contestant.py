@@ -229,7 +229,12 @@ def outcome(
 ) -> Outcome:
     """Return the outcome of a run.
 
-    `times` (N,) [s]; true `poses` of base_link (N, 3) [m, m, rad]; `pillar`, its centre at the start [m].
+    Args:
+        scene: name of the scenario.
+        times: (N,) [s] simulated time of each pose.
+        poses: (N, 3) [m, m, rad] true poses of base_link.
+        pillar: x and y of the pillar's centre at the start [m].
+        robot: robot of the run.
     """
     # one value for each pose: gap between footprint and pillar [m], distance from the pose before [m] (0 for
     # the first pose), and speed [m/s]

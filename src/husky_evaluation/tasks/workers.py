@@ -25,10 +25,12 @@ class Workers:
     """Processes that do the tasks; a context manager."""
 
     def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
-        """Connect to processes of this machine, or to the Dask scheduler at tcp://host:8786 or the like.
+        """Prepare processes of this machine, or connect to the workers of a Dask cluster.
 
-        Results that are in the file `resume` are not computed again, and new ones are kept in it; None keeps
-        no results. `jobs` is the number of processes of this machine, without effect on a cluster.
+        Args:
+            jobs: number of processes of this machine; without effect on a cluster.
+            cluster: address of the Dask scheduler, such as tcp://host:8786; empty for this machine.
+            resume: file that keeps the results, so that they are not computed again; None keeps no results.
 
         Raises:
             HuskyError: Dask is not installed, no scheduler answers, or the file is another kind of file.

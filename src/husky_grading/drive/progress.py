@@ -113,11 +113,11 @@ class _Activity:
 def state_of_tree(root: int) -> Tuple[bool, float]:
     """Return whether a thread below a process runs, and the CPU time [s] of all processes below it."""
     runs, ticks = False, 0
-    waiting = _children(root)  # the root itself does not count, because it is our reaper.py
+    waiting = _children(root)  # the root is reaper.py, a program of ours around the submission
     while waiting:
         pid = waiting.pop()
         for task in _tasks(pid):
-            # the name of the program ends with the last bracket
+            # the fields come after the program's name, which is in brackets and may contain brackets
             fields = _read(task / "stat").rpartition(")")[2].split()
             if fields:  # otherwise the thread has ended
                 runs |= fields[_STATE] in _RUNNING

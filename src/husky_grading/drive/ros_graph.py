@@ -1,4 +1,4 @@
-"""ROS graph: requests to a ROS master over XML-RPC; topics that lead nowhere or that a submission forges."""
+"""ROS graph: requests to a ROS master over XML-RPC; topics that a submission uses in vain or must not use."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _ask(uri: str, method: str, *arguments: Any) -> Any:
 
 
 def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
-    """Return whether the submission subscribes to a topic that not every node has."""
+    """Return whether the submission subscribes to a topic besides those that every node has."""
     return any(set(nodes) - our_nodes for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
 
 
@@ -151,11 +151,12 @@ def unread_topics(
 
 
 def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str]) -> List[Tuple[str, str]]:
-    """Return (topic, node) of the submission for topics on which only the simulator may publish."""
+    """Return (topic, node) for each publisher of the submission on a topic of the simulator."""
     return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]
 
 
 def topics_of_truth(subscribers: Nodes, our_nodes: Set[str]) -> List[Tuple[str, str]]:
-    """Return (topic, node) of the submission for subscriptions to true poses, which are not published."""
+    """Return (topic, node) for each subscription of the submission to a topic with true poses."""
     truth = [topic for topic in subscribers if topic == TRUTH or topic.startswith(WORLD)]
+    # the same search as for forged topics, among subscribers in place of publishers
     return forged_topics(subscribers, truth, our_nodes)

@@ -290,7 +290,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
 
 
 def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: float) -> Item:
-    """Return the item of a robot that touches the pillar at a time [s]: all points, unless it rams it."""
+    """Return the item of a robot that touches the pillar at a time [s]; ramming it may cost points."""
     times = recording.times
     just_before = (times >= touch_time - JUST_BEFORE) & (times <= touch_time)
     speed = float(np.abs(recording.speeds[just_before, 0]).max())

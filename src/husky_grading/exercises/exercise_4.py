@@ -198,7 +198,7 @@ class FilterWatch(Watch):
         return state.subscribed
 
     def on_message(self, topic: str, message: Any) -> None:
-        """Keep an estimate."""
+        """Keep an estimate, at most MAX_ESTIMATES for each topic."""
         self._came_at = time.monotonic()
         path = self._paths.setdefault(topic, [])
         if len(path) < MAX_ESTIMATES:
@@ -324,7 +324,7 @@ def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> V
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the top view is 2 m above base_link at three moments of the run."""
     rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of smb_top_view in base_link
-    if len(rows) < 3:
+    if len(rows) < 3:  # too few for three moments
         # if the frame never came, `places` has the positions of all other frames; one of them may be the top
         # view under a wrong name
         frames_above = [frame for frame, place in sorted(playback.places.items()) if _is_above(place)]
