@@ -57,7 +57,10 @@ class Comparison:
         return [getattr(a, quantity) for a, _ in self.pairs], [getattr(b, quantity) for _, b in self.pairs]
 
     def worse(self, margin: float) -> str:
-        """Return why B is worse than A by more than a fraction of A's time, or an empty text if it is not."""
+        """Return why B is worse than A, because it fails more often or is too slow; empty if it is not worse.
+
+        `margin` is the allowed slowdown of B, as a fraction of A's mean time.
+        """
         # letter of the failing side, for each start at which only one side fails
         letters = [letter for letter, _, _ in self.failures]
         only_b_fails, only_a_fails = letters.count("B"), letters.count("A")

@@ -44,6 +44,7 @@ from husky_evaluation.tasks.command import (
 )
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.course import PILLAR_NAME
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table
 
@@ -77,9 +78,13 @@ def figure(
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
-    """Return the figures of the centre errors [m] in scenes with a pillar; inf if it was not found.
+    """Return the figures of the found pillars in scans with a pillar.
 
-    `minimum` is the wanted share of found pillars [%], and `maximum` the wanted limit of the error [cm].
+    Args:
+        title: beginning of the name of each figure.
+        errors: error of the pillar's centre [m] in each scan; inf if the pillar was not found.
+        minimum: wanted fraction of found pillars [%].
+        maximum: wanted limit of the error [cm].
     """
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
@@ -152,7 +157,7 @@ def late_figures(run: DriveResult) -> List[Row]:
 
 def touch_figures(run: DriveResult) -> List[Row]:
     """Return the figures of the run from the course's start with stop_distance 0."""
-    is_touched = float(run.touched == ("unit_cylinder",))
+    is_touched = float(run.touched == (PILLAR_NAME,))
     return [
         figure("touched the pillar, and nothing else", is_touched, minimum=1.0, replay=run.replay),
         figure("time to arrival", run.arrived_at, "s"),

@@ -47,7 +47,7 @@ class Setup:
         """Return another setup, with some parameters changed by name.
 
         Raises:
-            ConfigError: a name is not a parameter, or a value is not allowed; its text begins with `source`.
+            ConfigError: a name is not a parameter, or a value is not allowed. The message begins with `source`.
         """
         current = parameter_values(self)
         for name in values:

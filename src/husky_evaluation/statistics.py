@@ -28,9 +28,10 @@ class Interval(NamedTuple):
 
 
 def bootstrap(differences: ArrayLike) -> Interval:
-    """Return the mean of finite paired differences with the bootstrap's percentile interval; nan if none.
+    """Return the mean of finite paired differences with the bootstrap's percentile interval.
 
-    The resampling has a fixed seed, so the same differences give the same interval.
+    The numbers are nan if there are no differences. The resampling has a fixed seed, so the same differences
+    give the same interval.
     """
     values = np.asarray(differences, dtype=float)
     if not len(values):

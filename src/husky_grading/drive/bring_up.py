@@ -81,7 +81,7 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
             raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
         _SETUPS[launch_arguments] = setup["parameters"], setup["arguments"]
     parameters, arguments = _SETUPS[launch_arguments]
-    # roslaunch would set /run_id; here the name of a run is always the same
+    # roslaunch would set /run_id, too, but to a new name for each run
     set_parameters(network.uri, {"/run_id": "marking", **parameters})
     return arguments
 

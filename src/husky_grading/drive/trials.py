@@ -54,4 +54,5 @@ def trial_world(trial: Trial, robot: str) -> str:
     assert _POSE in text
     assert _SIZE in text
     text = text.replace(_SIZE, f"<radius>{size.radius:g}</radius> <length>{size.height:g}</length>")
+    # the centre of each pillar is as high as in the course's world, 0.5 m
     return text.replace(_POSE, f"<pose>{trial.pillar[0]} {trial.pillar[1]} 0.5 0 0 0</pose>")

@@ -35,10 +35,11 @@ TOLERANCE = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
 # item gets no points
 LEAST_LINES = 5
-# [s] simulated time between a scan and the line that prints its smallest range, at most; it is this long if a
-# slow node has a long queue of scans
+# [s] largest simulated time between a scan and the line that prints its smallest range; a slow node with a
+# long queue of scans prints so late
 LATEST = 1.0
-# [m] largest error of a number that is taken as a range of the pillar, but not as the smallest range
+# [m] a number that differs from the smallest range by more than TOLERANCE, but by less than NEAR, counts as
+# another range of the pillar
 NEAR = 0.5
 # all points are given only if the printed numbers change by at least this fraction of the change of the
 # smallest range
@@ -116,7 +117,7 @@ class PrintedLine(NamedTuple):
     """Line of the output that has decimal numbers."""
 
     numbers: List[float]
-    stamp: Optional[float]  # [s] simulated time at which it was printed; None if the line has no such stamp
+    stamp: Optional[float]  # [s] simulated time at which the line was printed; None if it has no such stamp
 
 
 def read_lines(output: str) -> List[PrintedLine]:
@@ -132,7 +133,10 @@ def read_lines(output: str) -> List[PrintedLine]:
 
 
 def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tuple[float, float]:
-    """Return the limits [m] of the smallest range in the scans that a line of this stamp [s] can print.
+    """Return the limits [m] of the number that a line of this stamp [s] has to print.
+
+    The line may belong to any scan of the last LATEST seconds, and each of these scans has its own smallest
+    range.
 
     Args:
         nearest: (N, 2) time [s] and smallest range [m] of each scan, by time.
@@ -150,18 +154,18 @@ def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tup
 
 
 def judge_output(recording: Recording) -> Item:
-    """Grade whether the smallest range is printed: 40 points, or 20 if it does not follow the run."""
+    """Grade whether the smallest range is printed: 40 points, or 20 if it does not become smaller."""
     item = Item(PRINTS_RANGE, 0.0, 40.0, "")
     # scans without a return have no smallest range
     nearest = recording.nearest[np.isfinite(recording.nearest[:, 1])]
     if not recording.subscribed or not len(nearest):
-        # without a subscription, `first_cause` also names a topic of scans that is written wrong
+        # if the submission does not subscribe to the scans, `first_cause` also finds a misspelt topic
         reasons = causes(recording) if recording.subscribed else [first_cause(recording)]
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     lines = read_lines(recording.output)
     printed = []  # [m] first number of each line that can be the smallest range
-    # While the robot stands, the smallest range is known exactly, also if the node is late. So a number of
-    # such a line is right, or it is a miss: another range of the pillar.
+    # While the robot stands, all scans have the same smallest range, so late lines are right, too. A number
+    # in such a line is a miss if it is another range of the pillar.
     misses, is_right_at_rest = [], False
     for numbers, stamp in lines:
         low, high = smallest_ranges(nearest, stamp)
@@ -172,7 +176,7 @@ def judge_output(recording: Recording) -> Item:
             misses += [number for number in numbers if TOLERANCE < abs(number - high) < NEAR]
     low, high = smallest_ranges(nearest, None)
     if len(printed) < LEAST_LINES:
-        # if it prints other numbers, it does not take the minimum of the valid ranges
+        # a submission that prints other numbers does not take the minimum of the valid ranges
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
         return replace(item, evidence=evidence, hint=MINIMUM if lines else PRINT)
     if len(misses) >= LEAST_LINES and not is_right_at_rest:
@@ -215,7 +219,7 @@ def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
 def judge_exercise_2(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """Return the items of exercise 2: 40 points, 30 by hand, 15 and 15."""
+    """Return the items of exercise 2; 30 of the 100 points are given by hand."""
     recording = recordings[0]  # this exercise has a single run
     items = [
         judge_output(recording),

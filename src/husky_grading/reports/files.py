@@ -90,9 +90,9 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
     """Write the table, the page and the test report of a class.
 
     Args:
-        results: results of its students.
-        folders: names of the folders of results, by the students' names.
-        out: folder for the files; the students' folders are in its hand_ins/.
+        results: results of the students.
+        folders: name of each student's folder, by the student's name.
+        out: folder for the files; the students' folders are in out/hand_ins.
 
     Raises:
         OSError: a file cannot be written, for example on a full disk.

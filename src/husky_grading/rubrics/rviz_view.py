@@ -21,7 +21,7 @@ NAMES = {TF: "frames", ROBOT: "robot model", SCAN: "laser scan"}
 
 
 def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
-    """Return the item of a submission without a configuration of RViz, by the rubric."""
+    """Return the item of a submission without a configuration of RViz, by the rule `no_rviz_config`."""
     seen = NO_VIEW
     if view.missing:
         seen += f": its launch file names {view.missing}, which is not in the submission"
@@ -29,6 +29,7 @@ def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
     if rules.no_rviz_config == "zero":
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
+        # the page of the class counts the submissions that wait only for this reason
         return replace(item, points=None, evidence=by_hand(seen), reason=Kind.NO_RVIZ_FILE)
     # the rule is "node", so it gets all points if its launch file starts RViz, otherwise none
     evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
