@@ -99,7 +99,7 @@ class StraightDrive(Watch):
         The student chooses the names. So a private text with the topic of the scans counts as the name of the
         topic, and a private whole number whose name contains "queue" counts as the queue size.
         """
-        topic = self._initial.scan_topic
+        topic = self._initial_recording.scan_topic
         # a private parameter stands below the name of a node, such as /node/name
         private = [
             (name, value) for name, value in sorted(self._ros.parameters().items()) if name.count("/") > 1

@@ -321,7 +321,7 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
 
 
 def find_placements(recording: Recording, rules: Rules) -> List[Placement]:
-    """Return the placement of each topic and namespace of markers before the robot first touches the pillar.
+    """Return the score of each topic's and namespace's markers, up to the first touch of the pillar.
 
     A push moves the pillar to an unknown position, so later markers do not count.
     """
@@ -430,7 +430,11 @@ def judge_shown(
 ) -> Item:
     """Grade whether RViz shows the marker: 10 points, if the marker has points for its place in a run.
 
-    `placements` are those of all runs, and `places` are the items of judge_place, one for each run.
+    Args:
+        view: view of RViz.
+        placements: placements of all runs.
+        places: items of `judge_place`, one for each run.
+        rules: rules of the rubric.
     """
     item = Item(SHOWS_MARKER, 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
     # topics and namespaces whose markers were at the pillar

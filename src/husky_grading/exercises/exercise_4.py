@@ -191,7 +191,7 @@ class FilterWatch(Watch):
     @property
     def input_topic(self) -> str:
         """Return the topic of the bag's wheel odometry."""
-        return f"/{load_robot(self._initial.robot).topics.wheel_odometry}"
+        return f"/{load_robot(self._initial_recording.robot).topics.wheel_odometry}"
 
     def is_submission_ready(self, state: DriveState) -> bool:
         """Return whether the submission subscribes to the bag's odometry; it sends no command."""
@@ -215,7 +215,7 @@ class FilterWatch(Watch):
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
         # [s] simulated time at which the bag counts as played, because the bag is played up to the deadline
-        end = self._initial.deadline - BAG_MARGIN
+        end = self._initial_recording.deadline - BAG_MARGIN
         if state.now < end or not self._is_path_complete(end):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")

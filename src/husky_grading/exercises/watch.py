@@ -74,12 +74,12 @@ class Watch:
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         """Prepare for a run; `initial` is its recording before it begins, with pillar, robot and deadline."""
-        self._initial, self._ros = initial, ros
+        self._initial_recording, self._ros = initial, ros
 
     @property
     def input_topic(self) -> str:
         """Return the topic to which the submission has to subscribe."""
-        return self._initial.scan_topic
+        return self._initial_recording.scan_topic
 
     def is_submission_ready(self, state: DriveState) -> bool:
         """Return whether the submission is ready, because simulated time begins only then."""
@@ -99,8 +99,8 @@ class Watch:
 
         The recorder calls it several times per second.
         """
-        if state.now >= self._initial.deadline:
-            return Note(Kind.DEADLINE, f"the deadline of {self._initial.deadline:g} s")
+        if state.now >= self._initial_recording.deadline:
+            return Note(Kind.DEADLINE, f"the deadline of {self._initial_recording.deadline:g} s")
         return None
 
     def has_silenced(self, last_command: float) -> bool:

@@ -147,7 +147,7 @@ def first_cause(recording: Recording) -> Note:
         most = f"{recording.fastest:.1g} m/s and {recording.sharpest:.1g} rad/s"
         text = f"all {recording.command_count} commands are nearly zero, at most {most}"
         return Note(Kind.ZERO_COMMANDS, text)
-    if inf in (recording.fastest, recording.sharpest):
+    if inf in (recording.fastest, recording.sharpest):  # a NaN is recorded as inf, too
         return Note(Kind.NOT_A_NUMBER, "it sends commands that are NaN or infinite, which the robot refuses")
     return Note(Kind.IN_SPITE_OF_COMMANDS, f"in spite of {recording.command_count} commands")
 

@@ -64,7 +64,7 @@ class Placement:
     evidence: str
     at: float  # [s] simulated time of the first wrong marker; if none is wrong, of the first marker
     fault: Optional[Kind] = None  # fault that most wrong markers have; None if unknown
-    namespaces: FrozenSet[Tuple[str, str]] = frozenset()  # topics and namespaces of its markers
+    namespaces: FrozenSet[Tuple[str, str]] = frozenset()  # topic and namespace of its markers
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
@@ -86,8 +86,8 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
             if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
                 members.append(marker)
     return [
-        replace(_judge_together(recording, members, rules), namespaces=frozenset({namespace}))
-        for namespace, members in series.items()
+        replace(_judge_together(recording, members, rules), namespaces=frozenset({topic_and_namespace}))
+        for topic_and_namespace, members in series.items()
     ]
 
 
