@@ -1,7 +1,7 @@
 """Backdrop of the 3D view: ground, sky and light by day and by night, contact shadows.
 
-Ground and sky are triangles with colours at their corners, because without a graphics card a shader that
-calculates a grid takes as long as both, and so does a texture. Shadows would take a second per frame.
+Ground and sky are triangles with colours at their corners. Without a graphics card, a shader that calculates
+a grid takes as long as ground and sky together, and so does a texture. Shadows would take a second per frame.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ CHECKER, SECTION, LINE = 25, 5, 0.03
 # near the robot, a square of the checker pattern is brighter or darker than the ground's colour by this
 # fraction
 CONTRAST = 0.09
-# [m] the ground follows the robot in steps of this length; a step is not visible, because the pattern repeats
-# after this length
-STEP = 2 * SECTION
+# [m] length after which the pattern repeats; the ground follows the robot in steps of it, which nobody sees
+PATTERN_LENGTH = 2 * SECTION
 SHADOW_HEIGHT = 0.004  # [m] height of the shadow above the ground
 # shadow of the robot or an object: width beyond its outline [m], side of the shadow's picture [px], largest
 # opacity (0 to 1)
@@ -78,7 +77,7 @@ class Backdrop:
     def update(self, ground: float, robot: Optional[Vector3]) -> None:
         """Put the ground at a height [m], around the robot [m]."""
         x, y = (0.0, 0.0) if robot is None else robot[:2]
-        x, y = STEP * round(x / STEP), STEP * round(y / STEP)
+        x, y = (PATTERN_LENGTH * round(value / PATTERN_LENGTH) for value in (x, y))
         for node in self._scenery:
             place(node, Pose((x, y, ground)))
 
@@ -99,10 +98,13 @@ def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], cent
 
 
 def _fade(length: float) -> np.ndarray:
-    """Return the opacity along a side of the shadow [m]: 0 at its ends, 1 from twice the blur inwards."""
+    """Return the opacity along a side of the shadow [m]; it grows from 0 at both ends to 1 in the middle.
+
+    It reaches 1 at a distance of twice SHADOW_BLUR from the ends.
+    """
     from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))  # [m]
     linear = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
-    smooth: np.ndarray = linear * linear * (3.0 - 2.0 * linear)
+    smooth: np.ndarray = linear * linear * (3.0 - 2.0 * linear)  # has no kinks, which would be visible
     return smooth
 
 
@@ -187,8 +189,8 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def _quads_between(rings: np.ndarray) -> np.ndarray:
-    """Return the values at the corners of the quads between rings (R, P, 3) of points, (N, 4, 3)."""
-    # rings of points at the inner and at the outer side of each band of quads
+    """Return the corners (N, 4, 3) of the quads between rings (R, P, 3); both are positions or colours."""
+    # rings at the inner and at the outer side of each band of quads
     inner, outer = rings[:-1], rings[1:]
     corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]
     return np.stack(corners, axis=2).reshape(-1, 4, 3)

@@ -33,7 +33,7 @@ SENT, SAME = 100, 0.01
 
 
 class Camera:
-    """Moves a page's camera, and keeps the changes of the page's mouse."""
+    """Moves a page's camera, and lets the page's mouse change the offset from the robot or the pillar."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client  # page to which the camera belongs
@@ -42,7 +42,7 @@ class Camera:
         self._is_placed = False
         # true if the page has reported a position that was sent after the last jump; before that, its reports
         # are too old
-        self._is_settled = False
+        self._has_jump_arrived = False
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
         # yaw [rad] of the frame that turns with the robot; offset [m] of the camera from its target, in this
         # frame
@@ -72,7 +72,7 @@ class Camera:
             self._yaw += turn
             self._take_over(camera)  # the mouse may have moved the camera, so `_offset` may change
         else:  # the camera jumps, because another camera was chosen, or a service has moved the robot
-            self._yaw, self._is_settled = yaw, False
+            self._yaw, self._has_jump_arrived = yaw, False
             self._sent.clear()
         if not self._is_placed:  # otherwise the camera keeps the offset that the mouse has given it
             self._offset = OFFSETS[self._name]
@@ -86,7 +86,7 @@ class Camera:
         self._is_placed, self._target = True, target
 
     def _take_over(self, camera: Any) -> None:
-        """Keep the offset from the target that the page's mouse has given the camera.
+        """Take over the camera's offset from the target, if the page's mouse has changed it.
 
         The page reports the position of its camera late. A reported position that was sent to the page
         before does not come from the mouse. Position and rotation of a report belong together, but its target
@@ -94,9 +94,9 @@ class Camera:
         """
         position = camera.position.tolist()
         is_sent = any(dist(position, sent) < SAME for sent in self._sent)
-        if is_sent or not self._is_settled:
-            # `_sent` is emptied at a jump, so a position in it shows that the report is younger than the jump
-            self._is_settled |= is_sent
+        if is_sent or not self._has_jump_arrived:
+            # a jump empties `_sent`, so the page can report a position in `_sent` only after the jump
+            self._has_jump_arrived |= is_sent
             return
         w, x, y, z = camera.wxyz.tolist()
         # direction from the target to the camera; a camera looks along its own z axis, so -z points back

@@ -18,7 +18,7 @@ from husky_web.viser_private import wxyz
 LETTER_SCALE = 1.0
 LINE_WIDTH = 0.01  # [m] width of a line whose marker gives no width
 # [m] length of each dash and of each gap; largest length of a dashed line
-DASH, MAX_DASHES = 0.25, 100.0
+DASH, LONGEST_DASHED = 0.25, 100.0
 MIN_OPACITY = 0.02  # a piece with less opacity is not drawn, as in RViz
 # topics and other sources whose first error has been logged; later errors are not logged
 _warned: Set[str] = set()
@@ -33,7 +33,7 @@ def on_error_log_and_skip(source: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # an error of a single item must not end the page
+    except Exception as error:
         warn_left_out(source, f"{type(error).__name__}: {error}")
 
 
@@ -129,11 +129,11 @@ def rgb(rgba: Rgba) -> Tuple[int, int, int]:
 
 
 def dashes(start: Vector3, end: Vector3) -> np.ndarray:
-    """Return segments (N, 2, 3) of a dashed line [m], which stay in place while only its end moves."""
+    """Return the dashes (N, 2, 3) of a line [m]; a dash stays in place if only the end of the line moves."""
     line = np.array(end) - np.array(start)
     length = float(np.linalg.norm(line))
-    count = int(min(length, MAX_DASHES) / DASH + 1.0) // 2
-    # [m] distances from `start` to the begin and to the end of each dash
+    count = int(min(length, LONGEST_DASHED) / DASH + 1.0) // 2  # number of dashes; the last one has no gap
+    # [m] distances from `start` to both ends of each dash
     distances = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
     segments: np.ndarray = (np.array(start) + distances * line / max(length, DASH)).astype(np.float32)
     return segments

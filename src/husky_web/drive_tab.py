@@ -160,8 +160,8 @@ class DriveTab:
     def _mark_stale(self, now: float, time: Optional[float]) -> None:
         """Mark the lights without a message for STALE_LIGHT; the arguments are those of `take`.
 
-        The time counts in wall time and in simulated time, because nodes send their diagnostics by simulated
-        time, which may be slow or stand still.
+        A light is stale only if STALE_LIGHT has passed in both wall time and simulated time, because nodes
+        send their diagnostics by simulated time, which may be slow or stand still.
         """
         for name, light in list(self._lights.items()):
             # simulated time has become known, or the simulator was started again
@@ -232,7 +232,10 @@ class DriveTab:
         self._actions.do(work, client, "Drive again")
 
     def activity(self) -> Tuple[str, int, str]:
-        """Return the state of the controller, empty if unknown; level and sentence of its fault, if any."""
+        """Return the controller's state, and the level and the sentence of its fault.
+
+        The state is empty if it is unknown. The level is 0 and the sentence is empty if there is no fault.
+        """
         level, sentence = next(
             (light[:2] for name, light in self._lights.items() if self._is_of_controller(name)), (0, "")
         )

@@ -1,4 +1,4 @@
-"""Drivers: the node whose command the robot obeys, by the inputs of twist_mux.
+"""Drivers: the nodes that command the robot. Finds the node that the robot obeys, as twist_mux does.
 
 In: geometry_msgs/Twist of each input, with its sender. Out: the sender's name, and whether it is a person.
 """
@@ -22,20 +22,21 @@ _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 class Command(NamedTuple):
     """Last command of a sender, if it was not zero."""
 
-    name: str  # one of INPUTS
+    name: str  # input on which the command came, one of INPUTS
     sender: str
     time: Optional[float]  # [s] simulated time; None if unknown
     now: float  # [s] wall time
 
     @property
     def is_by_hand(self) -> bool:
-        """Return whether it came on an input with a higher priority than the controller's."""
+        """Return whether the command came on an input with a higher priority than the controller's."""
         return self.name != INPUTS[-1]
 
     def counts(self, time: Optional[float], now: float) -> bool:
-        """Return whether the robot still obeys it, at `time` and `now` as above.
+        """Return whether the robot still obeys the command at `time` (simulated) and `now` (wall time) [s].
 
-        Simulated time decides, as in twist_mux. If it is unknown, wall time decides.
+        A command always counts for MIN_WALL_TIME. Then simulated time decides, as in twist_mux. If it is
+        unknown, wall time decides.
         """
         if time is not None and self.time is not None and 0.0 <= time - self.time <= TIMEOUT:
             return True
@@ -51,7 +52,7 @@ class Drivers:
         self._last_commands: Dict[Tuple[str, str], Command] = {}
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:
-        """Take in commands by input, which came at `time` and `now`, see `Command`."""
+        """Take in commands, each with its input, which came at `time` and `now`, see `Command`."""
         for name, msg in received:
             sender = msg._connection_header["callerid"]
             self._last_commands.pop((name, sender), None)

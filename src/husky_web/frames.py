@@ -30,7 +30,11 @@ class Frames:
         return sorted({*self._parents, *self._parents.values()})
 
     def update(self, parent: str, child: str, stamp: float, pose_child_in_parent: Pose) -> None:
-        """Take in one transform; a stamp [s] that runs backwards clears the frame, as after a bag's end."""
+        """Take in one transform with its stamp [s].
+
+        The frame's earlier poses are dropped if the stamp runs backwards, for example because a bag is played
+        again, or if the frame has another parent now.
+        """
         poses = self._poses.setdefault(child, deque(maxlen=MEMORY))
         if self._parents.get(child) != parent or (poses and stamp < poses[-1][0]):
             poses.clear()
@@ -58,7 +62,11 @@ class Frames:
         return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 
     def _climb(self, frame: str, stamp: Optional[float], stop_at: str) -> Tuple[str, Pose]:
-        """Return `stop_at` if it is above a frame, otherwise the tree's root, and the frame's pose in it."""
+        """Climb the tree from a frame to `stop_at`, or to the root if `stop_at` is not above the frame.
+
+        Returns:
+            Frame at which the climb has ended, and the pose of the first frame in it.
+        """
         pose = IDENTITY
         for _ in range(MAX_DEPTH):
             if frame == stop_at or frame not in self._parents:

@@ -25,14 +25,14 @@ STEEP = 0.05
 
 
 class Mouse:
-    """Binds clicks and drags to the nodes on which a page's tool acts; on other nodes they turn the view."""
+    """Binds clicks and drags to nodes on which a page's tool acts; on others, the mouse turns the view."""
 
     def __init__(
         self, scene: Scene, objects: Objects, world: WorldTab, moving: Moving, pages: Dict[int, Page]
     ) -> None:
         self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
-        self._moving = moving
-        self._drags: Dict[Any, Drag] = {}
+        self._moving = moving  # name of the object that is moved, for the state bar
+        self._drags: Dict[Any, Drag] = {}  # drags that go on, by the key of the object; BASE is the robot
         objects.on_new = self._bind_object
 
     def bind(self) -> None:
@@ -54,6 +54,7 @@ class Mouse:
             self._end(key)
 
     def _end(self, key: Any) -> None:
+        """End the drag of an object or of the robot, if it is dragged."""
         if self._drags.pop(key, None) is not None and not self._drags:
             self._moving.end()
         if key == BASE:
@@ -78,7 +79,7 @@ class Mouse:
                 node.on_drag("left")(partial(self._on_drag_object, key))
 
     def on_ground(self, event: Any) -> None:
-        """Put the chosen shape at the point that a page with the tool for it has clicked."""
+        """Put the chosen shape at the clicked point, if the page has chosen this tool."""
         if self._tool(event) != PUT:
             return
         point = point_on_level(event.ray_origin, event.ray_direction, self._scene.ground)
@@ -104,7 +105,7 @@ class Mouse:
             drop = partial(self._objects.drop, key)
             _, name = key
             self._begin(key, name, Drag(event.client.client_id, pose, show, drop))
-        self._pass_on(key, event)
+        self._follow(key, event)
 
     async def _on_drag_robot(self, event: Any) -> None:
         base = self._scene.base
@@ -113,13 +114,14 @@ class Mouse:
         if event.phase == "start":
             drop = partial(self._world.move_robot, event.client)
             self._begin(BASE, "the robot", Drag(event.client.client_id, base, self._scene.show_ghost, drop))
-        self._pass_on(BASE, event)
+        self._follow(BASE, event)
 
     def _begin(self, key: Any, name: str, drag: Drag) -> None:
         self._drags[key] = drag
         self._moving.begin(name)
 
-    def _pass_on(self, key: Any, event: Any) -> None:
+    def _follow(self, key: Any, event: Any) -> None:
+        """Move the dragged object as an event of the mouse says, and end the drag at its last event."""
         drag = self._drags.get(key)
         if drag is not None:
             drag.on_event(event)

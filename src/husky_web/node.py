@@ -96,8 +96,7 @@ class WebNode:
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
-        # true if the ROS master does not answer, or if another master was started, which does not know this
-        # node
+        # true if the ROS master does not answer, or if a master was started again and does not know this node
         self._is_master_gone = False
         self._registration = Registration()  # asks the master whether it knows this node
         self._is_paused: Optional[bool] = None  # true if simulated time is paused; None without a simulator
@@ -263,8 +262,8 @@ class WebNode:
             self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return None
-        # once true, this stays true until the node ends, and the page asks for a restart: the subscriptions
-        # are opened again, but a new master never learns of the publishers of this node
+        # `is_lost` stays true until the node ends, and the page asks for a restart, because a new master
+        # never learns of the publishers of this node
         is_lost = self._registration.is_lost
         # a master that answers after a silence may be a new master; a master that does not know this node is
         # a new master
@@ -321,7 +320,7 @@ class WebNode:
                 is_master_gone=self._is_master_gone,
                 is_paused=bool(self._is_paused),
                 is_silent=numbers.is_silent(now),
-                # name of the object that a page moves; it stays until the robot can have noticed the motion
+                # name of the object that a page moves; it stays until the robot has had time to notice this
                 moving=self._moving.text(numbers.time, now),
                 is_by_hand=is_by_hand,
                 driver=other_driver,

@@ -31,6 +31,7 @@ Key = Tuple[str, str]  # topic of the interactive marker's server, and name of t
 # [m] a part of an object that is wider than this counts as ground and is not drawn, because the page draws
 # its own ground
 WIDEST = 50.0
+CONTROL = "body"  # name of the control in the simulator's interactive markers
 MOVABLE = (
     InteractiveMarkerControl.MOVE_PLANE,
     InteractiveMarkerControl.MOVE_ROTATE,
@@ -114,6 +115,7 @@ class Objects:
         if shown is None or frame is None:
             return
         pose = compose(inverse(frame), pose_in_fixed)  # pose in the marker's own frame
+        # the new pose, and the end of the drag, as from RViz
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
             self._send(key, shown, pose, event, 0)
 
@@ -141,15 +143,16 @@ class Objects:
         msg = InteractiveMarkerFeedback(
             client_id=rospy.get_name(),
             marker_name=name,
-            control_name="body",
+            control_name=CONTROL,
             event_type=event,
             menu_entry_id=entry,
             pose=conversions.pose_to_msg(pose),
         )
         msg.header.frame_id = shown.frame
-        publish(self._publisher(topic), msg)
+        publish(self._feedback_publisher(topic), msg)
 
-    def _publisher(self, topic: str) -> rospy.Publisher:
+    def _feedback_publisher(self, topic: str) -> rospy.Publisher:
+        """Return the publisher of feedback to the server with this topic, a new one if there is none yet."""
         server = topic.rsplit("/", 1)[0]
         if server not in self._feedback:
             self._feedback[server] = rospy.Publisher(
@@ -162,7 +165,7 @@ class Objects:
         key = (topic, marker.name)
         self._erase(key)
         # the publisher is made now, so that it is connected before the first drag ends
-        self._publisher(topic)
+        self._feedback_publisher(topic)
         # slashes in the names are replaced, because viser would read each as a level of its tree of nodes
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)

@@ -183,7 +183,7 @@ class Gate:
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
         self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind
-        # set when the last connection ends; no thread waits for it, but `last_has_gone` reads and clears it
+        # set when the last connection ends; `last_has_gone` reads and clears it in another thread
         self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:

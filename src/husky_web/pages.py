@@ -119,7 +119,7 @@ class Page:
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
-        # the hint changes last, because the tool works only from now on
+        # the hint changes last, because the tool does not work before
         self._hint.content = _HINTS[self.tool]
 
 

@@ -191,7 +191,7 @@ def _mark_lines(axes: _Axes, marks: Sequence[Mark]) -> List[str]:
 
 
 def nice_ticks(low: float, high: float) -> List[float]:
-    """Return three to six round numbers from `low` or less to `high` or more, within SLACK of a step."""
+    """Return three to six round numbers around `low` and `high`, which may exceed them by SLACK of a step."""
     least_step = (high - low) / 3.0
     power = 10.0 ** floor(log10(least_step))
     # smallest round step that is not less than `least_step`, except for rounding errors

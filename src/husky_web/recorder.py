@@ -76,7 +76,9 @@ class Recorder:
 
 
 def recording_page(rows: List[Row], robot_name: str) -> str:
-    """Return an HTML page that replays a run of a robot, with the Husky's shape if it is not in ROBOTS.
+    """Return an HTML page that replays a run.
+
+    A robot that is not in ROBOTS has the Husky's shape.
 
     Args:
         rows: recorded rows, see `Row`.

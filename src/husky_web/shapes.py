@@ -119,6 +119,7 @@ def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_d
     shaft_radius, head_radius = shaft_diameter / 2.0, head_diameter / 2.0
     shaft_rim, head_rim = (shaft_radius, 0.0), (head_radius, shaft_length)
     tip = (0.0, shaft_length + head_length)
+    # the rims are in the profile twice, so that they look sharp
     profile = [(0.0, 0.0), shaft_rim, shaft_rim, (shaft_radius, shaft_length), head_rim, head_rim, tip]
     along_z = _turned(profile)
     return Mesh(np.ascontiguousarray(along_z.vertices[:, [2, 0, 1]]), along_z.faces)
@@ -134,7 +135,7 @@ def triangles(points: np.ndarray) -> Mesh:
 
 
 def _turned(profile: Sequence[Sequence[float]]) -> Mesh:
-    """Return the solid of revolution of a profile (radius, z), upwards; a doubled point is an edge."""
+    """Return the solid of revolution of a profile (radius, z), upwards; a doubled point is a sharp edge."""
     return _mesh(creation.revolve(np.array(profile, float), sections=SIDES, process=False))
 
 

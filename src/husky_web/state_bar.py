@@ -82,7 +82,7 @@ class Moving:
 
     @contextmanager
     def __call__(self, text: str) -> Iterator[None]:
-        """Move this object during a block."""
+        """Show the name of an object that is moved during a block."""
         self.begin(text)
         try:
             yield
@@ -119,7 +119,7 @@ class Moving:
 
 
 class StopReason:
-    """Warning that came when the controller stopped; it is kept, because later ones have other reasons."""
+    """Warning that came near the time at which the controller stopped; later warnings have other reasons."""
 
     def __init__(self) -> None:
         self.text = ""

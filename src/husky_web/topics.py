@@ -23,8 +23,8 @@ from husky_highlevel_controller.robot import load_robot
 # [s] after a message, the thread that has read it pauses, so that the next messages are read together;
 # NUMBERS_PAUSE is for messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
-# The messages that came during a pause are read at once when the pause has ended. So a message that is read
-# within this share of the length of a pause came during the pause, and causes no pause of its own.
+# messages that came during a pause are read right after it; a message that is read within this share of the
+# pause's length after the pause is one of them, and causes no pause of its own
 BURST_SHARE = 0.2
 # largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
 # lost
@@ -62,7 +62,7 @@ class Topics:
 
     def open(self) -> None:
         """Subscribe to the topics of every robot; `follow` adds further topics of the network."""
-        self.listen("scan", numpy_msg(LaserScan), True)
+        self.listen("scan", numpy_msg(LaserScan), is_wanted=True)
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
@@ -127,14 +127,12 @@ class Topics:
     def _push(self, use: str, topic: str, pause: float, msg: Any) -> None:
         """Keep a message, and sleep `pause` [s] so that the next messages are read together.
 
-        There is no second pause for a message that came during the last one. Without pauses the messages of a
-        run would wake this process 475 times per second.
+        A message that came during the last pause causes no pause of its own, see BURST_SHARE. Without pauses,
+        the messages of a run would wake this process 475 times per second.
         """
         self._queues[use].append((topic, msg))
         if use == "scan":
             self.scan_count += 1
-        # the messages that came during the pause follow at once when it has ended, so a message that comes
-        # later than BURST_SHARE of the pause is a new one
         if time.monotonic() - getattr(self._pause_ended, "at", -inf) > BURST_SHARE * pause:
             time.sleep(pause)
             self._pause_ended.at = time.monotonic()

@@ -177,7 +177,7 @@ class _Server:
         return values
 
     def _show(self, values: Dict[str, Any]) -> None:
-        """Keep new values of the server and show them, except in fields that wait for their request."""
+        """Keep new values of the server, and show them, except in fields whose request waits to be sent."""
         with self._turn:
             for name, value in values.items():
                 if self.values.get(name, value) != value:  # a first value is not a change

@@ -29,7 +29,7 @@ class LoopEvent(asyncio.Event):
     """
 
     def set(self) -> None:
-        """Set it, if this is a loop's thread."""
+        """Set the event, if this thread runs a loop; otherwise the loop sets it later."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -98,7 +98,7 @@ def place(node: Any, pose: Pose) -> None:
 
 
 def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
-    """Move a page's camera; its handle keeps the last report of the page.
+    """Move a page's camera. `camera` does not change, so it still has the last report of the page.
 
     viser's setters are not used, because they also calculate the rotation, in a seventh of the thread's time.
     """

@@ -41,7 +41,7 @@ class WorldTab:
             actions: queue of service calls.
             moving: name of the object that a page moves, for the state bar.
             simulator: name of the simulator's node.
-            frame: frame of all positions, the page's fixed frame; the simulator knows world and odom.
+            frame: frame of all positions, the page's fixed frame; the simulator accepts world and odom.
         """
         self._actions, self._moving, self._simulator, self._frame = actions, moving, simulator, frame
         gui = server.gui
