@@ -1,6 +1,6 @@
 """Arrival of the robot at a pillar, whatever node drives it.
 
-In: true motion of the robot, pillars. Out: an arrival; the robot must drive away before it can arrive again.
+In: true motion of the robot, pillars. Out: an arrival, only once as long as the robot stays near the pillar.
 """
 
 from __future__ import annotations
@@ -49,8 +49,7 @@ class ArrivalWatch:
     def forget(self) -> None:
         """Begin again, because the robot was put elsewhere."""
         self._has_driven, self._stands_since = False, inf
-        # name of the pillar at which the robot has arrived; None if there is none, or if the robot has left
-        # it
+        # name of the last pillar at which the robot has arrived; None after the robot has left this pillar
         self._arrived_at: Optional[str] = None
         # [s] earliest time of the next check whether the robot has left that pillar
         self._next_check = -inf

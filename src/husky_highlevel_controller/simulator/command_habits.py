@@ -1,4 +1,4 @@
-"""Habits of the nodes that command the robot: faults that a student may not see, and the first command.
+"""Habits of the nodes that command the robot: which node drives it, and faults that a student may not see.
 
 In: commands with their stamps and senders. Out: findings, each of them once, and a sentence for each.
 """
@@ -49,7 +49,7 @@ class _Sender:
 
     first: float  # [s] stamp of the sender's first command
     last: float  # [s] stamp of the sender's last command
-    count: int = 0
+    count: int = 0  # number of commands
     has_commanded_motion: bool = False  # true after the sender's first command that is not zero
     # The rate at which a sender sends is measured over the commands since this stamp [s]. None if no command
     # has moved the robot since the last long gap.
@@ -85,11 +85,11 @@ class CommandHabits:
         """Note a command, and yield new findings.
 
         Args:
-            stamp: simulated time at which it is taken [s].
-            topic: topic that it came on.
-            sender: name of the node that sent it.
-            is_zero: whether it commands the robot to stand.
-            stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
+            stamp: simulated time of the command [s].
+            topic: topic of the command.
+            sender: name of the node that sent the command.
+            is_zero: true if the command lets the robot stand.
+            stronger_topic: topic that is obeyed instead of `topic`; None if this command is obeyed.
         """
         # the gap of a sender's first command is 0
         memory = self._senders.setdefault((topic, sender), _Sender(first=stamp, last=stamp))
@@ -120,9 +120,9 @@ class CommandHabits:
             memory: memory of the sender on this topic, with the last command's stamp.
             gap: time between the last two commands [s].
             topic: topic of the command.
-            sender: name of the node that sent it.
-            is_zero: whether it commands the robot to stand.
-            stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
+            sender: name of the node that sent the command.
+            is_zero: true if the command lets the robot stand.
+            stronger_topic: topic that is obeyed instead of `topic`; None if this command is obeyed.
         """
         stamp = memory.last
         # DRIVES: the rate is counted from the first command that moves the robot, because it is not zero and

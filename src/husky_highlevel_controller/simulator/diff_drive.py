@@ -65,7 +65,7 @@ class Drive:
         self.output = STOP  # present command of the wheels, after the limits were applied
 
     def command(self, twist: Twist2D, now: float) -> None:
-        """Take a command at `now` [s]; CommandError if it is not finite, and then the last command stays."""
+        """Take a command at `now` [s]. Raises CommandError, and keeps the last command, if not finite."""
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
             raise CommandError(
                 f"refused a velocity command that is not finite: linear.x = {twist.linear}, "

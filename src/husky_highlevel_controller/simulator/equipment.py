@@ -42,8 +42,8 @@ class Equipment(NamedTuple):
     drive: Drive
     imu: Union[Imu, VibratingImu]
     sensors: List[Sensor]
-    points: Optional[PointLidar]
-    power: Optional[Power] = None
+    points: Optional[PointLidar]  # 3D lidar, sampled only on request; None if the robot has none
+    power: Optional[Power] = None  # None for Gazebo's robot
 
 
 def equip(

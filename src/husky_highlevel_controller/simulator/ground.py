@@ -1,6 +1,6 @@
 """Ground under the robot: height of the floor under its wheels, and a plane for worlds without ground.
 
-In: a `World` or the scene of its shapes, a pose. Out: the same world, or one with a plane; heights.
+In: a `World` or the scene of its shapes, a pose. Out: the world, with a plane if it has no ground; heights.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
-    """Return a height over the pose that is above the floor [m], and the drops from there near the wheels.
+    """Return a height over the pose that is above the floor [m], and the drops from there at the wheels.
 
     The height is MAX_SLAB, or more if the pose is inside a wide body. If the top of this body is not found up
     to MAX_RISE, the drops are 0.
@@ -110,7 +110,7 @@ def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List
 
 
 def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
-    """Return the drops at four corners: distances down to the first body [m], 0 in a solid, inf if no body.
+    """Return the drops at four corners: distances down to a body [m]; 0 in a solid, inf without a body.
 
     The corners are `height` m above the pose, and `reach` m from it along both of its axes.
     """

@@ -1,6 +1,6 @@
 """Motion of models in frames of other models, as Gazebo's services give it.
 
-In: poses and velocities in one frame. Out: the same in another frame.
+In: poses and velocities in one frame. Out: the same motion in another frame.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ loam. So each side draws one current for rolling and another for the torque that
 loam.
 
 The battery has the data sheet's 480 Wh (two sealed 12 V lead-acid batteries of 20 Ah). Its voltages and
-resistance, the electronics' current and all temperatures are not measured, only plausible. Drivers and motors
-warm with the square of the current.
+resistance, the electronics' current and all temperatures are plausible values, which were not measured.
+Drivers and motors become warm with the square of the current.
 
 Stands in for the battery and the motors that husky_base 0.6.10 (Noetic, repository husky_robot) reports in
 husky_msgs/HuskyStatus. No test runs the original, which needs a robot. `test_robot_profile.py` compares the

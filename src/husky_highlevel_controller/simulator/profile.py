@@ -2,14 +2,15 @@
 
 In: nothing. Out: `RobotProfile`, `Ground`.
 
-Gazebo's Husky is what `SimulatorConfig` describes; a simulation that is given a profile publishes what the
-real robot's drivers publish. config/robot_profile.yaml holds the same numbers; a test compares the two.
+`SimulatorConfig` describes Gazebo's Husky. A simulation with a profile publishes the same messages as the
+real robot's drivers. config/robot_profile.yaml has the same numbers, and a test compares them.
 
 Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE). The effective track follows
-from the geometry of four skidding wheels and from the ratio of sideways to lengthwise grip, not from how much
-they grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. In place, chi was measured as
-1.74 on flooring, so the ratio is 0.92, and as 2.13 on sandy loam, so the ratio is 1.40, because sunken wheels
-push soil aside. Both grounds have the friction of the URDF, because no measurement contradicts it.
+from the geometry of four skidding wheels and from the ratio of sideways to lengthwise grip, but not from the
+strength of the grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. In place, chi was
+measured as 1.74 on flooring, so the ratio is 0.92, and as 2.13 on sandy loam, so the ratio is 1.40, because
+sunken wheels push soil aside. Both grounds have the friction of the URDF, because no measurement contradicts
+it.
 """
 
 from __future__ import annotations

@@ -38,8 +38,8 @@ from husky_highlevel_controller.simulator.world_objects import WorldObjects
 class Simulation:
     """A robot in a world.
 
-    `step()` advances one physics step. Everything random comes from `seed`: same world, robot, config, start,
-    seed and commands give the same snapshots, to the last bit.
+    `step()` advances one physics step. All random numbers come from `seed`. The same world, robot, config,
+    start, seed and commands give the same snapshots, to the last bit.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class Simulation:
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
     def _pose_on_or_above_floor(self, requested: Pose) -> Pose:
-        """Return a pose of base_link on the floor; up to MAX_DROP above it, keep the requested height."""
+        """Return base_link's pose: at the requested height up to MAX_DROP over the floor, or on the floor."""
         on_floor, height = self._pose_on_floor(requested), requested.position[2]
         x, y, floor = on_floor.position
         is_above_floor = floor < height <= floor + MAX_DROP
@@ -295,7 +295,7 @@ class Simulation:
         return [*self._objects.models, ROBOT]
 
     def motion_of(self, model: str) -> ModelMotion:
-        """Return the motion of a model, or of base_link, in the world. Raises PlacementError if unknown."""
+        """Return a model's or base_link's motion in the world. Raises PlacementError for any other name."""
         if model != ROBOT:
             return self._objects.motion_of(model)
         pose, velocity, spin = self._chassis.state

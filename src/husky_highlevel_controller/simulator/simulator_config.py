@@ -49,7 +49,7 @@ def simulator_config(robot: str = "husky") -> SimulatorConfig:
 
 
 def steps_per(rate: float, physics_rate: float, name: str) -> int:
-    """Number of physics steps in a period of `rate` [Hz]; HuskyError if it is not a whole number."""
+    """Return the number of physics steps in a period of `rate` [Hz]. Raises HuskyError if it is not whole."""
     ratio = physics_rate / rate
     if round(ratio) < 1 or not isclose(ratio, round(ratio), rel_tol=1e-9):
         raise HuskyError(

@@ -33,13 +33,13 @@ class ObjectError(HuskyError):
 
 
 def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world: Pose) -> Body:
-    """A body of one solid shape.
+    """Return a body of one solid shape.
 
     Args:
         name: letters, digits, and any of _ - . :
         shape: box, cylinder or sphere.
         size: edges of the box around the shape [m], such as diameter, diameter, length of a cylinder.
-        mass: mass [kg]; a body with 0 never moves.
+        mass: mass [kg]; 0 for a body that never moves.
         pose_in_world: pose of the shape's centre.
 
     Raises:
@@ -79,7 +79,7 @@ def check_bounds(body: Body) -> None:
 
 
 def checked_pose(pose: Pose) -> Pose:
-    """Return the pose with a normalised quaternion; ObjectError if it is too far away or not finite."""
+    """Return the pose with a quaternion of length 1. Raises ObjectError if the pose is not valid."""
     for value in pose.position:
         _within(value, (-FARTHEST, FARTHEST), "position", "m")
     length = hypot(*pose.quat_xyzw)

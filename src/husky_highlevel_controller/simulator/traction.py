@@ -12,8 +12,9 @@ viscous below the slip speed vs and dry friction above it. N0 is a quarter of th
 the load sensitivity of rubber (Schallamach, Proc. Phys. Soc. B 65, 1952: a contact area grows with N^(2/3)).
 It has an effect, because the published centre of mass puts 62 % of the Husky's weight on its right wheels.
 
-All wheels are solved together, and implicitly in the velocity after the step, which is stable for any vs and
-dt. In base_link, which turns by w dt meanwhile, a velocity that stays in the world turns back:
+The velocity u+ after the step is computed for all wheels together (implicitly), which is stable for any vs
+and dt. base_link turns by w dt during the step, so a velocity that is constant in the world turns back in
+base_link (the term M w x u):
 
     (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u),   F = -k s(u+).
 
@@ -21,10 +22,10 @@ k also depends on the slip after the step, so a few rounds find it; at steady sp
 enough. If k came from the slip before the step, a mixed drive of 60 s at 200 Hz would end 0.10 m from the
 same drive at 2000 Hz; now the distance is 0.01 m.
 
-The published wheel_separation_multiplier of 1.875, found on real ground, follows from this to within 5 %: in
-place lengthwise and sideways forces balance at an effective track of (1 + g (wheelbase / track)^2) track,
-where g is the sideways over the lengthwise grip (`lateral_grip`; F_y = -g k s_y). Equal grip makes it 1.80,
-at any mu.
+This model gives the published wheel_separation_multiplier of 1.875, which was found on real ground, to within
+5 %. If the robot turns in place, lengthwise and sideways forces balance at an effective track of
+(1 + g (wheelbase / track)^2) track, where g is the ratio of sideways to lengthwise grip (`lateral_grip`;
+F_y = -g k s_y). With equal grip, the factor is 1.80, at any mu.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Command priorities and locks of a twist_mux: which sender drives the robot.
 
-In: sender and time of each command. Out: whether the robot obeys it.
+In: topic and time of each command. Out: whether the robot obeys the command.
 
 Stands in for the node of twist_mux 3.1 (Noetic) on the Husky and the SMB. Inputs and timeout are from
 twist_mux.yaml of husky_control 0.6.10 and of smb_control. No test runs the original, which Debian does not
-have. `test_twist_mux.py` tests its rule, by which a weaker input waits until a stronger one was silent for
+have. `test_twist_mux.py` tests the rule that a weaker input waits until all stronger inputs were silent for
 the timeout.
 """
 

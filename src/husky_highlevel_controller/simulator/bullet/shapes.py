@@ -44,7 +44,7 @@ def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
     raise TypeError(f"{shape} has no volume")
 
 
-MAX_SHAPES = 16  # PyBullet leaves out further shapes of a compound, without a word
+MAX_SHAPES = 16  # PyBullet leaves out further shapes of a compound, without an error
 
 
 def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:

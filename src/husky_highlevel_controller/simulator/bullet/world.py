@@ -32,7 +32,7 @@ from husky_highlevel_controller.geometry import (
 from husky_highlevel_controller.simulator.bullet.shapes import MAX_SHAPES, compound_shape, volume_and_center
 
 ROBOT = "husky"  # name of the robot among the bodies
-BASE_INDEX = -1  # index by which Bullet means the base of a body, not one of its links
+BASE_INDEX = -1  # Bullet's index of the base of a body; the links of the body have indices from 0 on
 
 # rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
 # rospy

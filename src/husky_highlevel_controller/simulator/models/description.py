@@ -43,7 +43,7 @@ ARGUMENTS = {
 
 
 def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
-    """Return NAME=VALUE of each HUSKY_ variable that is set, but has no effect in this simulator."""
+    """Return NAME=VALUE of each HUSKY_ variable that is set (and not to false), but has no effect here."""
     without_warning = re.compile(f"(?!HUSKY_).*|{_WITH_EFFECT}|{_OF_DRIVERS}")
     return [
         f"{name}={value}"

@@ -1,6 +1,7 @@
 """Mesh files of worlds and objects: found, read by trimesh, and kept within bounds.
 
-In: the URI of a .dae, .stl or .obj file, and the file that names it. Out: a `TriangleMesh`, or a `MeshError`.
+In: the URI of a .dae, .stl or .obj file, and the file that contains it. Out: a `TriangleMesh`, or a
+`MeshError`.
 
 As in Gazebo classic, the unit that a .dae file states has an effect, but its up axis has no effect.
 """

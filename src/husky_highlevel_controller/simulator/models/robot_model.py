@@ -26,8 +26,8 @@ from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.urdf import DescriptionError
 
 # Width of the tread, a narrow disc on which the wheel stands. The flanks of the tyre are a slightly smaller
-# cylinder. Without this shape, a rigid wheel would stand on one of its edges, and the load on each wheel
-# would be different.
+# cylinder. Without the tread, a rigid wheel would stand on one of its edges, which changes the loads of all
+# wheels.
 TREAD_WIDTH = 0.004  # [m]
 FLANK_DEPTH = 0.005  # [m]
 
@@ -78,7 +78,7 @@ class RobotModel:
     com: Vector3  # [m] centre of mass in base_link, wheels included
     inertia: np.ndarray  # (3, 3) [kg m^2] inertia about com, along base_link's axes, wheels included
     wheels: Tuple[Wheel, ...]  # wheels in the order front left, front right, rear left, rear right
-    physics_urdf: str  # URDF for PyBullet: base_link with all fixed links, and the wheels; no meshes
+    physics_urdf: str  # URDF for PyBullet: one link, base_link, with the shapes of all links; no meshes
 
 
 def robot_model(
@@ -231,7 +231,7 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> None:
-    """Raise DescriptionError if a solid body cannot have this inertial, or if it is too small or large.
+    """Raise DescriptionError if no solid body has this inertial, or if the engine cannot compute its numbers.
 
     `what` is the name of the body in the message.
     """
@@ -300,7 +300,7 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
 def _crown(link: ET.Element, collision: ET.Element) -> None:
     """Replace a wheel's cylinder by a narrow tread and by flanks, as on a tyre with a crown.
 
-    Then the wheel stands on the tread in its middle, and not on one of its edges. The flanks have the wheel's
+    So the wheel stands on its middle, the tread, and not on one of its edges. The flanks have the wheel's
     width, and a radius that is smaller by FLANK_DEPTH.
     """
     tread = collision.find("geometry/cylinder")

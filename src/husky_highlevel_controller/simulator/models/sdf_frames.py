@@ -38,10 +38,10 @@ class FrameScope:
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:
-        """Two entries for each member by its name: its <pose>, and the name of its default frame.
+        """For each member, by its name: its <pose>, or None, and the name of its default frame.
 
-        The <pose> is None if the member has none. The default frame counts if the <pose> names no frame. It
-        is `attached_to` of a <frame>, and otherwise empty, which means this world or model.
+        The default frame is the frame of the member if no <pose> names another frame. It is `attached_to` of
+        a <frame>, and otherwise empty, which means this world or model.
         """
         members = {name: (model.child("pose"), "") for name, model in self._models.items()}
         for node in (*self.holder.children("link"), *self.holder.children("frame")):

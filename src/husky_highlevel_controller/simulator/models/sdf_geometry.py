@@ -60,7 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        # the lidar would not see a <visual>, but counting it is harmless
+        # a <visual> is counted, too, although the lidar would not see it; only a count of 0 has an effect
         node.load.missed_by_lidar += 1
     return None
 
@@ -106,7 +106,7 @@ def _plane(node: Node) -> Plane:
 
 
 def _mesh(node: Node) -> Optional[TriangleMesh]:
-    """Triangles of a mesh file; None, and a note, if it cannot be used."""
+    """Return the triangles of a <mesh>, scaled; None, and a note, if its file cannot be used."""
     uri, submesh, scale = node.child("uri"), node.child("submesh"), node.child("scale")
     x, y, z = scale.numbers(3) if scale else (1.0, 1.0, 1.0)
     if scale and not x * y * z:

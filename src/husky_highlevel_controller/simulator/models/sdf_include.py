@@ -1,7 +1,7 @@
 """SDF <include>: lists the models of a world or model, also the models that an <include> adds from a file.
 
 In: a `Node` that holds models; folders of models (`model_folders`). Out: models, each with the <include> that
-places it.
+adds it.
 """
 
 from __future__ import annotations

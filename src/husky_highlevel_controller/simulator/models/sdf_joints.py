@@ -44,10 +44,9 @@ class Assembly:
             yield replace(body, pose_model_in_body=pose_model_in_body)
 
     def _rigid_bodies(self) -> Iterator[Body]:
-        """Yield one body for each group of links that joints connect, directly or through other links.
+        """Yield one body for each group of links that joints connect.
 
-        A group that a joint ties to the world becomes static. A joint of a link that does not exist is left
-        out with a note. If a body has `model`, it passes through the other bodies of this model.
+        A group with the world is static. If a body has `model`, it passes through other bodies of this model.
         """
         # links that never move need no joints, so each of them stays a body of its own; as in Gazebo, they
         # may overlap
@@ -56,8 +55,27 @@ class Assembly:
             model = self.name if len(self.links) > 1 else ""
             yield from (replace(body, model=model) for body in self.links.values())
             return
-        # at first, each link and the world are groups of their own, with their own names; each joint merges
-        # two groups
+        group_of = self._groups()
+        links_by_group: Dict[str, List[str]] = {}
+        for name in self.links:
+            links_by_group.setdefault(group_of[name], []).append(name)
+        is_whole = len(links_by_group) == 1
+        for group, names in links_by_group.items():
+            body = self._rigid_body(names, is_whole)
+            is_fixed = group == group_of[_WORLD]  # true if joints connect these links with the world
+            # no `model` if the model has no other body, or if a link in this body has <self_collide>
+            hits_other_bodies = is_whole or self.self_colliding.intersection(names)
+            yield replace(
+                body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
+            )
+
+    def _groups(self) -> Dict[str, str]:
+        """Return the name of a group for each link and for the world.
+
+        Joints, directly or through other links, put links into one group. A joint of a link that does not
+        exist is left out with a note.
+        """
+        # at first, each link and the world are groups of their own, with their own names
         group_of = {name: name for name in (*self.links, _WORLD)}
         for joint, scope in zip(self.joints, self.scopes):  # the scope is the model that contains the joint
             ends = [self._link_at_end(joint, tag, scope) for tag in ("parent", "child")]
@@ -71,19 +89,7 @@ class Assembly:
             group_of = {
                 name: parents_group if group == childs_group else group for name, group in group_of.items()
             }
-        links_by_group: Dict[str, List[str]] = {}
-        for name in self.links:
-            links_by_group.setdefault(group_of[name], []).append(name)
-        is_whole = len(links_by_group) == 1
-        for group, names in links_by_group.items():
-            body = self._rigid_body(names, is_whole)
-            # true if a joint, or a chain of joints, ties the links of this group to the world
-            is_fixed = group == group_of[_WORLD]
-            # no `model` if the model has no other body, or if a link in this body has <self_collide>
-            hits_other_bodies = is_whole or self.self_colliding.intersection(names)
-            yield replace(
-                body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
-            )
+        return group_of
 
     def _link_at_end(self, joint: Node, tag: str, scope: str) -> str:
         """Return the full name of the link at one end of a joint, or _WORLD; empty if there is no such link.

@@ -64,7 +64,7 @@ class Node:
     """An XML element with its file, line and trail."""
 
     element: ElementTree.Element
-    load: Load
+    load: Load  # state of the world or model that is read
     source: str  # path of the file, or another name of the text
     trail: str = ""  # names of the element and of the elements around it, such as "model 'a' > link 'b'"
 

@@ -1,6 +1,6 @@
 """SDF <state>: poses of the models and links of a saved world, and scales of their shapes.
 
-In: the `Node` of a <state>. Out: poses in the world, scales, models inserted and deleted.
+In: the `Node` of a <state>. Out: poses in the world, scales, inserted and deleted models.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class SavedState:
 
 
 def scaled(shape: Shape, scale: Vector3) -> Shape:
-    """A shape as Gazebo scales it: a round shape stays round, and a plane keeps its size."""
+    """Return a shape scaled as in Gazebo: a round shape stays round, and a plane keeps its size."""
     x, y, z = scale
     if isinstance(shape, Box):
         return Box((shape.size[0] * x, shape.size[1] * y, shape.size[2] * z))

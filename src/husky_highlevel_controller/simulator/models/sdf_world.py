@@ -23,6 +23,7 @@ from husky_highlevel_controller.datatypes import (
     Geometry,
     Plane,
     Pose,
+    Shape,
     TriangleMesh,
     Vector3,
     World,
@@ -40,7 +41,7 @@ from husky_highlevel_controller.simulator.models.sdf_state import SavedState, sc
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, read_bytes
 from husky_highlevel_controller.simulator.spawn_request import FARTHEST, MASSES, SIZES
 
-MAX_GRAVITY = 1000.0  # [m/s^2]
+MAX_GRAVITY = 1000.0  # [m/s^2] stronger gravity is refused
 MAX_INCLUDES = 1000  # largest number of model files that a world may include
 
 # rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
@@ -307,7 +308,7 @@ def _free_name(name: str, place: _Place, node: Node) -> str:
 
 
 def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
-    """Return a link as a body, or None, with a note, if it is farther away than the engine can compute.
+    """Return a link as a body; None, and a note, if the link is too far away for the engine.
 
     Args:
         link: the element.
@@ -436,10 +437,18 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
         node.note(f"a shape farther than {FARTHEST:g} m from its link is left out")
         node.load.missed_by_lidar += 1
         return None
-    shape = scaled(shape, model.state.scale)
+    shape = _within_sizes(scaled(shape, model.state.scale), node)
+    return None if shape is None else Geometry(shape, pose, rgba)
+
+
+def _within_sizes(shape: Shape, node: Node) -> Optional[Shape]:
+    """Return a shape whose edges are within SIZES; None, and a note, for a mesh that is too small or large.
+
+    Any other shape that is too thin becomes thicker, with a note. Raises WorldError if it is too large.
+    """
     if isinstance(shape, Plane):
-        return Geometry(shape, pose, rgba)
-    smallest, largest = SIZES  # [m] limits of the edges of a shape
+        return shape
+    smallest, largest = SIZES
     if isinstance(shape, TriangleMesh):
         # only the largest edge is checked, because a flat mesh has a size of 0 along its normal
         if not smallest <= max(shape.size) <= largest:
@@ -447,10 +456,10 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
             node.note(f"a mesh whose size is not within {bounds} is left out", f"{max(shape.size):g} m")
             node.load.missed_by_lidar += 1
             return None
-        return Geometry(shape, pose, rgba)
+        return shape
     if min(shape.size) < smallest:
         node.note(f"a shape thinner than {smallest:g} m is read as that thick")
         shape = not_thinner(shape, smallest)
     if max(shape.size) > largest:
         raise node.error(f"size {shape.size} is not within {smallest:g} to {largest:g} m")
-    return Geometry(shape, pose, rgba)
+    return shape

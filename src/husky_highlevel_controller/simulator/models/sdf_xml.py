@@ -41,7 +41,7 @@ class _Element(ElementTree.Element):
 class _LineBuilder(ElementTree.TreeBuilder):
     """Builder of elements with a line number."""
 
-    expat: Any = None
+    expat: Any = None  # parser, which has the number of the present line
 
     def start(self, tag: Any, attrs: Any) -> Any:
         """Make an element with the line at which the parser is."""

@@ -2,8 +2,8 @@
 
 In: a depth buffer from a renderer. Out: a depth image, points.
 
-Numbers: the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images per second), at
-half its 640 x 480 pixels. Frames are optical (REP 103): z forward, x to the right, y down.
+The numbers are from the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images per
+second), at half its 640 x 480 pixels. Frames are optical (REP 103): z forward, x to the right, y down.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 In: the true motion of base_link. Out: a `GpsFix`.
 
-As husky_description 0.6.10 has it, x points east (reference heading 90 degrees) and the position's error is a
+As in husky_description 0.6.10, x points east (reference heading 90 degrees) and the position's error is a
 Gauss-Markov process with a time constant of an hour (default of hector_gazebo_plugins). The velocities are
 along north, west and up. The radii of the earth are from WGS 84.
 """
@@ -39,11 +39,11 @@ class Gps:
         self._config = config
         self._kept_fraction = exp(-period / DRIFT_TIME)  # fraction of the last error in the next error
         # [m] radii of the earth for motion to the north and to the east, see `sample`
-        phi = radians(config.latitude)
+        latitude = radians(config.latitude)
         eccentricity2 = FLATTENING * (2.0 - FLATTENING)
-        curvature = 1.0 - eccentricity2 * sin(phi) ** 2
+        curvature = 1.0 - eccentricity2 * sin(latitude) ** 2
         self._north_radius = EQUATORIAL_RADIUS * (1.0 - eccentricity2) / curvature**1.5
-        self._east_radius = EQUATORIAL_RADIUS * cos(phi) / sqrt(curvature)
+        self._east_radius = EQUATORIAL_RADIUS * cos(latitude) / sqrt(curvature)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Restart with errors from `rng`."""

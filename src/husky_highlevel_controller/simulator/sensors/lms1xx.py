@@ -2,11 +2,12 @@
 
 In: the robot's true pose and motion, a function that casts rays, a random generator. Out: a `Scan`.
 
-Sources: range_min, range_max, beams, whole millimetres, misses of 0.0, and 0.5 / 360 / 50 s between beams
-from the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees; the spot, 8 mm + 15 mrad x
-distance, from the operating instructions (SICK 8012471, 3.6.2); 12 mm of statistical error and 18 m of range
-on a surface of 10 % remission from the data sheet. No source gives the remission of surfaces, the distance
-below which two echoes become one, and the scale of the intensities; these three values are assumed.
+Sources: the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees give range_min,
+range_max, beams, whole millimetres, misses of 0.0, and 0.5 / 360 / 50 s between beams. The operating
+instructions (SICK 8012471, 3.6.2) give the spot, 8 mm + 15 mrad x distance. The data sheet gives 12 mm of
+statistical error, and 18 m of range on a surface of 10 % remission. No source gives the remission of
+surfaces, the distance below which two echoes become one, and the scale of the intensities, so these three
+values are assumed.
 
 A beam is a round spot of light. Rays sample the spot across its width, in the scan plane only, and each ray
 returns a fraction of the light. The rays of one echo are averaged, so an edge gives ranges between near and
@@ -38,8 +39,7 @@ MAX_ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
 FARTHEST = 60.0  # [m] largest distance of an echo
 STANDING_SPEED = 1e-3  # [m/s], [rad/s] slower motion counts as standing
 DARK_REMISSION, DARK_RANGE = 0.1, 18.0  # a surface with this remission is detected up to this range [m]
-# intensity if the whole spot falls on a surface that returns all light; no source gives the scale, so it is
-# our choice
+# intensity if the whole spot falls on a surface that returns all light; an assumed value
 INTENSITY_SCALE = 255.0
 
 
@@ -92,7 +92,7 @@ class Lms1xx:
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> Scan:
-        """The sweep that ends at `stamp` [s]; the scan's own stamp is the time of its first beam."""
+        """Return the sweep that ends at `stamp` [s]; the stamp of the scan is the time of its first beam."""
         config = self._config
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         # if the robot moves, it has another pose for each piece of the scan

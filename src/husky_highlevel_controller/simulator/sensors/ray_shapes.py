@@ -115,7 +115,7 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 class Formula(NamedTuple):
-    """Intersection formula of one kind of shape."""
+    """Intersection formula of one kind of shape; see the module's docstring for `prepare` and `enter`."""
 
     axes: slice  # indices of the shape's axes that the formula needs
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]

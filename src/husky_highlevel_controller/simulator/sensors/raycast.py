@@ -6,9 +6,9 @@ Bullet's own rays meet the collision margin around a cylinder. So they see a pil
 too wide, and its flank 2 cm off. Here every shape is exact, and the time grows with the beams that may hit
 something, not with beams times shapes.
 
-A call of NumPy costs about the same for one number as for a hundred. So a few shapes are met one by one, each
-prepared in plain numbers and met by a slice of the beams; many are met all at once. Both share the formulas.
-Meshes are in `ray_mesh.py`.
+A call of NumPy costs about the same for one number as for a hundred. So a few shapes are computed one by one,
+in plain numbers, each with the slice of the beams that may meet it. Many shapes are computed all at once.
+Both ways use the same formulas. Meshes are in `ray_mesh.py`.
 """
 
 from __future__ import annotations
@@ -206,8 +206,7 @@ def _meet_one(
     if solid.kind == CYLINDER and flat > radius:
         ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
         # The ends of the cylinder need no test if no point of a beam up to `farthest` lies beyond an end. The
-        # left side is the largest possible distance of such a point from the cylinder's middle, along its
-        # axis.
+        # sum is the largest possible distance of such a point from the cylinder's middle, along its axis.
         if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= solid.size[2]:
             enter = enter_flank
     # 4. only the beams towards the circle are computed, or all beams if the laser is inside the circle
@@ -288,8 +287,8 @@ def _candidates(
 
     Returns:
         Three arrays with an entry for each candidate: the solid, the first beam that may meet it, and the
-        number of neighbouring beams that may. A solid behind the laser may be two candidates, because it has
-        beams at both ends of the scan.
+        number of neighbouring beams that may meet it. A solid behind the laser may be two candidates, because
+        it has beams at both ends of the scan.
     """
     # `square` is the squared radius of the circle in which the scan plane cuts a ball; it is negative if the
     # plane misses the ball

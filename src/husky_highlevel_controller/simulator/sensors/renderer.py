@@ -29,12 +29,12 @@ class RenderRequest(NamedTuple):
 
 
 class Renderer:
-    """A process that renders one image at a time; methods raise OSError or EOFError once it has died."""
+    """A process that renders one image at a time; methods raise OSError or EOFError after it has died."""
 
     def __init__(self, config: CameraConfig) -> None:
         """Start the process, and send it the camera's configuration."""
         self._pipe, process_end = Pipe()
-        # not by multiprocessing, because it would run the simulator's main script again in the new process
+        # multiprocessing would run the simulator's main script again in the new process, so it is not used
         command = [sys.executable, "-m", __name__, str(process_end.fileno())]
         self._process = subprocess.Popen(command, pass_fds=[process_end.fileno()])
         process_end.close()  # the new process has its own copy of this end of the pipe
@@ -67,8 +67,8 @@ class Renderer:
 def _serve_requests(pipe: Connection) -> None:
     """Render in the new process: read the camera's configuration, then serve requests.
 
-    It ends when the pipe closes. The Bullet world here only contains shapes, and its physics never steps.
-    Changed bodies are removed and added again, and all other bodies are only moved.
+    The function ends when the pipe closes. The Bullet world here only contains shapes, and its physics never
+    steps. Changed bodies are removed and added again, and all other bodies are only moved.
     """
     # Ctrl-C is ignored, because this process ends when the simulator closes the pipe
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -2,9 +2,9 @@
 
 In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
 
-Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877), medians over steady seconds of
-means of two samples at 100 Hz. Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean
-wheel speed v:
+Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz, averaged over two
+samples each. The values are medians over the seconds of steady driving: standard deviations of ax, ay, az
+[m/s^2] and of the rates [rad/s] at a mean wheel speed v.
 
     flooring 0.11 m/s: 0.5 0.5 0.2, 0.01      ice 0.30 m/s: 0.9 0.6 0.3, 0.01
     flooring 0.28 m/s: 0.9 0.8 0.4, 0.02      ice 0.60 m/s: 1.1 1.3 0.45, 0.02
@@ -34,12 +34,12 @@ from husky_highlevel_controller.simulator.sensors.imu import Imu
 CORRELATION_1, CORRELATION_2 = 0.15, -0.40
 # parameter of Student's distribution; with 7, a sample of 8 standard deviations comes once in 5 minutes
 DEGREES_OF_FREEDOM = 7
-# coefficients of noise x[n] = A x[n-1] + B x[n-2] + e[n] that has these correlations and variance 1
-# (Yule-Walker equations)
-A = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
-B = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
-INNOVATION = sqrt(
-    (1.0 - A * CORRELATION_1 - B * CORRELATION_2) * (DEGREES_OF_FREEDOM - 2) / DEGREES_OF_FREEDOM
+# factors of noise x[n] = LAST x[n-1] + BEFORE_LAST x[n-2] + RANDOM draw that has these correlations and
+# variance 1 (Yule-Walker equations)
+LAST = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
+BEFORE_LAST = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
+RANDOM = sqrt(
+    (1.0 - LAST * CORRELATION_1 - BEFORE_LAST * CORRELATION_2) * (DEGREES_OF_FREEDOM - 2) / DEGREES_OF_FREEDOM
 )
 
 
@@ -82,7 +82,7 @@ class VibratingImu:
         # values and a random number (autoregressive)
         draws = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
         noise = [
-            A * last + B * before + INNOVATION * draw
+            LAST * last + BEFORE_LAST * before + RANDOM * draw
             for last, before, draw in zip(self._last_noise, self._noise_before_last, draws)
         ]
         self._last_noise, self._noise_before_last = noise, self._last_noise
