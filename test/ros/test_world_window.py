@@ -1,6 +1,8 @@
 """Gazebo's window has a stand-in: an RViz with the world in its own frame, beside the file's own RViz."""
 
+import pytest
 import test_rviz
+import yaml
 from network import wait_until
 from test_rviz import Screen
 
@@ -32,7 +34,11 @@ def test_a_window_shows_field_goals_and_robot_beside_the_file_s_own_rviz(launch,
     assert "/tf" not in ros.subscriptions("/gazebo_gui"), "whose frames end at odom"
     for color in COLORS:
         wait_until(lambda color=color: screen.shows(color) > 30, f"{color} is to be seen")
-    assert 'frame_id: "world"' in ros.run("rostopic", "echo", "-n", "1", "/husky_simulator/world_tf")
+    tree = yaml.safe_load(ros.echo("/husky_simulator/world_tf"))["transforms"]
+    heights = {each["child_frame_id"]: each["transform"]["translation"]["z"] for each in tree}
+    assert {each["header"]["frame_id"] for each in tree} == {"world", "base_link"}
+    # base_link is at z = 0 of odom, so odom is as high as base_link; otherwise the objects sink in
+    assert heights["odom"] == pytest.approx(heights["base_link"], abs=0.02)
 
 
 def test_the_window_shows_a_robot_that_has_a_namespace(launch, ros):

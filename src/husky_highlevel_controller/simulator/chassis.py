@@ -68,8 +68,7 @@ class Chassis:
 
     def on_ground(self, pose_on_ground: Pose) -> Pose:
         """Pose of base_link when the wheels stand on the xy plane of a pose."""
-        wheel = self._robot.wheels[0]
-        return compose(pose_on_ground, Pose((0.0, 0.0, wheel.radius - wheel.position[2])))
+        return compose(pose_on_ground, Pose((0.0, 0.0, self._robot.base_height)))
 
     def _reset_contacts(self) -> None:
         """Forget loads, bumps, speeds and torques, because the robot was put elsewhere at rest."""

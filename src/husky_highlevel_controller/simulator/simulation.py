@@ -22,7 +22,7 @@ from husky_highlevel_controller.datatypes import (
     Twist2D,
     World,
 )
-from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d, rotate
+from husky_highlevel_controller.geometry import compose, pose_from_2d, pose_to_2d, rotate
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
@@ -257,14 +257,9 @@ class Simulation:
 
     @property
     def pose_world_in_odom(self) -> Pose:
-        """Pose of the world in odom, by the filtered odometry.
-
-        The filter is planar, with base_link at z = 0. So odom is level, as high as base_link over the ground.
-        """
-        height = self._chassis.on_ground(Pose()).position[2]  # [m] height of base_link over level ground
-        base_in_odom = pose_from_2d(self._odometer.filtered.pose_base_in_odom)
-        base_in_world = pose_from_2d(pose_to_2d(self._chassis.state.pose_in_world), height)
-        return compose(base_in_odom, inverse(base_in_world))
+        """Pose of the world in odom, by the filtered odometry."""
+        filtered = self._odometer.filtered.pose_base_in_odom
+        return self._robot.world_in_odom(self._chassis.state.pose_in_world, filtered)
 
     def spawn(self, bodies: Sequence[Body]) -> None:
         """Put new bodies into the world, all or none; PlacementError for a taken name or without room."""

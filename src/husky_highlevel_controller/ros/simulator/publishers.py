@@ -19,7 +19,7 @@ from sensor_msgs.msg import Imu, JointState, LaserScan, MagneticField, NavSatFix
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import OdometrySample, Pose, Scan, Snapshot
-from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
+from husky_highlevel_controller.geometry import inverse, pose_from_2d
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
@@ -71,7 +71,7 @@ class Publishers:
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
 
         # transforms
-        self._wheels = robot.wheels
+        self._robot, self._wheels = robot, robot.wheels
         # names of all frames that this node publishes; a marker of another node in any other frame causes a
         # warning
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
@@ -288,9 +288,7 @@ class Publishers:
     def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
         """Transforms from the world to the robot's true pose, to its wheels, and to odom."""
         base_in_world = snapshot.robot.pose_in_world
-        base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
-        # odom is level, because the filter is planar, so it is found from the planar part of the true pose
-        odom_in_world = compose(pose_from_2d(pose_to_2d(base_in_world)), inverse(base_in_odom))
+        odom_in_world = inverse(self._robot.world_in_odom(base_in_world, odometry.filtered.pose_base_in_odom))
         wheels = zip(self._wheels, self._wheel_poses(odometry))
         tree = [(WORLD, BASE, base_in_world), (WORLD, ODOM, odom_in_world)]
         tree += [(BASE, wheel.link, pose) for wheel, pose in wheels]

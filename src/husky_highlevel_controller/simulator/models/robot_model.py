@@ -14,10 +14,13 @@ from typing import List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller import urdf
-from husky_highlevel_controller.datatypes import Pose, Vector3
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Vector3
 from husky_highlevel_controller.geometry import (
     compose,
+    inverse,
     matrix_from_quat,
+    pose_from_2d,
+    pose_to_2d,
     quat_from_rpy,
     quat_multiply,
     rotate,
@@ -79,6 +82,20 @@ class RobotModel:
     inertia: np.ndarray  # (3, 3) [kg m^2] inertia about com, along base_link's axes, wheels included
     wheels: Tuple[Wheel, ...]  # wheels in the order front left, front right, rear left, rear right
     physics_urdf: str  # URDF for PyBullet: one link, base_link, with the shapes of all links; no meshes
+
+    @property
+    def base_height(self) -> float:
+        """Height of base_link over level ground on which the wheels stand [m]."""
+        return self.wheels[0].radius - self.wheels[0].position[2]
+
+    def world_in_odom(self, base_in_world: Pose, base_in_odom: Pose2D) -> Pose:
+        """Return the pose of the world in odom, from the true and the estimated pose of base_link.
+
+        The estimate is planar, with base_link at z = 0. So odom is level, as high as base_link over the
+        ground.
+        """
+        level_base_in_world = pose_from_2d(pose_to_2d(base_in_world), self.base_height)
+        return compose(pose_from_2d(base_in_odom), inverse(level_base_in_world))
 
 
 def robot_model(
