@@ -73,7 +73,7 @@ def _check_known(name: str, names: Sequence[str], refusal: str) -> None:
     """Check that a name is one of some names.
 
     Raises:
-        ConfigError: the name is another one; its text begins with `refusal`.
+        ConfigError: the name is not among them; the text of this error begins with `refusal`.
     """
     if name not in names:
         raise ConfigError(f"{refusal}; there are: {', '.join(names)}")

@@ -17,7 +17,7 @@ from typing import Any, Collection, Dict, List, Mapping, Optional, Sequence, Tup
 
 from husky_grading.displays import RvizConfig
 from husky_grading.isolation.files import UnreadableFileError, read_text
-from husky_grading.isolation.own_files import STARTER, VisibleCode, programs
+from husky_grading.isolation.own_files import STARTER, VisibleCode, program_folders
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.notes import Kind, Note
 from husky_grading.records import Launchable
@@ -157,11 +157,12 @@ def starter(
     # launch files that start our simulator in place of Gazebo; an <include> of such a file is left out
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
-    # manifest and programs of this package; a node from there is left out, unless the list is empty
-    own_places = [] if visible_code is VisibleCode.ALL else [str(manifest), *map(str, programs())]
+    # manifest and program folders of this package; a node from there is left out
+    our_places = [str(manifest), *map(str, program_folders())]
     # facts about this package and the robot's packages for the program, which cannot import our modules
     ours = {
-        "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places,
+        "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files,
+        "places": [] if visible_code is VisibleCode.ALL else our_places,
         "by_submission": parts.by_submission, "by_marking": parts.by_marking,
     }  # fmt: skip
     commands = [json.dumps(launchable.command) for launchable in launchables]
@@ -222,7 +223,8 @@ def exceptions_in(output: str) -> List[Note]:
 def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) -> List[Note]:
     """Return notes on faults, each once, from events and from the output.
 
-    Nodes of packages that are not in the submission's `own` get another kind, if `own` is known.
+    `own` has the names of the submission's packages; it is empty if they are unknown. Faults of nodes of
+    other packages get the kind OTHERS_NODE.
     """
     notes = [note for note in map(_note_on_loading, events) if note]
     # the fault that the student should repair first is reported first

@@ -288,13 +288,13 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     # the server process of `forked` imports its modules during the build, so the run begins sooner
     import_early()
     first_outcome, missing, needed = _make_with_stand_ins(folders, needed, underlay)
-    (output, code), is_repaired = _make_again(folders, needed, underlay, first_outcome)
+    (output, code), used_old_boost = _make_again(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
     if code and not _ERROR.search(output):
         _check_machine_builds(folders.root.with_name("check"), underlay)
     notes = _notes_on_missing(missing)
-    if is_repaired:
+    if used_old_boost:
         notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
     # PLAIN_TYPES lets code such as publish(true) compile, so the student gets a note on such code
     if _publishes_plain_values(folders.root / "devel" / "lib"):

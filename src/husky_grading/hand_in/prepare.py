@@ -329,11 +329,11 @@ def _find_candidates(
     files = read_launch_files(
         contents,
         [*copies.packages, *copies.public],
-        copies.folders,
-        copies.public_folders,
-        _with_robot_packages(facts, unbuilt),
-        override,
-        facts.parts,
+        own_copies=copies.folders,
+        public_copies=copies.public_folders,
+        workspace=_with_robot_packages(facts, unbuilt),
+        override=override,
+        parts=facts.parts,
     )
     return files if override.launch else choose_launch_files(files, override.exercise or 0, facts)
 
@@ -345,7 +345,7 @@ def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchab
         return Launchable("node", package, node, override.arguments)
     # the result shows the path that the student knows, and not the path of the copy on this machine
     title = " ".join([str(launch.place), *override.arguments])
-    return Launchable("launch", launch.package, str(launch.path), override.arguments, title)
+    return Launchable("launch", launch.package, str(launch.path), override.arguments, title=title)
 
 
 def _build_candidates(

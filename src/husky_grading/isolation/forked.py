@@ -102,7 +102,7 @@ class _Child:
         """Wait for its end.
 
         Raises:
-            subprocess.TimeoutExpired: it did not end in time [s].
+            subprocess.TimeoutExpired: the program did not end within `timeout` [s].
         """
         self._process.join(timeout)
         if self.poll() is None:

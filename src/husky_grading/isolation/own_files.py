@@ -61,7 +61,7 @@ def own_files(visible_code: VisibleCode) -> OwnFiles:
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
     shown |= {(share / name).resolve() for name in entries}
     # folders of our Python packages, and folders of our programs
-    code = {MODULES, *(MODULES.parent / name for name in OTHER_PACKAGES), *programs()}
+    code = {MODULES, *(MODULES.parent / name for name in OTHER_PACKAGES), *program_folders()}
     if visible_code is VisibleCode.ALL:
         shown |= code
     else:
@@ -72,7 +72,7 @@ def own_files(visible_code: VisibleCode) -> OwnFiles:
     if visible_code is VisibleCode.FILTER:  # the modules that our filter imports, and its program
         shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}
         shown |= {*(MODULES / "ros").glob("*.py"), MODULES / "ros" / "estimation"}
-        shown |= {folder / FILTER_PROGRAM for folder in programs()}
+        shown |= {folder / FILTER_PROGRAM for folder in program_folders()}
         shown.add((share / "scripts" / FILTER_PROGRAM).resolve())
     existing = {path for path in shown if os.path.exists(path)}
     return OwnFiles(frozenset(path for path in hidden if path.is_dir()), frozenset(existing))
@@ -90,7 +90,7 @@ def folders_on_python_path() -> List[Path]:
     return [MODULES.parent, *found]
 
 
-def programs() -> List[Path]:
+def program_folders() -> List[Path]:
     """Return folders of this package's programs in the workspaces that contain the package."""
     prefixes = search_path("CMAKE_PREFIX_PATH")
     containing = folders_on_python_path()

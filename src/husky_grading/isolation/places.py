@@ -17,6 +17,7 @@ def hide_places(text: str, folders: Iterable[Path]) -> str:
 
     A path inside of a folder is cut to its part behind the folder. The path of a folder becomes its name.
     """
+    # the root and the folder "." are not replaced, because "/" and "." are in most texts
     places = {*folders, *_own_places()} - {ROOT, Path()}
     for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner ones first
         text = text.replace(f"{place}/", "").replace(str(place), place.name)

@@ -28,7 +28,7 @@ SIGNALS = {signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal
 
 
 def end_descendants() -> None:
-    """Kill all processes below this one until none is left."""
+    """Kill all descendants of this program until none is left."""
     while True:
         for process in psutil.Process().children(recursive=True):
             with contextlib.suppress(psutil.Error):

@@ -91,7 +91,7 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     kind = kind_of_sandbox()
     limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
     limits += [f"--nofile={DESCRIPTORS}"]
-    if kind != NONE:  # otherwise this limit would count all processes of this user
+    if kind != NONE:  # the limit would count all processes of this user if there were no sandbox
         limits.append(f"--nproc={THREADS}")
     # folders that the script removes from PYTHONPATH, so a submission cannot import our package
     removed = folders_on_python_path() if workspace.own is VisibleCode.NOTHING else []
@@ -208,14 +208,14 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
     writable = folder.resolve()
     # files of the grader's package that the program may see, and folders that are hidden from it
-    own = own_files(workspace.own)
-    to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *own.hidden}
+    our_files = own_files(workspace.own)
+    to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *our_files.hidden}
     # a folder is not hidden if it is the writable folder or inside of it
     hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed_folders(workspace, env)
     # folders such as /home are never shown as a whole, even if a search path names them
     shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
-    shown |= own.shown
+    shown |= our_files.shown
     # home folders stay hidden, so a folder that contains a home folder is not shown either
     shown = {path for path in shown if not any(path in home.parents for home in homes)}
     mounts = [_Mount(path, HIDE, ["--tmpfs", str(path)]) for path in hidden]

@@ -415,7 +415,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 
     def __init__(self, run_id: str, ready: roslaunch.config.ROSLaunchConfig, reporter: Reporter) -> None:
         super().__init__(
-            run_id, [], local_only=True, process_listeners=[reporter], show_summary=False,
+            run_id, roslaunch_files=[], local_only=True, process_listeners=[reporter], show_summary=False,
             sigint_timeout=2.0, sigterm_timeout=1.0,
         )  # fmt: skip
         self._ready = ready
