@@ -16,7 +16,7 @@
   let timer = null;
 
   const root = document.documentElement;
-  const say = (text) => { // above everything, until the connection is back
+  const say = (text) => { // shows a text above everything else; an empty text hides it
     let banner = document.querySelector(".husky-banner");
     if (banner === null && text !== "") {
       banner = document.createElement("div");
@@ -32,7 +32,7 @@
     clearInterval(ready);
     root.classList.remove("husky-connecting");
     spoken.className = "husky-spoken";
-    spoken.setAttribute("role", "status"); // read out when its text changes; the state bar itself changes all the time
+    spoken.setAttribute("role", "status"); // a screen reader reads it when its text changes; the state bar changes all the time
     document.body.append(spoken);
     const scenePad = document.createElement("div"); // pad of a phone, over the scene
     scenePad.className = "husky-pad husky-scene-pad";
@@ -49,10 +49,10 @@
     if (spoken.textContent !== state) spoken.textContent = state;
   };
 
-  try { // the server reads it through viser's storage: the choice made here, otherwise the browser's own
+  try { // the server reads whether the page is dark: the user's choice on this page, otherwise the browser's setting
     const prefers = matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0";
     localStorage.setItem(viserClient.storage("is-dark"), localStorage.getItem(viserClient.storage("dark")) ?? prefers);
-  } catch { /* a browser that stores nothing sees the day */ }
+  } catch { /* without storage, the page has light colours */ }
 
   const connect = () => {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
@@ -76,7 +76,7 @@
     const isOpen = socket !== null && socket.readyState === WebSocket.OPEN;
     if (isOpen) socket.send(JSON.stringify(message));
     if (!("e_stop" in message)) return;
-    stopIsPending = message.e_stop; // a release is not kept, because the situation may have changed
+    stopIsPending = message.e_stop; // a release is not sent again later, because the situation may have changed
     clearTimeout(answerTimer);
     if (stopIsPending && !isOpen) say(PENDING);
     // a connection that the network has lost stays open for long, and takes messages that never arrive
@@ -120,7 +120,7 @@
   const isTyping = (target) =>
     target instanceof Element && target.closest("input, textarea, select, [contenteditable=true]") !== null;
   window.addEventListener("keydown", (event) => {
-    if (event.code === "Space" && !isTyping(event.target)) { // on a button, too, because Enter also presses it
+    if (event.code === "Space" && !isTyping(event.target)) { // also if a button has the focus; Enter presses the button
       event.stopImmediatePropagation();
       event.preventDefault();
       release();
@@ -128,7 +128,7 @@
       return;
     }
     if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
-    event.stopImmediatePropagation(); // the same keys would move the camera
+    event.stopImmediatePropagation(); // viser would move the camera by the same keys
     event.preventDefault();
     if (!event.repeat) {
       held.add(event.code);
@@ -136,7 +136,7 @@
     }
   }, true);
   window.addEventListener("keyup", (event) => {
-    if (event.code === "Space" && !isTyping(event.target)) event.preventDefault(); // a focused button is not pressed
+    if (event.code === "Space" && !isTyping(event.target)) event.preventDefault(); // does not press a focused button
     if (held.delete(event.code)) {
       event.stopImmediatePropagation();
       update();
@@ -160,7 +160,7 @@
       const points = curve.getAttribute("d").split(/[ML]/).slice(1).map((point) => point.split(",").map(Number));
       const nearest = points.reduce((best, point) => (Math.abs(point[0] - x) < Math.abs(best[0] - x) ? point : best), [Infinity, NaN]);
       const value = high - ((nearest[1] - top) / (bottom - top)) * (high - low);
-      return Math.abs(nearest[0] - x) > 6 ? "\u2013" : value.toFixed(2);
+      return Math.abs(nearest[0] - x) > 6 ? "\u2013" : value.toFixed(2); // a dash in a gap of the curve
     });
     cursor.textContent = `${(((x - right) / (right - left)) * seconds).toFixed(1)} s: ${values.join(" / ")}`;
     cursor.style.cssText = `left: ${event.clientX}px; top: ${box.top + top * scale}px; height: ${(bottom - top) * scale}px`;
@@ -172,7 +172,8 @@
   const follow = (element, event) => {
     const box = element.getBoundingClientRect();
     const half = box.width / 2;
-    pad = [clamp((box.top + half - event.clientY) / (0.8 * half)), clamp((box.left + half - event.clientX) / (0.8 * half))];
+    const reach = 0.8 * half; // distance from the middle with the full speed
+    pad = [clamp((box.top + half - event.clientY) / reach), clamp((box.left + half - event.clientX) / reach)];
     update();
   };
   document.addEventListener("pointerdown", (event) => {
@@ -192,7 +193,7 @@
     // while an object is dragged, viser prevents the default in a passive listener, which only logs errors
     if (event.target instanceof HTMLCanvasElement) event.preventDefault = () => {};
   }, true);
-  // the bar may be drawn again while the button is held down, so the pressed button counts, not the released one
+  // the button may be replaced while it is held down, and then no click comes; so the button that was pressed counts
   const stopButton = (element) => (element instanceof Element ? element.closest("[data-husky-e-stop]") : null);
   const sendStop = (button) => send({ e_stop: button.dataset.huskyEStop === "true" });
   let pressed = null;

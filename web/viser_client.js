@@ -4,10 +4,10 @@ const viserClient = (() => {
   "use strict";
   const PANEL = "[data-floating-window]"; // panel of a wide window, and tabs that were torn off
   const SHEET = ".mantine-Paper-root[style*='bottom: 0']"; // panel of a phone
-  const CHARTS = ".husky-charts"; // our charts, across a wide window, otherwise in the panel
-  const SLIM = 0.3; // fraction of the window's height; a lower panel is folded, and the view's middle need not avoid it
-  const NARROW = 160; // [px] width or height of the free part below which the view's middle does not move
-  const TALLEST = 1.3; // largest height of the whole angle of view, as a fraction of the free part's width
+  const CHARTS = ".husky-charts"; // our charts; a wide window has them below the view, otherwise they are in the panel
+  const SLIM = 0.3; // fraction of the window's height; a panel of less height is folded, and counts as free
+  const NARROW = 160; // [px] if the free part is narrower or lower than this, the covered part counts as free, too
+  const TALLEST = 1.3; // the whole angle of view is at most this many times as high as the free part is wide
 
   // Without a graphics card smooth edges more than double the time of a picture; ?antialias keeps them.
   const getContext = HTMLCanvasElement.prototype.getContext;
@@ -39,7 +39,8 @@ const viserClient = (() => {
     return [left, right, bottom < NARROW ? innerHeight : bottom];
   };
 
-  // The camera looks at the middle of the free part, by three's view offset, and the scene is drawn behind the panel, too.
+  // The camera looks at the middle of the free part, and the scene is drawn behind the panel, too, by the view offset of
+  // three.js. Called before each picture; a change of the panel causes a picture.
   let aimed = "";
   const aim = (_, __, camera) => {
     const { camera: seen, canvas } = window.__viserMutable ?? {};
@@ -60,7 +61,7 @@ const viserClient = (() => {
     if (drawsFast && settings?.get().fixedDpr === null) settings.set({ fixedDpr: COARSER * devicePixelRatio });
   };
 
-  const follow = () => { // called for each picture, and a change of the panel causes one
+  const follow = () => { // called repeatedly, because viser's elements appear and change at any time
     coarsen();
     const scene = window.__viserMutable?.scene;
     if (scene && scene.onBeforeRender !== aim) scene.onBeforeRender = aim;
