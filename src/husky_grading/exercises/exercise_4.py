@@ -271,9 +271,9 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # the hint is on the filter's inputs if it does not get them, or if there is no other cause
-        is_cause_known = recording.subscribed and cause.kind is not Kind.NO_SCANS
-        return Verdict(0.0, evidence, hint_on(cause) if is_cause_known else INPUTS_HINT)
+        # the hint is on the inputs of the filter if no error is known, and if it does not get its odometry
+        is_about_inputs = cause.kind is Kind.NO_ODOMETRY or not (causes(recording) or recording.subscribed)
+        return Verdict(0.0, evidence, INPUTS_HINT if is_about_inputs else hint_on(cause))
     stamps, end = path[:, 0], float(recording.times[-1])
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
@@ -299,7 +299,7 @@ def _cause_of_no_estimate(recording: Recording) -> Note:
     missing = "no node subscribes to the bag's wheel odometry"
     if recording.subscribed:
         missing = "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry"
-    return (causes(recording) or [Note(Kind.NO_SCANS, missing)])[0]
+    return (causes(recording) or [Note(Kind.NO_ODOMETRY, missing)])[0]
 
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:

@@ -157,6 +157,16 @@ def test_it_is_told_why_no_estimate_came(more, words):
     assert not any("constructor" in item.hint for item in items if item.name == "recorded path")
 
 
+def test_a_package_that_does_not_build_gets_the_hint_to_mend_its_error_first():
+    broken = replace(
+        recording(Playback(), estimate=EstimatedPath()),
+        subscribed=False,
+        notes=(Note(Kind.BUILD, "it does not build: error in a.cpp"),),
+    )
+    items = judge_exercise_4([broken], VIEW, "")
+    assert ["fix this error first" in item.hint for item in items if item.name == "recorded path"] == [True]
+
+
 @pytest.mark.parametrize(
     ("arguments", "worth"),
     [
