@@ -106,6 +106,7 @@ def processes_below(pid: int) -> Optional[List[psutil.Process]]:
     """Return the descendants of a process, or None if the process has ended."""
     try:
         root = psutil.Process(pid)
+        # a zombie has ended, but its parent has not asked for its exit code yet
         return None if root.status() == psutil.STATUS_ZOMBIE else root.children(recursive=True)
     except psutil.Error:
         return None

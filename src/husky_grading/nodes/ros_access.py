@@ -47,7 +47,8 @@ class DriveAccess:
     """Access of an exercise's watch to the ROS network of a run, see `watch.RosAccess`."""
 
     def __init__(self, our_nodes: Set[str], transforms: MarkerWatch) -> None:
-        self._our_nodes, self._transforms = our_nodes, transforms
+        self._our_nodes = our_nodes
+        self._transforms = transforms  # the watch of markers also keeps all transforms
         self._velocity: Optional[rospy.Publisher] = None  # made by `advertise_commands`
         self._asked: Set[str] = set()  # services whose types were requested
         self._types: List[Tuple[str, str]] = []  # (service, type); several threads append to this list
