@@ -42,7 +42,7 @@ class ArrivalWatch:
     """Memory of the robot's motion and of its last arrival."""
 
     def __init__(self, footprint: Footprint) -> None:
-        """Begin with a robot that has not driven; `footprint` is its outline."""
+        """Begin with a robot that has not driven; `footprint` is the robot's outline."""
         self._footprint = footprint
         self.forget()
 

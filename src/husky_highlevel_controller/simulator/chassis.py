@@ -57,7 +57,7 @@ class Chassis:
         self._reset_contacts()
 
     def move(self, pose_base_in_world: Pose) -> None:
-        """Put the robot somewhere else, at rest; PlacementError, and no change, if there is no room."""
+        """Move the robot, at rest. Raises PlacementError, and moves nothing, if there is no room."""
         self._bullet.move_robot(pose_base_in_world)
         self._reset_contacts()
 

@@ -119,5 +119,5 @@ def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -
 
 
 def _drop(scene: RayScene, point: Vector3) -> float:
-    """Distance [m] from a point down to the first body; inf beyond FALL_DEPTH."""
+    """Return the distance from a point down to the first body [m]; inf beyond FALL_DEPTH."""
     return float(cast_rays(scene, Pose(point, _LOOKING_DOWN), even_beams(0.0, 0.0, 1), FALL_DEPTH)[0])

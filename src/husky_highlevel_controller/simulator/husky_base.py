@@ -36,7 +36,7 @@ class HuskyBaseConfig:
 
 
 def scale_to_limit(left: float, right: float, limit: float) -> Tuple[float, float]:
-    """Wheel speeds, scaled alike so that neither exceeds `limit`; units as given."""
+    """Scale both wheel speeds by one factor, so that neither exceeds `limit`; all have the same unit."""
     fastest = max(abs(left), abs(right))
     return (left, right) if fastest <= limit else (left * limit / fastest, right * limit / fastest)
 

@@ -25,7 +25,7 @@ class Odometer:
     """Odometry of the wheels and of wheels with gyro, sampled together."""
 
     def __init__(self, config: DriveConfig, dt: float) -> None:
-        """An odometer for physics steps of `dt` s."""
+        """Make an odometer; `dt` is the duration of a physics step [s]."""
         self._config, self._dt = config, dt
 
     def reset(self, wheels: WheelState) -> None:
@@ -34,7 +34,7 @@ class Odometer:
         self._from_wheels = self.filtered = Odometry()
 
     def relocate(self, pose_base_in_odom: Pose2D) -> None:
-        """Correct the filtered pose; the robot stands still there."""
+        """Set the pose of the filtered odometry, at rest."""
         self.filtered = Odometry(pose_base_in_odom)
 
     def sample(self, wheels: Optional[WheelState], yaw_rate: float, step: int) -> OdometrySample:

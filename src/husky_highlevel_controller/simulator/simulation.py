@@ -233,7 +233,7 @@ class Simulation:
         return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 
     def points(self) -> np.ndarray:
-        """The 3D lidar's points now, (rings, columns, 3) [m] in its frame; NaN if there is none."""
+        """Return the points of the 3D lidar now, in its frame, (rings, columns, 3) [m]; NaN for a miss."""
         assert self._equipment.points is not None, "points_rate is 0, or the robot has no lidar"
         return self._equipment.points.sample(self._chassis.state)
 
@@ -248,11 +248,11 @@ class Simulation:
 
     @property
     def bodies(self) -> Mapping[str, Body]:
-        """Bodies except the robot, by name; the pose in a `Body` is its initial one."""
+        """Bodies except the robot, by name; the pose in a `Body` is its initial pose."""
         return self._objects.bodies
 
     def pose_of(self, name: str) -> Pose:
-        """Pose of a body in the world; PlacementError if there is none of that name."""
+        """Return the pose of a body in the world. Raises PlacementError if no body has this name."""
         return self._objects.pose_of(name)
 
     @property
@@ -262,11 +262,11 @@ class Simulation:
         return self._robot.world_in_odom(self._chassis.state.pose_in_world, filtered)
 
     def spawn(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none; PlacementError for a taken name or without room."""
+        """Add all new bodies, or none. Raises PlacementError if a name is taken, or if a body has no room."""
         self._objects.add(bodies)
 
     def delete(self, name: str) -> None:
-        """Take a body, or the bodies of a model, out of the world; PlacementError if there is none."""
+        """Remove a body, or all bodies of a model. Raises PlacementError if nothing has this name."""
         if name == ROBOT:
             raise PlacementError(f"'{ROBOT}' is the robot, which cannot be deleted")
         self._objects.delete(name)

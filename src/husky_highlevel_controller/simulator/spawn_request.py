@@ -50,7 +50,7 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
 
 
 def checked(body: Body) -> Body:
-    """Return the body itself; ObjectError if its name, mass, size or pose is not valid."""
+    """Return the same body. Raises ObjectError if its name, mass, size or pose is not valid."""
     check_name(body.name)
     check_bounds(body)
     return body
@@ -106,7 +106,7 @@ def _shape(shape: str, size: Vector3) -> Shape:
 
 
 def _within(value: float, limits: Sequence[float], name: str, unit: str) -> float:
-    """Return a value that is within limits; ObjectError with its name and unit if it is not."""
+    """Return a value that is within limits. Raises ObjectError with name and unit for any other value."""
     if not (isfinite(value) and limits[0] <= value <= limits[1]):
         raise ObjectError(f"{name} {value} is not within {limits[0]}..{limits[1]} {unit}")
     return value

@@ -29,12 +29,12 @@ class CommandMux:
         self._last_stamps: Dict[str, float] = {}
 
     def passes(self, topic: str, now: float) -> bool:
-        """Note that an input sent a command at `now` [s]; return whether to obey it."""
+        """Note that an input has sent a command at `now` [s]; return whether the robot obeys the command."""
         self._last_stamps[topic] = now
         return not self.locked and self.stronger(topic, now) is None
 
     def stronger(self, topic: str, now: float) -> Optional[str]:
-        """Return the strongest input that is obeyed in place of another one at `now` [s], or None."""
+        """Return the strongest input that is obeyed instead of `topic` at `now` [s], or None."""
         stronger_inputs = [
             other
             for other, stamp in self._last_stamps.items()

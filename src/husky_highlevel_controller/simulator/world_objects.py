@@ -35,7 +35,7 @@ class WorldObjects:
 
     @property
     def bodies(self) -> Mapping[str, Body]:
-        """Bodies by name; a body's own pose is its initial one, not the present one."""
+        """Bodies by name; the pose in a `Body` is its initial pose, not its present pose."""
         return self._bodies
 
     def load(self, bodies: Sequence[Body]) -> None:
@@ -87,7 +87,7 @@ class WorldObjects:
             self._drop(member)
 
     def _drop(self, name: str) -> None:
-        """Remove one body of that name."""
+        """Remove the body with this name."""
         if self._bodies.pop(name).collisions:
             self._bullet.remove_body(name)
         self._scene_is_stale = True

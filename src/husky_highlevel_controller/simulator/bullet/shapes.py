@@ -50,8 +50,8 @@ MAX_SHAPES = 16  # PyBullet leaves out further shapes of a compound, without an 
 def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:
     """Make the compound collision shape of several geometries, and return its number in Bullet.
 
-    Cylinders are exact, not hulls of polygons. A mesh collides by its triangles. If it can move, it collides
-    by its convex hull, because Bullet cannot move triangles.
+    Cylinders are exact, not hulls of polygons. A mesh collides by its triangles, but a movable mesh by its
+    convex hull, because Bullet cannot move triangles.
 
     Args:
         geometries: at most MAX_SHAPES shapes with their poses in the body.

@@ -76,7 +76,7 @@ class _Engine:
         self._client = pybullet.connect(pybullet.DIRECT)
 
     def __getattr__(self, name: str) -> Any:
-        """Bind a function of PyBullet to this server, once."""
+        """Return a function of PyBullet that uses this server; it becomes an attribute, to save time."""
         bound = partial(getattr(pybullet, name), physicsClientId=self._client)
         setattr(self, name, bound)
         return bound
@@ -191,7 +191,7 @@ class BulletWorld:
             self._lift_out_of_the_ground(body_id)
 
     def set_pose_unchecked(self, name: str, pose_in_world: Pose) -> None:
-        """Move a body without checking for room, for a world that is only rendered."""
+        """Move a body without a check for room; this is for a world that is only rendered."""
         self._set_pose(self._ids_by_name[name][-1], pose_in_world)
 
     def depth_buffer(

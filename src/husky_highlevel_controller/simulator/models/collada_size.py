@@ -23,7 +23,7 @@ NOTHING = SceneSize(nodes=0, corners=0)
 
 
 def scene_size(document: ElementTree.Element) -> SceneSize:
-    """Return upper bounds for all scenes of a file; ValueError if a node contains itself."""
+    """Return an upper bound for the size of all scenes in a file. ValueError if a node contains itself."""
     return _Scene(document).size()
 
 

@@ -63,7 +63,7 @@ class Wheel:
         return self.pose.position
 
     def pose_at(self, angle: float) -> Pose:
-        """The pose of its link in base_link when its joint has turned so far [rad]."""
+        """Return the pose of the wheel's link in base_link when the wheel has turned by an angle [rad]."""
         turned = quat_from_rpy(0.0, angle, 0.0)
         return Pose(self.pose.position, quat_multiply(turned, self.pose.quat_xyzw))
 

@@ -167,5 +167,5 @@ def _colour(node: Node) -> Rgba:
 
 
 def _colour_share(value: float) -> float:
-    """Value in 0..1. As in Gazebo, a value above 1 is one of 0..255."""
+    """Return a value within 0..1; as in Gazebo, a value above 1 is from a scale of 0..255."""
     return min(max(value / 255.0 if value > 1.0 else value, 0.0), 1.0)

@@ -75,7 +75,7 @@ class Node:
 
     @property
     def text(self) -> str:
-        """The text in it, without the space around it."""
+        """Text of the element, without the space around the text."""
         return (self.element.text or "").strip()
 
     @property
@@ -85,7 +85,7 @@ class Node:
         return f"{place}: {self.trail}" if self.trail else place
 
     def error(self, problem: str) -> WorldError:
-        """The error to raise about this element."""
+        """Return an error about this element, to be raised."""
         return WorldError(f"{self.where}: {problem}")
 
     def note(self, sentence: str, value: str = "") -> None:

@@ -30,12 +30,12 @@ class SavedState:
         self.deletions = {name.text for names in lists for name in names.children("name")}
 
     def of(self, tag: str, name: str) -> SavedState:
-        """State of a model or link in this one."""
+        """Return the saved state of a member; `tag` is model or link."""
         return SavedState(self._members.get((tag, name)))
 
     @property
     def pose_in_world(self) -> Optional[Pose]:
-        """Pose of the model or link, in the world even if models are nested; None if not saved."""
+        """Pose of the model or link in the world, also for a model inside a model; None if not saved."""
         pose = self._node.child("pose") if self._node else None
         return pose.pose() if pose else None
 

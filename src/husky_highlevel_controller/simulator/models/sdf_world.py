@@ -283,7 +283,7 @@ def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
 
 
 def _is_set(node: Optional[Node]) -> bool:
-    """Return whether a minor flag is set; it is not if it cannot be read."""
+    """Return whether a minor flag is set; a flag that cannot be read is not set."""
     return bool(
         node and node.unless_broken(node.flag, False, f"a <{node.tag}> that cannot be read is left out")
     )

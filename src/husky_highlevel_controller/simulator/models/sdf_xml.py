@@ -44,7 +44,7 @@ class _LineBuilder(ElementTree.TreeBuilder):
     expat: Any = None  # parser, which has the number of the present line
 
     def start(self, tag: Any, attrs: Any) -> Any:
-        """Make an element with the line at which the parser is."""
+        """Make an element with the number of the line that the parser reads."""
         element: Any = super().start(tag, attrs)
         element.line = self.expat.CurrentLineNumber
         return element

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 def is_urdf(text: str) -> bool:
-    """Return whether the text of a model has a URDF's root element; its XML is checked by its reader."""
+    """Return whether the text of a model has a URDF's root element; the XML is not checked."""
     return "<robot" in text and "<sdf" not in text
 
 

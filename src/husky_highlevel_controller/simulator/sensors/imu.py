@@ -97,7 +97,7 @@ class Magnetometer:
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> MagSample:
-        """The reading at one instant."""
+        """Return the reading at `stamp` [s]."""
         x, y, z = rotate(quat_inverse(state.pose_in_world.quat_xyzw), FIELD_IN_WORLD)
         a, b, c = (FIELD_NOISE * self._rng.standard_normal(3)).tolist()
         return MagSample(stamp, (x + a, y + b, z + c))

@@ -42,7 +42,7 @@ class Lidar:
     """A planar lidar on base_link."""
 
     def __init__(self, config: LidarConfig, cast_rays: CastRays, frame: str, pose_in_base: Pose) -> None:
-        """Make a lidar at a pose in base_link, whose scans are in `frame`."""
+        """Make a lidar at a pose in base_link; `frame` is the frame of its scans."""
         self._config, self._cast_rays = config, cast_rays
         self._frame, self._pose_in_base = frame, pose_in_base
         self._beams = even_beams(-config.angle_max, config.angle_max, config.beams)

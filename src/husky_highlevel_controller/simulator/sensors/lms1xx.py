@@ -128,7 +128,7 @@ class Lms1xx:
 
 
 def _pose_before(state: RobotState, age: float) -> Pose:
-    """Pose of base_link in the world `age` s ago, at its present velocity; it does not tilt meanwhile."""
+    """Return the pose of base_link in the world `age` s ago, if velocity and tilt were the same as now."""
     (vx, vy, vz), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
     turn = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
     return compose(state.pose_in_world, Pose((-vx * age, -vy * age, -vz * age), turn))
@@ -167,7 +167,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     """Return the range of each beam's nearest echo that is strong enough, and its fraction of the light.
 
     Surfaces within `echo_length` give one echo, at the mean of their distances. A weak echo is skipped, and
-    the next one behind it counts, up to MAX_ECHOES of them.
+    the next echo behind it is tried, up to MAX_ECHOES echoes.
 
     Args:
         depths: distances at which the rays meet a surface [m], inf for a miss.

@@ -37,7 +37,7 @@ def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Pre
 
 
 def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter a box: where they are inside all three slabs."""
+    """Distances at which beams enter a box, because from there on they are inside all three slabs."""
     near, far = _slab(along, numbers[:3], numbers[3:6], numbers[6:])
     return _entries(np.maximum.reduce(near), np.minimum.reduce(far))
 
@@ -157,6 +157,6 @@ def _span(near: np.ndarray, far: np.ndarray, is_parallel: np.ndarray, depths: np
 
 
 def _entries(enter: np.ndarray, leave: np.ndarray) -> np.ndarray:
-    """First distance from 0 on at which rays inside from `enter` to `leave` are inside; +inf for none."""
+    """Return the first distance from 0 on between `enter` and `leave`; +inf if there is no such distance."""
     enter = np.maximum(enter, 0.0)
     return np.where(enter <= leave, enter, inf)

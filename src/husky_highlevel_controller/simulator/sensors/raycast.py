@@ -83,7 +83,7 @@ class RayScene:
 
     @property
     def has_many(self) -> bool:
-        """Return whether the beams meet its solids all at once, as arrays."""
+        """Return whether the beams meet the solids of this scene all at once, as arrays."""
         return len(self.solids) > MAX_ONE_BY_ONE
 
     def move(self, index: int, pose_in_world: Pose) -> None:
@@ -103,8 +103,8 @@ class RayScene:
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
     """Build a scene of shapes and their poses in the world.
 
-    The solid shapes keep their order, and so do the meshes; `RayScene.move` and `move_mesh` count them
-    separately.
+    Solid shapes and meshes keep their order. `RayScene.move` counts only solid shapes, and `move_mesh` only
+    meshes.
     """
     solids: List[RaySolid] = []
     meshes: List[RayMesh] = []

@@ -57,7 +57,7 @@ class VibratingImu:
     """An IMU on a robot that shakes because of its ground."""
 
     def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
-        """`track`: effective track, by which turning makes the wheels roll [m]."""
+        """`track`: distance between the wheels, which gives their speeds when the robot turns [m]."""
         self._imu, self._track = imu, track
         self._saturation_speed = config.saturation
         self._noise_per_speed = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
