@@ -32,8 +32,9 @@ _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
     """Return the RViz configuration of a submission; it is empty if no configuration was handed in.
 
-    It is the configuration that the first rviz node names. If that was not handed in, it is a configuration
-    in the package. A node that names none shows the student's ~/.rviz, which was not handed in.
+    The first rviz node names the configuration. If this file was not handed in, a configuration in the
+    package counts instead. A node without a configuration shows the student's ~/.rviz, which was not handed
+    in either.
 
     Args:
         planned: plan of the submission, with its rviz nodes.
@@ -164,7 +165,7 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
 def _config_path_in(arguments: str) -> Optional[Path]:
     """Return the path of the configuration that the arguments of an rviz node name, or None.
 
-    It follows an option -d; otherwise RViz takes an argument that ends with .rviz.
+    The path follows the option -d. Without this option, RViz takes an argument that ends with .rviz.
     """
     try:
         options = shlex.split(arguments)

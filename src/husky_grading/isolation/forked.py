@@ -32,7 +32,7 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def import_early() -> None:
-    """Begin to import the programs' common modules in the background."""
+    """Start the server process of our programs, which imports their common modules in the background."""
     # All programs in MODULES are forked from one server process, which imports their modules only once. It
     # does not import the bag player, because the other programs do not need the modules of the bag player.
     _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])
@@ -45,7 +45,7 @@ class ForkedProcess(Process):
     def __init__(
         self, command: Sequence[str], log: Path, env: Dict[str, str], folder: Path, handed: Sequence[Any] = ()
     ) -> None:
-        """Start it, as a `Process`; its main() gets the arguments `handed`, such as a connection."""
+        """Start the program as `Process` does; main() gets the arguments `handed`, such as a connection."""
         self._handed = handed
         super().__init__(command, log, env, folder)
 

@@ -71,7 +71,7 @@ def _namespace_command() -> Tuple[str, ...]:
 
     The first choice that works is taken. Choices with mounts of their own come before choices without.
     """
-    as_root = ["--user", "--map-root-user"]
+    as_root = ["--user", "--map-root-user"]  # a user without the rights of root needs these options
     for flags in ([*as_root, MOUNTS], [MOUNTS], as_root, []):
         if works("unshare", *flags, "--net", "--", "true"):
             return (system_program("unshare"), *flags, "--net", "--")

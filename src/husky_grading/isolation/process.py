@@ -76,7 +76,10 @@ class Process:
         self._pump.start()
 
     def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
-        """Start the command under `reaper.py`, which kills all its processes when it or this program ends."""
+        """Start the command under `reaper.py`.
+
+        When the command or this program ends, `reaper.py` kills all processes that the command has started.
+        """
         return subprocess.Popen(
             # with -I, Python imports no modules from the working directory or from PYTHONPATH
             [sys.executable, "-I", _REAPER, str(os.getpid()), *command],

@@ -39,7 +39,7 @@ class Network:
         self.processes: List[Process] = []
         try:
             self._start_master()
-        except BaseException:
+        except BaseException:  # every error, such as Ctrl-C, ends the programs that were started
             self.close()
             raise
 

@@ -161,7 +161,7 @@ class MarkerWatch:
                 self._samples.append((sample, marker))
 
     def _problem_of(self, marker: Marker) -> str:
-        """Return why RViz would draw nothing of a marker; empty if it draws it."""
+        """Return why RViz would not draw a marker; empty if RViz draws the marker."""
         problem = _invisible(marker)
         if not problem and marker.type == Marker.MESH_RESOURCE and not self._finds_mesh(marker.mesh_resource):
             return "its mesh does not exist"
@@ -324,7 +324,7 @@ def _pose(marker: Marker) -> Pose:
 
 
 def _invisible(marker: Marker) -> str:
-    """Return why RViz would draw nothing, by the marker's own values; empty if it draws the marker."""
+    """Return why RViz would not draw a marker, by the marker's own values; empty if RViz draws the marker."""
     scale = marker.scale
     if marker.action != Marker.ADD:  # a deletion is meant to draw nothing, so this is not a fault
         return ""

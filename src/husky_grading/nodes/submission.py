@@ -307,8 +307,8 @@ class SortedNodes(NamedTuple):
 def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]]) -> SortedNodes:
     """Sort the nodes of a launch file, and write the event "own" for each node of the grading package.
 
-    Nodes to start write to the terminal, and a terminal or debugger in front of them is dropped. For `ours`,
-    see `load_launchable`.
+    The nodes to start print into the output of this program, and run without a terminal or debugger. For
+    `ours`, see `load_launchable`.
     """
     # packages of the simulator or the robot, whose nodes are not started. In some exercises, the submission
     # starts nodes of such a package, or `grade` starts nodes of one more package.
@@ -371,7 +371,10 @@ def is_own(node: Any, places: List[str]) -> bool:
 
 
 def drop_prefix(node: Any, reporter: Reporter) -> None:
-    """Drop a terminal or debugger in front of a node, because with it roslaunch would start nothing."""
+    """Drop a launch-prefix that is a terminal or debugger, or that is not installed.
+
+    With such a launch-prefix, roslaunch would not start the node.
+    """
     try:
         # the first word of the launch-prefix is the program; empty if the node has no prefix
         program, *_ = shlex.split(node.launch_prefix or "") or [""]
