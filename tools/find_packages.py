@@ -34,7 +34,7 @@ SKIPPED = {"build", "devel", "install", "logs", "log", "node_modules", "site-pac
 
 
 def _manifest_of(package: Path) -> Optional[Any]:
-    """ElementTree of the package.xml of a folder, or None if it has none that can be read."""
+    """Return the ElementTree of the package.xml of a folder, or None if no package.xml can be read."""
     try:
         return ElementTree.parse(package / "package.xml")
     except (OSError, ParseError, DefusedXmlException, ValueError, LookupError):
@@ -42,7 +42,7 @@ def _manifest_of(package: Path) -> Optional[Any]:
 
 
 def name_of(package: Path) -> str:
-    """Name in the package.xml of a folder; empty if it has none that can be read."""
+    """Return the name in the package.xml of a folder; empty if no package.xml can be read."""
     manifest = _manifest_of(package)
     return "" if manifest is None else (manifest.findtext("name") or "").strip()
 
@@ -55,7 +55,7 @@ def is_students(package: Path) -> bool:
 
 
 def dependency_sentences(folders: Iterable[Path]) -> List[str]:
-    """Return sentences on dependencies of people's packages that are not packages here."""
+    """Return a sentence on each dependency, of a person's package, that is not a package here."""
     own = [folder for folder in dict.fromkeys(folders) if is_students(folder)]
     if not own:
         return []
@@ -71,12 +71,15 @@ def dependency_sentences(folders: Iterable[Path]) -> List[str]:
 
 
 def package_around(path: Path) -> Optional[Path]:
-    """Folder of the package that a file or folder lies in."""
+    """Return the folder of the package around a file or folder, or None."""
     return next((folder for folder in (path, *path.parents) if (folder / "package.xml").is_file()), None)
 
 
 def workspace_around(path: Path) -> Optional[Path]:
-    """Folder `src` of the catkin workspace around a file or folder; a home folder is not a workspace."""
+    """Return the folder `src` of the catkin workspace around a file or folder, or None.
+
+    A home folder is not a workspace.
+    """
     for folder in (path, *path.parents):
         if folder == Path.home():
             return None
@@ -127,7 +130,7 @@ def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
 
 
 def places(*starts: Path) -> List[Path]:
-    """Folders to look for packages in, from where a person stands or a file lies, without repetition."""
+    """Return the folders in which packages are searched, for start folders such as the caller's folder."""
     found: List[Path] = []
     for start in starts:
         package, workspace = package_around(start), workspace_around(start)

@@ -34,12 +34,12 @@ WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "z", "yaw", *SE
 
 
 def package_paths() -> List[str]:
-    """Folders of ROS_PACKAGE_PATH."""
+    """Return the folders of ROS_PACKAGE_PATH."""
     return [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
 
 
 def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
-    """A ROS_PACKAGE_PATH with joined packages first, and with stand-ins for packages that `paths` lacks."""
+    """Return a ROS_PACKAGE_PATH: joined packages, `paths`, and stand-ins for packages that are in neither."""
     known = set(rospkg.RosPack(paths).list())
     stand_ins = [str(path) for path in sorted(COMPAT.iterdir()) if path.name not in known]
     return [*map(str, joined), *paths, *stand_ins]
@@ -81,7 +81,7 @@ def join_copies(paths: List[str]) -> Dict[str, Path]:
 
 
 def digest(folder: Path) -> str:
-    """Fingerprint of the links and files in a folder."""
+    """Return a fingerprint of the links and files in a folder."""
     paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or path.is_file()]
     content = [
         (path.relative_to(folder), os.readlink(path) if path.is_symlink() else path.read_bytes())
@@ -111,7 +111,7 @@ def join(copy: Path, ours: Path, target: Path) -> None:
 
 
 def references(text: str, names: Set[str]) -> Set[str]:
-    """Arguments of a launch file that a text has in $(arg ...) or $(eval ...)."""
+    """Return the names of arguments that a text of a launch file uses, in $(arg ...) or $(eval ...)."""
     commands = [text] if text.startswith("$(eval ") else re.findall(r"\$\(arg ([^)]*)\)", text)
     return names & set(re.findall(r"\w+", " ".join(commands)))
 

@@ -64,7 +64,7 @@ def say(sentence: str) -> None:
 
 
 def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
-    """Launch file that a command line begins with, `[PACKAGE] FILE.launch`, and the rest of the line."""
+    """Return the launch file with which a command line begins, [PACKAGE] FILE.launch, and the other words."""
     name, *others = words
     if not name.endswith(".launch") and others and others[0].endswith(".launch"):
         package, name, *others = words
@@ -257,7 +257,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
 
 
 def warn_of_dependencies(config: Any, file: Path) -> None:
-    """Warn of dependencies of people's own packages that are not packages here."""
+    """Warn of each dependency, of a person's package in the launch, that is not a package here."""
     folder = find_packages.package_around(file.resolve().parent)
     packages = rospkg.RosPack()
     names = {node.package for node in config.nodes} & set(packages.list())
@@ -386,6 +386,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             os._exit(128 + signal.SIGINT)  # SystemExit could be raised at a place where Python ignores it
 
     def start_process(process: Any) -> Any:
+        """Start a process; a signal that comes meanwhile is handled afterwards."""
         # a handler of signals runs in the main thread only, so it cannot interrupt another thread's start
         if run["started"] or threading.current_thread() is not threading.main_thread():
             return start(process)
@@ -412,7 +413,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
 
 
 def main() -> int:
-    """Check, then launch."""
+    """Check the command line and the network, then launch."""
     # ./dev starts this program with SIGINT ignored; nodes must not inherit this, because SIGINT ends them
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     file, arguments = find_launch_file(sys.argv[1:])

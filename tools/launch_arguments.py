@@ -39,7 +39,7 @@ class Arguments(NamedTuple):
 
 
 def declared_arguments(file: Path) -> Optional[Set[str]]:
-    """Names of the arguments that a launch file takes; None if they are unknown before it runs.
+    """Return the names of the arguments that a launch file takes; None if they are unknown before it runs.
 
     An include with pass_all_args takes arguments that the file itself does not declare.
     """
@@ -58,7 +58,7 @@ def declared_arguments(file: Path) -> Optional[Set[str]]:
 
 
 def included_files(file: Path) -> Iterator[Tuple[Path, bool]]:
-    """The files that a launch file includes, and whether they get all its arguments."""
+    """Return the files that a launch file includes, and whether each gets all its arguments."""
     for include in ElementTree.parse(file).iter("include"):
         context = {"filename": str(file), "arg": {}}
         passes_all = include.get("pass_all_args", "").lower() in ("1", "true")

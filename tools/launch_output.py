@@ -103,6 +103,7 @@ class Folder:
         return b""
 
     def _report(self) -> bytes:
+        """Return a line for each traceback with repetitions, and begin to count again."""
         sentences = [f"[dev] {count} times more: {key[-1]}\n" for key, count in self._counts.items() if count]
         self._counts = dict.fromkeys(self._counts, 0)
         return "".join(sentences).encode()
@@ -117,6 +118,7 @@ class Folder:
 
 
 def _plain(line: bytes) -> str:
+    """Return a line without colours and without its end."""
     return _COLOUR.sub(b"", line).decode(errors="replace").rstrip("\r\n")
 
 
@@ -176,5 +178,6 @@ def _copy(source: int, real: int) -> None:
 
 
 def _write(target: int, data: bytes) -> None:
+    """Write all data; one call of os.write may write only a part."""
     while data:
         data = data[os.write(target, data) :]

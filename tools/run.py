@@ -31,7 +31,7 @@ def sees_neighbours(words: List[str]) -> bool:
 
 
 def with_path(words: List[str], caller: Path) -> List[str]:
-    """Words of a command line with the path of a file in the place of `PACKAGE FILE`."""
+    """Return a command line, in which the path of a file replaces the words PACKAGE FILE."""
     for at, (package, file) in enumerate(zip(words, words[1:])):
         named = file.endswith((".launch", ".test")) and "/" not in package + file and package[0] != "-"
         path = find_packages.find_file(package, file, caller) if named else None
@@ -61,7 +61,7 @@ def launch_here(words: List[str], caller: Path) -> None:
 
 
 def warn_of_dependencies(words: List[str]) -> None:
-    """Warn of dependencies of a package that are not packages; `words` is the command line of rosrun."""
+    """Warn of each dependency of the package in a command line of rosrun that is not a package here."""
     packages = rospkg.RosPack()
     # the package is the first word after rosrun, or the second one after an option
     found = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]

@@ -204,7 +204,7 @@ class DriveTab:
         if event.target.value == STOP:
             self.stop(event.client)
         else:
-            stop_count = self._stop_count
+            stop_count = self._stop_count  # a stop that is requested later cancels this start
             self._actions.do(lambda: self._start_controller(stop_count), event.client, "Controller")
 
     def stop(self, client: Any = None) -> None:

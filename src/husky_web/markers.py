@@ -121,7 +121,10 @@ def markers_of(msg: Any) -> Sequence[Marker]:
 
 
 def pose_of(marker: Marker) -> Optional[Pose]:
-    """Return the marker's pose in its frame, or None for NaN; zeros do not rotate, as in RViz."""
+    """Return the marker's pose in its frame, or None if a number is not finite.
+
+    A quaternion of zeros means no rotation, as in RViz.
+    """
     position, quat = pose_from_msg(marker.pose)
     length = sum(value * value for value in quat) ** 0.5
     if not all(isfinite(value) for value in (*position, *quat)):

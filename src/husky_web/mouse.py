@@ -108,6 +108,7 @@ class Mouse:
         self._follow(key, event)
 
     async def _on_drag_robot(self, event: Any) -> None:
+        """Begin, continue or end a drag of the robot; only its ghost moves, until the drag ends."""
         base = self._scene.base
         if base is None or self._tool(event) != MOVE:
             return

@@ -61,7 +61,10 @@ class Curve:
         self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)
 
     def add(self, stamp: float, *values: float) -> None:
-        """Add a sample; a time that runs backwards clears it, a repeated time adds nothing."""
+        """Add a sample, unless its time [s] is that of the last sample.
+
+        If the time runs backwards, the earlier samples are dropped.
+        """
         samples = self._samples
         if samples and stamp < samples[-1][0]:
             samples.clear()
@@ -78,7 +81,10 @@ class Curve:
 
     @property
     def rate(self) -> Optional[float]:
-        """Return the growth of the first series per second; None before two samples, or if it shrinks."""
+        """Return the growth of the first series per second.
+
+        None if there are fewer than two samples, or if the series shrinks.
+        """
         if len(self._samples) < 2:
             return None
         (start, first, *_), (end, last, *_) = self._samples[0], self._samples[-1]

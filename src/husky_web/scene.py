@@ -96,7 +96,7 @@ class Scene:
     """Scene that is drawn; updated by one thread."""
 
     def __init__(self, server: viser.ViserServer, fixed_frame: str, controller: str) -> None:
-        """Begin empty; everything is drawn in `fixed_frame`, and `controller` is the name of that node."""
+        """Begin empty; all is drawn in `fixed_frame`, and `controller` is the controller's node."""
         self._scene, self.fixed_frame = server.scene, fixed_frame
         self._controller = f"{controller}/"  # text with which the names of the controller's topics begin
         # `frames` has the poses of the TF frames, and `markers` has the newest messages of all markers
@@ -223,7 +223,7 @@ class Scene:
         self._show(self._ghost, pose)
 
     def forget(self) -> None:
-        """Remove the trail, and markers whose deletion may have been missed."""
+        """Remove the trail and all markers, because no messages are read until the next page opens."""
         self._trail.clear()
         self.markers.clear()
         for drawing in self._drawn.values():

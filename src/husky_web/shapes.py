@@ -122,6 +122,7 @@ def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_d
     # the rims are in the profile twice, so that they look sharp
     profile = [(0.0, 0.0), shaft_rim, shaft_rim, (shaft_radius, shaft_length), head_rim, head_rim, tip]
     along_z = _turned(profile)
+    # z becomes x, x becomes y, and y becomes z
     return Mesh(np.ascontiguousarray(along_z.vertices[:, [2, 0, 1]]), along_z.faces)
 
 

@@ -216,8 +216,10 @@ class _Server:
         return field
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
+        """Request the value that a person has entered in a field."""
         if event.client is None:  # `event.client` is None if `_show` has changed the field, and not a page
             return
+        # a choice of an enumeration is shown by its name, but sent by its value
         value = dict(parameter.choices).get(event.target.value, event.target.value)
         try:
             self.request({parameter.name: parameter.checked(value)}, event.client)

@@ -95,10 +95,10 @@ class WorldTab:
     def _move_away(self, point: Optional[Vector3]) -> str:
         """Move the object nearest to a point, see `move_away`, and return the simulator's sentence.
 
-        A random position may be occupied, so the simulator gets MOVE_ATTEMPTS of them.
+        A random position may be occupied, so up to MOVE_ATTEMPTS random positions are tried.
 
         Raises:
-            HuskyError: the world has no object, or every attempt has failed.
+            HuskyError: the point is unknown, the world has no object, or every attempt has failed.
         """
         # the name of a body may have the name of its model in front, as in ground_plane::added
         poses = {

@@ -1,4 +1,4 @@
-"""Comparison with another checkout: each figure of both by turns, and whether one became worse."""
+"""Comparison with another checkout: both are measured by turns, and a figure is worse, better or neither."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def compare_runs(
 
 
 def compare_readings(pairs: Sequence[Tuple[Readings, Readings]]) -> Tuple[List[Comparison], List[Key]]:
-    """Compare what was read in each pair (new, old).
+    """Compare the values of each pair (new, old).
 
     Returns:
         Comparisons of the figures that every reading has, and the figures that some reading does not have.
@@ -156,7 +156,7 @@ def _measure_pair(old: Path, name: str, number: int, short: bool) -> Tuple[Readi
 
 
 def _measure(folder: Path, name: str, short: bool) -> Readings:
-    """Measure a figure once, by the checkout's own benchmark, because no other fits its modules."""
+    """Measure a figure once, by the checkout's own benchmark, because another one may not fit its modules."""
     if name == "marking":
         return {key: Reading(value, False) for key, value in marking(folder).items()}
     with tempfile.TemporaryDirectory() as temporary:
@@ -194,7 +194,7 @@ def readings_of(file: Path, name: str, folder: Path) -> Readings:
 
 
 def cells(comparisons: Sequence[Comparison]) -> List[Tuple[str, ...]]:
-    """Return the lines of the table, its head first."""
+    """Return the rows of the table as texts, the head first."""
     lines: List[Tuple[str, ...]] = [("figure", "new", "old", "cost new : old", "spread", "")]
     for row in comparisons:
         verdict = "WORSE" if row.worse else "better" if row.better else "" if row.judged else "too few pairs"

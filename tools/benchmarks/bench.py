@@ -29,7 +29,7 @@ RESULTS = Path(__file__).resolve().parents[2] / ".dev" / "bench.json"
 
 
 def machine() -> Dict[str, object]:
-    """Machine and versions of a measurement."""
+    """Return a description of this machine and of the versions that are measured."""
     memory = Path("/proc/meminfo").read_text().split()[1]
     return {
         "cpu": processor() or platform.machine(),
@@ -69,7 +69,7 @@ def markdown(cells: Sequence[Tuple[str, ...]]) -> str:
 
 
 def reached(row: Row) -> str:
-    """Text on the distance of a figure from its goal, and its limit."""
+    """Return how near a figure is to its goal, and what keeps it from the goal; empty without a goal."""
     if row.near is None or row.near >= 1.0:
         return "" if row.near is None else "yes"
     return f"{row.near:.0%}" + (f": {row.limit}" if row.limit else "")
@@ -140,7 +140,7 @@ def measure(wanted: argparse.Namespace) -> None:
 
 
 def describe(host: Dict[str, object]) -> str:
-    """The machine in one line."""
+    """Return the description of a machine in one line."""
     return ", ".join(f"{key} {value}" for key, value in host.items())
 
 

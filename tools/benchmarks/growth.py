@@ -44,7 +44,7 @@ KINDS: Dict[str, Tuple[Shape, ...]] = {
 
 
 def field_of(kind: str, count: int, seed: int = 0) -> List[Tuple[Shape, Pose]]:
-    """Objects that stand about on a square of 100 m, with the robot's place in the middle kept free."""
+    """Return objects at random poses on a square of 100 m, but not within 2 m of the robot in its middle."""
     rng = np.random.default_rng(seed)
     field: List[Tuple[Shape, Pose]] = []
     while len(field) < count:

@@ -38,7 +38,7 @@ def memory(_: int) -> Tuple[int, int]:
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Wall time of a call."""
+    """Return the wall time of a call [s]."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start

@@ -38,6 +38,6 @@ def _mark(checkout: Path, name: str) -> Tuple[float, float]:
 
 
 def _children_cpu() -> float:
-    """CPU seconds of all processes that have ended below this one."""
+    """Return the CPU seconds of all child processes that have ended, and of their own children."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

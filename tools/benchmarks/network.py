@@ -21,11 +21,11 @@ POLL_PERIOD = 0.01  # [s] wall time between two looks
 
 
 class BenchError(Exception):
-    """A measurement that did not come about; the text says what happened instead."""
+    """Failure of a measurement; the text has the reason, and the last output of each process."""
 
 
 class Network(ros_network.Network):
-    """A roscore on a free port, and whatever is started on it; ends them all on leaving."""
+    """A roscore on a free port, and all processes that are started on it; all end with the block."""
 
     master = ("roscore",)
 
@@ -35,7 +35,7 @@ class Network(ros_network.Network):
         self.wait(["rosparam", "get", "/run_id"])
 
     def variables(self) -> Dict[str, str]:
-        """Variables as in marking, except that ROS_HOME is the user's own, whose caches are warm."""
+        """Return the variables as in marking, but with the user's own ROS_HOME, whose caches are warm."""
         return {name: value for name, value in super().variables().items() if name != "ROS_HOME"}
 
     def launch(self, file: str, *arguments: str) -> None:
@@ -43,7 +43,7 @@ class Network(ros_network.Network):
         self._roslaunch(PACKAGE, file, "gui:=false", *arguments)
 
     def launch_text(self, text: str) -> None:
-        """Start the nodes of a launch file of this text."""
+        """Start the nodes of a launch file with this text."""
         file = self.folder / f"bench_{len(self.processes)}.launch"
         file.write_text(text)
         self._roslaunch(str(file))
@@ -52,7 +52,7 @@ class Network(ros_network.Network):
         self.start(str(len(self.processes)), ["roslaunch", "-p", str(self.port), *arguments])
 
     def probe(self, *arguments: str) -> Path:
-        """Start probe.py; returns the file in which its figures will be."""
+        """Start probe.py, and return the file into which it will write its figures."""
         name = str(len(self.processes))
         result = self.folder / f"{name}.json"
         command = [sys.executable, str(HERE / "probe.py"), str(result), *arguments]
@@ -76,7 +76,7 @@ class Network(ros_network.Network):
         )
 
     def pid(self, script: str) -> int:
-        """The one process of this network that runs a script."""
+        """Return the number of the only process of this network that runs a script."""
         (found,) = (
             pid
             for pid in pids_with_variable("ROS_MASTER_URI", self.uri)
@@ -93,13 +93,13 @@ class Network(ros_network.Network):
 
 
 def cpu_seconds(pid: int) -> float:
-    """CPU time of a process so far, all its threads [s]."""
+    """Return the CPU time of all threads of a process so far [s]."""
     times = psutil.Process(pid).cpu_times()
     return float(times.user + times.system)
 
 
 def peak_megabytes(pid: Optional[int] = None) -> float:
-    """The most memory that a process, or this one, has had at a time [MB]."""
+    """Return the largest memory that a process, by default this one, has had so far [MB]."""
     status = Path(f"/proc/{pid or 'self'}/status").read_text().splitlines()
     (peak,) = (line.split()[1] for line in status if line.startswith("VmHWM:"))
     return int(peak) * 1024 / 1e6

@@ -29,12 +29,12 @@ class Run(NamedTuple):
 
     @property
     def ground(self) -> str:
-        """Name of the ground."""
+        """Return the name of the ground."""
         return self.name.rpartition("_")[0]
 
     @property
     def hours(self) -> float:
-        """Duration [h]."""
+        """Return the duration [h]."""
         return float(self.imu[-1, 0] - self.imu[0, 0]) / 3600.0
 
 
