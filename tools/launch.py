@@ -272,7 +272,7 @@ def is_true(value: str) -> bool:
 
 
 def shorten_summary(config: Any) -> None:
-    """Leave the parameters out of roslaunch's summary; a hundred lines would hide the first useful one."""
+    """Leave the parameters out of roslaunch's summary, because they would hide the first useful line."""
     summary = config.summary
     config.summary = lambda *args, **kwargs: re.sub(
         r"PARAMETERS\n.*?(?=NODES\n)", "", summary(*args, **kwargs), flags=re.DOTALL

@@ -123,7 +123,7 @@ def _plain(line: bytes) -> str:
 
 
 class FoldedOutput:
-    """Standard output and error of this process and its children, through a `Folder` each."""
+    """Standard output and error of this process and its children, each through a `Folder` of its own."""
 
     def __init__(self) -> None:
         same = os.path.sameopenfile(1, 2)
@@ -154,7 +154,7 @@ class FoldedOutput:
         return targets, real, thread
 
     def close(self) -> None:
-        """Give the real output back, after the rest of the data."""
+        """Let this process write to the real output again, and wait until the rest of the data is copied."""
         for targets, real, thread in self._channels:
             for target in targets:
                 os.dup2(real, target)

@@ -106,7 +106,7 @@ def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> Lis
     while end is None or due < end:
         page.wait_for_function(f"{TIME} >= {due}")
         pictures.append((page.evaluate(TIME), page.screenshot()))
-        due = max(due + PERIOD, pictures[-1][0])
+        due = max(due + PERIOD, pictures[-1][0])  # time of the next PNG; at once if it is late
         print(f"\r{pictures[-1][0] - begin:.1f} s", end="", file=sys.stderr, flush=True)
         if last is not None:
             break

@@ -342,7 +342,7 @@ class WebNode:
 
 
 def read_rosout() -> str:
-    """Return the end of rosout's file with the log of this ROS network; empty on another machine."""
+    """Return the end of rosout.log, the log of this ROS network; empty if the file is not on this machine."""
     try:
         file = Path(rospkg.get_log_dir()) / str(parameter("/run_id", "")) / "rosout.log"
         with file.open("rb") as log:
