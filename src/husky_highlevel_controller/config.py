@@ -122,6 +122,8 @@ def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
 
 def to_plain(value: Any) -> Any:
     """Convert a record to JSON's types: mappings, lists and plain values; arrays rounded to four digits."""
+    if type(value) in _TYPE_NAMES:  # most values of a recording are plain, so they are tested first
+        return value
     if is_dataclass(value):
         return {item.name: to_plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, np.ndarray):
@@ -199,6 +201,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_p
         from_parameters: true for parameters, all of which must be given; false for a YAML or JSON file, in
             which fields with a default may be absent.
     """
+    if type(value) is kind and kind in _TYPE_NAMES and not metadata:
+        return value  # most values of a recording are plain values without limits, so they are tested first
     # for example, Tuple[float, ...] has the origin tuple and the arguments (float, ...)
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is typing.Union:  # Optional[X] is a short form of Union[X, None]

@@ -285,14 +285,16 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         NotMarkableError: the build has made a link that leads out of the workspace.
         MarkingError: nothing can be built here.
     """
-    # the server process of `forked` imports its modules during the build, so the run begins sooner
-    import_early()
     first_outcome, missing, needed = _make_with_stand_ins(folders, needed, underlay)
     (output, code), used_old_boost = _make_again(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
     if code and not _ERROR.search(output):
         _check_machine_builds(folders.root.with_name("check"), underlay)
+    if not code:
+        # the server process of `forked` imports its modules while the launch file is read, so the run begins
+        # sooner; a submission that does not build has no run
+        import_early()
     notes = _notes_on_missing(missing)
     if used_old_boost:
         notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
