@@ -218,7 +218,7 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
     if not stand_in.is_file() or stand_in.resolve() == file.resolve():
         return file
     ours = gazebo_packages.COMPAT / name / file.resolve().relative_to(package)
-    kept = "" if stand_in.is_symlink() else "and keeps its world and pose"
+    kept = "" if stand_in.is_symlink() else ", and keeps its world and pose"
     say(f"warning: {file} needs Gazebo, so {ours} replaces it{kept}")
     return stand_in
 

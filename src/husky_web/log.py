@@ -83,8 +83,10 @@ class LogBuffer:
         # compared
         received = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
         earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in received]
-        earlier = earlier[-EARLIER:]
-        self._lines.extendleft(reversed(earlier[: CAPACITY - len(self._lines)]))
+        room = CAPACITY - len(self._lines)
+        # the latest of the earlier lines are kept, so that no line is missing between old and new ones
+        earlier = earlier[-min(EARLIER, room) :] if room else []
+        self._lines.extendleft(reversed(earlier))
         self.count += len(earlier)
 
     def select(self, condition: Filter) -> List[Counted]:

@@ -79,6 +79,8 @@ def test_what_rosout_has_written_before_comes_before_each_line_once():
     log = log_of(*(line(word(number)) for number in range(CAPACITY - 5)))
     log.add_earlier(lines_of_rosout("".join(f"1.0 INFO /n {number}\n" for number in range(2 * EARLIER))))
     assert texts(log)[0] == word(CAPACITY - 6), "what is new stays"
+    oldest = [kept.text for kept in list(log._lines)[:5]]
+    assert oldest == [str(number) for number in range(2 * EARLIER - 5, 2 * EARLIER)]
 
 
 def test_lines_of_the_log_are_cut_are_never_markup_and_show_the_time_of_day_where_it_is_wall_time():
