@@ -95,15 +95,17 @@ disk_needed="2 GB"
 
 # Install the packages of GROUP... that are missing.
 install_debian_packages() {
-  local missing as_root=() log=$state/apt.log
+  local missing remedy as_root=() log=$state/apt.log
   mapfile -t missing < <(missing_packages "$@")
   [ ${#missing[@]} -gt 0 ] || return 0
   command -v apt-get >/dev/null || die "$(os_name) has no apt-get; use the container (docs/install.md)"
   if [ "$(id -u)" -ne 0 ]; then
-    command -v sudo >/dev/null \
-      || die "you need root or sudo to install packages; ask an administrator to run: apt-get install --no-install-recommends ${missing[*]}"
+    remedy="ask an administrator to run: apt-get install --no-install-recommends ${missing[*]}"
+    command -v sudo >/dev/null || die "you need root or sudo to install packages; $remedy"
     as_root=(sudo)
     say "${#missing[@]} Debian packages are missing; sudo may ask for your password"
+    # sudo asks for the password here only, and one wrong answer must not end in an error of apt-get
+    sudo env true || die "sudo does not let you install packages; $remedy"
   fi
   local apt=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive LC_ALL=C apt-get -o DPkg::Lock::Timeout=600)
   : >"$log"

@@ -5,6 +5,7 @@ roslaunch and rostest run in this process, as `./dev launch` does: a launch file
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from pathlib import Path
@@ -84,7 +85,15 @@ def main() -> None:
         os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
         if words[0] == "rosrun":
             warn_of_dependencies(words)
-    os.execvp(words[0], words)
+    try:
+        os.execvp(words[0], words)
+    except OSError as error:
+        if error.errno != errno.ENOEXEC:
+            raise
+        sys.exit(
+            f"[dev] error: the first line of {words[0]} does not name the program that runs it, such as "
+            f"#!/usr/bin/env python3; add this line, or type: ./dev run python3 {words[0]}"
+        )
 
 
 if __name__ == "__main__":

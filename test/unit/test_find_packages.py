@@ -99,6 +99,17 @@ def test_marking_does_not_see_what_lies_beside_it():
     assert run.sees_neighbours(["roslaunch", find_packages.PACKAGE, "x.launch"])
 
 
+def test_a_script_without_its_first_line_gets_one_line_of_advice(tmp_path, monkeypatch):
+    script = tmp_path / "drive.py"
+    script.write_text("import rospy\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(sys, "argv", ["run.py", str(script)])
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=f"type: ./dev run python3 {script}"):
+        run.main()
+
+
 def test_the_environment_of_a_command_has_packages_and_stand_ins(workspace):
     (workspace / "devel" / "setup.bash").write_text('export SOURCED="$1 it\'s\nhere"')
     command = [

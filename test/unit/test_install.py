@@ -11,7 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from test_dev import ROOT, call
+from test_dev import ROOT, bash, call
 
 # a build backend in a dozen lines: it "compiles" one object file, and needs nothing of PyPI
 BACKEND = """
@@ -231,6 +231,17 @@ def test_a_failed_installation_tells_its_cause(lines, words, clone, tmp_path):
     output, code = clone.bash(f"die_of_log apt-get {tmp_path}/apt.log")
     assert code == 1
     assert words in output
+
+
+@pytest.mark.parametrize("sudo", ["", "sudo() { echo asked; return 1; }"])
+def test_without_the_right_to_install_an_administrator_is_asked_at_once(sudo):
+    users = f"id() {{ echo 1000; }}; missing_packages() {{ echo nano; }}; PATH=; {sudo}\n"
+    output, code = bash(
+        f"{users} command() {{ [ -n '{sudo}' ] || [ $2 != sudo ]; }}; install_debian_packages run"
+    )
+    assert code == 1
+    assert output.count("asked") == bool(sudo)
+    assert "ask an administrator to run: apt-get install --no-install-recommends nano\n" in output
 
 
 def test_a_log_that_was_never_written_is_no_trouble_of_grep(clone):
