@@ -124,8 +124,8 @@ install_debian_packages() {
     || die_of_log apt-get "$log"
 }
 
-# done_before NAME FILE...: has step NAME been finished with these very files?
-fingerprint() { { printf '%s\n' "$here"; cat "$@"; } | cksum; }
+# done_before NAME FILE...: has step NAME been finished here with these very files, this Python and this ROS?
+fingerprint() { { printf '%s\n' "$here" "$(readlink -f /usr/bin/python3)" "$opt_ros"; cat "$@"; } | cksum; }
 done_before() { local name=$1; shift; [ "$(cat "$state/$name.done" 2>/dev/null)" = "$(fingerprint "$@")" ]; }
 mark_done() { local name=$1; shift; fingerprint "$@" >"$state/$name.done"; }
 

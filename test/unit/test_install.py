@@ -244,6 +244,15 @@ def test_without_the_right_to_install_an_administrator_is_asked_at_once(sudo):
     assert "ask an administrator to run: apt-get install --no-install-recommends nano\n" in output
 
 
+@pytest.mark.parametrize(
+    ("change", "is_done"),
+    [("", True), ("readlink() { echo /usr/bin/python3.99; }", False), ("opt_ros=/opt/ros/noetic", False)],
+)
+def test_a_new_python_or_another_ros_is_set_up_anew(change, is_done, tmp_path):
+    steps = f"state={tmp_path}\n mark_done venv README.md\n {change}\n done_before venv README.md"
+    assert bash(steps)[1] == int(not is_done)
+
+
 def test_a_log_that_was_never_written_is_no_trouble_of_grep(clone):
     assert clone.bash("die_of_log pip /nowhere/pip.log") == (
         "[dev] error: pip failed before it wrote its log /nowhere/pip.log\n",
