@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
@@ -22,7 +23,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.dependencies import dependencies_of
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # largest number of archives and of packages in one submission
-MAX_MANIFEST = 1_000_000  # [bytes] a larger package.xml or launch file is not read
+MAX_MANIFEST = 1_000_000  # [bytes] a larger package.xml, launch file or Python file is not read
 # names of folders that programs make, such as a build; they have no work of the student
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages of courses, of Debian and of the robot; a copy of such a package is not the student's work
@@ -36,6 +37,8 @@ PUBLIC = frozenset({
 EXTENDED = {"husky_gazebo", "smb_gazebo"}
 # valid name of a package, which also becomes the name of a folder
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")
+# name of a package that a line of Python imports
+_IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([A-Za-z]\w*)", re.MULTILINE)
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
@@ -269,11 +272,25 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
     """Return names of packages with the names of all packages of the submission on which they depend."""
     members, waiting = set(names), list(names)
     while waiting:
+        package, others = packages[waiting.pop()], set(packages) - members
         # packages of the submission that this package needs, and that are not in `members` yet
-        needs = packages[waiting.pop()].needs & set(packages) - members
+        needs = package.needs & others
+        if others - needs:  # otherwise the files need not be read
+            needs |= _imported(package) & others
         members |= needs
         waiting += needs
     return members
+
+
+def _imported(package: Package) -> Set[str]:
+    """Return the names that the Python files of a package import; package.xml may forget them."""
+    names: Set[str] = set()
+    for path in walk(package.path, skipped=BUILT):
+        # a Python node may have a name without an ending
+        if file_suffix(path) in (".py", ""):
+            with suppress(UnreadableFileError):
+                names.update(_IMPORT.findall(read_text(path, MAX_MANIFEST)))
+    return names
 
 
 def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:

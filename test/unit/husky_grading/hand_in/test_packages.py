@@ -110,3 +110,14 @@ def test_other_exercises_and_known_packages_are_left_aside_unless_needed(ann):
     assert [each.name for each in packages] == ["husky", "messages"]
     assert "packages that are not the student's own are left out: teleop_twist_keyboard" in notes
     assert "packages of other exercises are left out: slam" in notes
+
+
+def test_a_package_is_needed_if_a_python_node_imports_it_and_package_xml_forgets_it(ann):
+    package(ann / "ex3" / "husky", "husky")
+    put(
+        ann / "ex3" / "husky" / "scripts" / "drive", "#!/usr/bin/env python3\nfrom messages.msg import Goal\n"
+    )
+    package(ann / "ex2" / "messages", "messages")
+    package(ann / "ex4" / "slam", "slam")
+    _, packages, _ = chosen(ann)
+    assert [each.name for each in packages] == ["husky", "messages"]
