@@ -241,7 +241,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_p
 def _nested_record(kind: Type[Record], value: Any, name: str, from_parameters: bool) -> Record:
     """Return a record inside another one from its value; ConfigError if it does not fit.
 
-    `name` is the path of the record, for messages. `from_parameters` is as for `_value`.
+    `name` is the path of the record, for messages. `from_parameters` is true for parameters, and false for a
+    YAML or JSON file.
     """
     if from_parameters:
         if not isinstance(value, abc.Mapping):

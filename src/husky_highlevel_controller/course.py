@@ -28,8 +28,8 @@ class PillarSize(NamedTuple):
     height: float  # [m]
 
 
-# size of the pillar in the exercise sheets of each robot; the SMB's pillar is that of the file
-# singlePillar.world of the year 2021
+# size of the pillar in the exercise sheets of each robot; the size for the SMB is from singlePillar.world of
+# the year 2021
 PILLARS = {"husky": PillarSize(PILLAR_RADIUS, 2.0), "smb": PillarSize(1.0, 5.0)}
 
 

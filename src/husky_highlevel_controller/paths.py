@@ -14,12 +14,14 @@ from husky_highlevel_controller.datatypes import HuskyError
 
 
 def share_folder() -> Path:
-    """The package's folder of data files: its source tree, pip's share/ in it, or catkin's next to its lib/.
+    """Return the folder of the package's data files.
 
-    Catkin's devel space runs the modules of the source tree, so it needs no case of its own.
+    The folder is the source tree, or share/ inside a package that pip installed, or a folder in share/ of
+    catkin's install space. Catkin's devel space runs the modules of the source tree, so it needs no case of
+    its own.
 
     Raises:
-        HuskyError: none of these has a folder urdf/.
+        HuskyError: none of these folders has a folder urdf/.
     """
     module = Path(__file__).resolve()
     package = module.parent

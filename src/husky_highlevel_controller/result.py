@@ -64,6 +64,7 @@ class Table:
         indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # position at which the last column begins
         last_width = max(WIDTH - indent, MIN_WRAPPED)
         lines = [self.title] if self.title else []
+        # a header of empty names is not printed
         rows = [self.header, *self.values] if any(self.header) else self.values
         for row in rows:
             *texts, last = map(_text, row)

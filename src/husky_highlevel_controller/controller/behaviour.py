@@ -46,7 +46,7 @@ from husky_highlevel_controller.robot import load_robot
 # driven there; somebody has put it elsewhere.
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
 # [m] an arrived robot drives again if the pillar is farther away than the stop distance by more than this
-RESUME_ERROR = 0.10
+RESUME_DISTANCE = 0.10
 ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
 ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
 # [m] the measured gap has an error, so at this gap the robot may already touch the pillar; to be sure, the
@@ -182,10 +182,10 @@ def decide(
     action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
 
     # bookkeeping: `started_at` is set when the controller is started, and again when an arrived robot leaves
-    # the pillar. If no pillar is known, `remaining` is nan, so `remaining <= RESUME_ERROR` is false.
+    # the pillar. If no pillar is known, `remaining` is nan, so `remaining <= RESUME_DISTANCE` is false.
     remaining = remaining_distance(target, control) if target else nan
     was_at_pillar, started_at = controller_state.at_pillar, controller_state.started_at
-    at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_ERROR)
+    at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_DISTANCE)
     if not enabled:
         started_at = None
     elif started_at is None or (was_at_pillar and not at_pillar):
@@ -272,7 +272,7 @@ def _close_at(
     if target is None or not to_be_touched(target, control):
         return None
     # a robot that is close stays close up to a larger gap, so that a noisy gap does not start the time again
-    largest_gap = TOUCH_GAP if controller_state.close_at is None else RESUME_ERROR
+    largest_gap = TOUCH_GAP if controller_state.close_at is None else RESUME_DISTANCE
     if target.gap > largest_gap:
         return None
     return stamp if controller_state.close_at is None else controller_state.close_at
@@ -423,8 +423,8 @@ def _drive(
     else:
         tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
         is_reached = remaining <= tolerance
-    # an arrived robot stays although it does not see the pillar, unless `remaining` grows beyond RESUME_ERROR
-    if (visible and is_reached) or (had_arrived and remaining <= RESUME_ERROR):
+    # an arrived robot stays although it does not see the pillar, until `remaining` exceeds RESUME_DISTANCE
+    if (visible and is_reached) or (had_arrived and remaining <= RESUME_DISTANCE):
         return _Action(State.ARRIVED, STOP, arrival)
     # the robot is at its stop position, but does not see the pillar, so it turns the lidar to the remembered
     # position

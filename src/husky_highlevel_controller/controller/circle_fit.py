@@ -15,12 +15,12 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts in the fit as much as this many beams
-# the fit expects the circle's centre on the line through the middle beam, with this weight
-_PLACE_WEIGHT = 1e-3
-# the fit expects the centre at a certain distance, with this weight; it is tiny, and only keeps the equations
-# solvable if the beams do not determine the distance
-_MIN_WEIGHT = 1e-6
-# weight instead of _RADIUS_WEIGHT and _PLACE_WEIGHT when the radius is computed from the beams alone
+# the fit expects the circle's centre on the line through the middle of the segment (y = 0), with this weight
+_Y_WEIGHT = 1e-3
+# the fit expects the centre one radius behind the nearest beam, with this weight; it is tiny, and only keeps
+# the equations solvable if the beams do not determine the distance
+_X_WEIGHT = 1e-6
+# weight instead of _RADIUS_WEIGHT and _Y_WEIGHT when the radius is computed from the beams alone
 _FREE_WEIGHT = 1e-4
 # a smaller cosine of a beam's angle of incidence counts as this one; otherwise, beams that graze the circle
 # would get a very large weight
@@ -184,7 +184,9 @@ def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vecto
 
 
 def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius: float) -> Row3[Number]:
-    """Return the full Gauss-Newton step of centre and radius [m], for one circle or for arrays of circles.
+    """Return the Gauss-Newton step of centre and radius [m], for one circle or for arrays of circles.
+
+    The caller subtracts the step, and shortens it if it is too long.
 
     Args:
         circle: x, y and r [m]; the centre is expected at the origin.
@@ -196,8 +198,8 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
     # three expectations, x = 0, y = 0 and r = radius, are added to them, each with its weight
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
-        _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
-        (xe + _MIN_WEIGHT * x, ye + _PLACE_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius)),
+        _inverse(xx + _X_WEIGHT, xy, xr, yy + _Y_WEIGHT, yr, rr + _RADIUS_WEIGHT),
+        (xe + _X_WEIGHT * x, ye + _Y_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius)),
     )
 
 
@@ -212,7 +214,7 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
     # covariance of x, y and r if each beam's error had the variance 1; the small weights do not express an
     # expectation, and only keep the matrix invertible
-    covariance = _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
+    covariance = _inverse(xx + _X_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))  # step of Gauss-Newton by the beams alone
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
     # variance of a beam's error: the squared errors that are left after the step, for each degree of freedom
@@ -269,10 +271,10 @@ def _terms(segment: Segment) -> np.ndarray:
 
 
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
-    """Sum of the squared errors of r = a u + b v with the best a and b, for one segment or for many [m^2].
+    """Sum of the squared errors of the best straight line, for one segment or for many [m^2].
 
-    `sums` has the sums of uu, uv, vv, ur, vr, rr over the beams, (6, ...), with u = r^2 cos and v = r^2 sin
-    of a beam of range r.
+    The line has the equation r = a u + b v, with u = r^2 cos and v = r^2 sin of a beam of range r. `sums` has
+    the sums of uu, uv, vv, ur, vr, rr over the beams, (6, ...).
     """
     uu, uv, vv, ur, vr, rr = sums
     # this keeps the determinant above 0 if all beams have almost the same direction

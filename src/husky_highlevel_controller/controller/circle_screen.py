@@ -179,16 +179,16 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
         scan: the scan.
         fits: circles of S segments, each in a frame of its own: the lidar is the origin, and x points to the
             middle of the segment.
-        slack: difference from the expected range that still counts as a hit in the exact test [m]; here
-            _MARGIN is added.
+        slack: difference from the expected range that still counts as a hit in the exact test [m]; this
+            coarse test adds _MARGIN to it.
 
     Returns:
         For each circle, the number of sampled beams that pass through it, and the number of sampled beams
         that a nearer object hides, both (S,). The sampled beams are up to _SAMPLES of those that should meet
         the circle; beams of the segment itself do not count.
     """
-    # the beams from index `low` to index `high` of the scan should meet the circle; beams near its edge are
-    # left out
+    # the beams from index `low` to index `high` of the scan should meet the circle. Beams near its edge are
+    # left out as in the exact test, and _MARGIN makes the circle still smaller.
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
     inner_radius = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
     half_width = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0)) / step

@@ -4,15 +4,16 @@ In: IMU samples and wheel speeds. Out: the speed lost in a collision.
 
 The change of velocity counts, not the peak of a sample, because on a real A200 single samples of 8 m/s^2
 (flooring) to 90 m/s^2 (snow) are vibration. Vibration swings back within 0.1 to 0.2 s, but the speed that a
-collision takes stays lost. So
+collision takes stays lost. So the detector computes
 
     change = mean velocity of the last AFTER seconds - mean velocity of BEFORE seconds, `window` earlier
     loss = speed that this change takes from the robot - speed that the wheels lose in the same time
 
-is compared with `max_loss` on smooth ground. On ground that shakes the robot it is compared with
-`max_loss_rough` plus `vibration_factor` times the vibration of the other two axes. A push from the side is a
+and compares the loss with a limit. Without vibration the limit is `max_loss`. Vibration of the other two axes
+raises the limit in two ways. The limit grows from `max_loss` to `max_loss_rough`, which it reaches at
+ROUGH_VIBRATION. On every ground, `vibration_factor` times the vibration is added. A push from the side is a
 crash, too. Its size is the sideways velocity that the robot gains within `window` and then keeps, without the
-part that driving a curve causes. For a push, the allowance for rough ground is twice as large.
+part that driving a curve causes. For a push, vibration raises the limit twice as much.
 
 The direction of gravity is tracked from gyro and accelerometer, so neither the orientation in the messages
 nor a level mount is needed.
@@ -39,7 +40,9 @@ LEVELLING_TIME = 2.0
 # [m/s^2] the accelerometer corrects the direction of gravity less if the measured force differs from gravity
 # by more than this, because such a force is a shock
 LEVELLING_FORCE = 20.0
-LATENESS = 0.05  # [s] odometry may come this much later than IMU samples, so the samples wait
+# [s] odometry may come this much later than IMU samples, so with each sample a change of velocity is judged
+# that ended this long before the sample
+LATENESS = 0.05
 # [s] a change of velocity is the mean velocity over the last AFTER minus the mean velocity over an earlier
 # time of length BEFORE
 AFTER, BEFORE = 0.15, 0.4
@@ -54,8 +57,8 @@ LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that
 # [m/s^2] a shock from below also causes horizontal force, so the part of the force ahead above this limit is
 # reduced by the size of the vertical force; the vertical force is cut off at this limit
 SHOCK_FORCE = 6.0
-# [m/s] the ground counts as rough if the vibration is larger than this; a real Husky A200 has 0.005 at rest,
-# 0.03 on flooring
+# [m/s] ground with this vibration or more counts as fully rough, and ground with less vibration as partly
+# rough; a real Husky A200 has 0.005 at rest, 0.03 on flooring
 ROUGH_VIBRATION = 0.013
 # vibration of the ground may change the sideways velocity this many times more than the forward velocity,
 # because the body rolls on its tyres
@@ -75,7 +78,7 @@ class CrashConfig:
         0.01, 5.0, "largest loss of speed on rough ground without a crash [m/s]", default=0.24
     )
     vibration_factor: float = number(
-        0.0, 20.0, "factor of the vibration in a window, which is added on rough ground", default=1.0
+        0.0, 20.0, "factor of the vibration, which is added to the largest loss on every ground", default=1.0
     )
     odometry_delay: float = number(0.0, 0.5, "largest delay or lead of odometry [s]", default=0.1)
 
@@ -101,9 +104,7 @@ class Change(NamedTuple):
 
     def _allowance(self, vibration: float, config: CrashConfig) -> float:
         """Change of velocity that ground with this vibration may cause, in addition to `max_loss` [m/s]."""
-        for_rough_ground = min(vibration / ROUGH_VIBRATION, 1.0) * max(
-            config.max_loss_rough - config.max_loss, 0.0
-        )
+        for_rough_ground = _roughness(vibration) * max(config.max_loss_rough - config.max_loss, 0.0)
         return for_rough_ground + config.vibration_factor * vibration
 
 
@@ -136,8 +137,8 @@ class CrashDetector:
         # [s] time constant of `_vertical`; it begins at 0 and grows, so `_vertical` is at first a plain mean
         # of the samples
         self._levelling_time = 0.0
-        self._last_stamp = -inf  # [s]
-        # [s] time between the last two stamps; number of samples that have the last stamp
+        self._last_stamp = -inf  # [s] stamp of the last judged sample
+        # [s] time between the last two stamps; number of samples with the last stamp, which are averaged
         self._period, self._samples_of_stamp = 0.0, 1
         self._increments: Deque[_Increment] = deque()
         # stamp [s]; squared velocity that the body gained sideways and upwards in the time `config.window`
@@ -158,8 +159,8 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf  # no IMU sample has come since this odometry
-        # [s] older wheel speeds are dropped. The next sample needs the speeds since MEMORY before the last
-        # judged sample; if this sample is very old, only the speeds of LONGEST_DELAY + MEMORY are kept
+        # [s] older wheel speeds are dropped. For the next sample, all speeds since MEMORY before the last
+        # judged sample are kept, except speeds that are older than LONGEST_DELAY + MEMORY.
         oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
         while self._wheel_speeds[0][0] < oldest:
             self._wheel_speeds.popleft()
@@ -194,6 +195,7 @@ class CrashDetector:
         if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:
             self._waiting_samples.clear()  # time goes back, and this is not just one sample that comes late
         self._waiting_samples.append((sample, imu_in_base))
+        # odometry sets this stamp to inf, so the first sample after odometry sets it
         self._odometry_silent_since = min(self._odometry_silent_since, sample.stamp)
         # a call returns only one crash, so after a crash the remaining samples wait for the next call
         loss = None
@@ -314,17 +316,17 @@ class CrashDetector:
         assert self._vertical is not None
         ahead, left = self._ground_axes(imu_in_base)
         force = sample.specific_force
-        vertical = dot(force, self._vertical) - GRAVITY
+        force_up = dot(force, self._vertical) - GRAVITY  # `_vertical` points upwards
         # a shock from below comes from the ground and is not a crash, so its forces are limited. A large
         # force ahead is reduced by the size of the vertical force at the same time. The forces to the left
         # and up are cut off; the limit to the left is higher, because the body rolls on its tyres.
-        force_ahead = _damped(dot(force, ahead), vertical)
+        force_ahead = _damped(dot(force, ahead), force_up)
         force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
         return _Increment(
             sample.stamp,
             ahead=force_ahead * duration,
             left=(force_left - self._curve_acceleration(sample)) * duration,
-            up=_clamped(vertical, SHOCK_FORCE) * duration,
+            up=_clamped(force_up, SHOCK_FORCE) * duration,
         )
 
     def _judge_change(self) -> Optional[float]:
@@ -360,7 +362,8 @@ class CrashDetector:
             if AFTER - 1e-6 < age < AFTER + window - 1e-6:
                 pushed_left += left_by
         vibration, vibration_before = self._add_vibration(swung_left * swung_left + swung_up * swung_up, end)
-        learning = LEARNING_TIME + min(vibration / ROUGH_VIBRATION, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
+        learning = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
+        # until `_levelling_time` reaches LEVELLING_TIME, it is the time since the first sample
         if self._levelling_time < learning:
             return None
         # a push from the side counts only as far as the robot keeps the velocity that it gained, so the
@@ -374,8 +377,9 @@ class CrashDetector:
         """Take the squared velocity that the body gained sideways and upwards in the last `window` [m^2/s^2].
 
         Returns:
-            The vibration of the ground until the time `end` [s], and the vibration until the change that is
-            judged began; both are the root of the mean of these squares over MEMORY [m/s].
+            The vibration of the ground at the time `end` [s], and the vibration at the time AFTER + `window`
+            earlier, when the judged change began. Both are the root of the mean of these squares over MEMORY
+            [m/s].
         """
         self._squared_swings.append((end, squared_swing))
         while end - self._squared_swings[0][0] > MEMORY:
@@ -396,21 +400,21 @@ class CrashDetector:
         remaining = AFTER + self._config.window + BEFORE - age
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
 
-    def _unexplained_loss(self, ahead: float, end: float) -> float:
+    def _unexplained_loss(self, change_ahead: float, end: float) -> float:
         """Return the loss of speed beyond the wheels' own loss [m/s].
 
         Odometry may be shifted by up to `odometry_delay`, so the shift that explains most of the loss counts.
         If the direction of travel is unknown, the larger of the losses in both directions counts.
 
         Args:
-            ahead: change of the velocity ahead, by the IMU [m/s].
+            change_ahead: change of the velocity ahead, by the IMU [m/s].
             end: time at which the change ended [s].
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
         # possible changes of the wheels' speed. The first is 0, because wheels that only speed up take no
-        # speed from the robot. The others are changes by odometry for five shifts in time, with the weights
-        # of the change by the IMU.
+        # speed from the robot. The others are by odometry, for five shifts in time. In each of them, a step
+        # of the wheels' speed has the weight of an increment of the IMU at the same age.
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
@@ -424,9 +428,9 @@ class CrashDetector:
         # wheels' speed
         losses = []
         if speed_before is None or speed_before > -STANDING_SPEED:  # the robot may have driven forwards
-            losses.append(min(wheel_changes) - ahead)
+            losses.append(min(wheel_changes) - change_ahead)
         if speed_before is None or speed_before < STANDING_SPEED:  # the robot may have driven backwards
-            losses.append(ahead - max(wheel_changes))
+            losses.append(change_ahead - max(wheel_changes))
         return max(losses)
 
     def _speed_at(self, stamp: float) -> Optional[float]:
@@ -437,14 +441,19 @@ class CrashDetector:
         return float(np.interp(stamp, stamps, speeds))
 
 
-def _damped(force: float, vertical: float) -> float:
+def _roughness(vibration: float) -> float:
+    """Roughness of ground by its vibration [m/s]: 0 without vibration, 1 from ROUGH_VIBRATION on."""
+    return min(vibration / ROUGH_VIBRATION, 1.0)
+
+
+def _damped(force: float, force_up: float) -> float:
     """Return a horizontal force [m/s^2] without the part that a shock from below explains.
 
     The part of the force up to SHOCK_FORCE always counts. The rest is reduced by the size of the vertical
     force.
     """
     size = abs(force)
-    return copysign(min(size, SHOCK_FORCE) + max(size - SHOCK_FORCE - abs(vertical), 0.0), force)
+    return copysign(min(size, SHOCK_FORCE) + max(size - SHOCK_FORCE - abs(force_up), 0.0), force)
 
 
 def _clamped(value: float, limit: float) -> float:

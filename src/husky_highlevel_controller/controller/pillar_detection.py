@@ -66,7 +66,8 @@ _MAX_SKIPPED = 2  # two beams may lie on one pillar if at most this many beams b
 def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     """Pillars of a scan in the laser's frame, nearest first.
 
-    A far pillar is seen by few beams, so from nearer by it may turn out to be another object.
+    Few beams hit a far object, so a pillar that is far away may turn out to be another object when the robot
+    comes closer.
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid_count):
         return []  # all beams have the same direction, or no beam has a return
@@ -117,8 +118,8 @@ def _starts(
         ranges: their ranges (B,) [m].
 
     Returns:
-        Indices in `beams` at which bodies begin, and indices of single beams amid a body, which are to be
-        omitted.
+        Indices in `beams` at which bodies begin, and indices of single beams between beams of one body, which
+        are to be omitted.
     """
     # largest radius that counts as the pillar's radius, and largest difference of two ranges that noise makes
     # [m]
@@ -132,8 +133,8 @@ def _starts(
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
         # the formula for `depth` is largest at a spacing of one radius; a larger spacing counts as one radius
         spacing = np.minimum(spacing, radius)
-        # [m] largest difference of two ranges on one pillar: one beam meets the edge of the circle, and the
-        # other beam, at `spacing` from the edge, meets the circle this much earlier
+        # [m] largest difference of two ranges on one pillar. The difference is largest if one beam meets the
+        # edge of the circle. The other beam is `spacing` away, and meets the circle this much earlier.
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
@@ -142,7 +143,7 @@ def _starts(
     # has the index of the first beam of each pair of neighbours that needs the test
     (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):
-        return np.array((0,)), left
+        return np.array((0,)), left  # all beams lie on one body; `left` is empty, as there is no single beam
     breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
     # bodies that only one beam meets; such a beam is omitted if the beams before and after it lie on one body
     single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
@@ -216,7 +217,7 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
         """
 
         def lead(sum_squared_error: float) -> float:
-            """Lead over the circle of the shape if this is the sum of its squared errors [m^2]."""
+            """Lead of the shape over the circle, by the sum of the shape's squared errors [m^2]."""
             return max(beams - parameters, 1) * log(
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
@@ -228,10 +229,9 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
     # line wins unless the circle fits better than the line by HIDDEN_ODDS.
     if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
         return False
-    # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing. Its
-    # odds grow with the beams, so a corner of many beams wins only if its squared errors are smaller than
-    # those of the circle by the factor e or more. The line has fixed odds, so a line of many beams wins
-    # by a smaller factor.
+    # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing. The
+    # odds of a corner grow with the number of beams. So even a corner of many beams wins only if the squared
+    # errors of the circle are at least e times as large as those of the corner.
     return beams <= 5 or not beats_circle(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
 
 
@@ -248,8 +248,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
     # index of the beam that would point exactly to the circle's centre; it is usually not a whole number
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    # number of beams that are checked on either side of `centre`; the last beam need not meet the circle, but
-    # counts as hidden if a nearer object hides it
+    # number of beams that are checked on either side of `centre`. The last beam lies beside the circle, and
+    # only shows whether a nearer object hides the side of the circle.
     half_width = half_angle / step + 1.0
     # [m] a beam hits the circle if its range differs from the expected range by at most this
     slack = HIT_SLACK * config.max_residual

@@ -2,7 +2,7 @@
 
 In: scans and velocities. Out: the clearance, and whether to call for a stop now.
 
-A planar lidar sees only objects at its own height, and none behind the robot beyond its view.
+A planar lidar sees only objects at its own height and in its field of view, which may end beside the robot.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from husky_highlevel_controller.robot import DriveConfig, Robot
 
 # [m/s], [rad/s] slower motion counts as standing, because odometry has noise
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05
-FASTEST = 100.0  # [m/s], [rad/s] a faster measured velocity cannot be right, so the robot must stop
+# [m/s], [rad/s] no robot drives or turns faster than this; a measured velocity above it is wrong
+FASTEST = 100.0
 PATH_STEPS = 12  # number of poses on the way to standstill at which the clearance is checked
 # [m] the robot moves towards an obstacle if the clearance shrinks by more than this before the robot stands
 APPROACH = 1e-3
@@ -66,7 +67,7 @@ def too_close(
     if not is_moving(twist_in_base):
         return None
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
-        # the path to standstill is unknown, so the clearance 0 makes the robot stop at once
+        # a wrong velocity (or NaN) does not tell where the robot goes, so the clearance counts as 0
         return 0.0
     outline = robot.footprint
     path = _braking_path(twist_in_base, config, robot.drive)

@@ -129,8 +129,8 @@ def free_bearing(
 ) -> Optional[float]:
     """Return the direction nearest to `goal` that has a free path [rad], or None if there is none.
 
-    If two are equally near, it is the direction that the robot faces more. In the direction of `goal` itself,
-    only `length` [m] must be free, and in any other direction LOOK_AHEAD.
+    If two directions are equally near to `goal`, the direction nearer to straight ahead is returned. In the
+    direction of `goal` itself, only `length` [m] must be free, and in any other direction LOOK_AHEAD.
     """
     if is_free(points_in_base, goal, length, outline):
         return goal

@@ -14,25 +14,25 @@ WINDOW, MIN_MESSAGES = 0.5, 5
 # [s] the window in which two clocks are compared ends after this wall time at the latest, even if no
 # reference message has come
 MAX_WINDOW = 2.0
-# [s] the robot stands still if the lidar's clock is ahead of odometry's clock by more than this, which is
-# half a second plus a period of odometry
+# [s] the robot stands still if the measured offset of the lidar's clock is more than this ahead of odometry's
+# clock; 0.5 s is allowed, and the measured offset may be too large by a period of odometry, 0.05 s
 MAX_OFFSET = 0.55
 
 
 class ClockOffset:
     """Lasting offset between the clocks that stamp two streams of messages.
 
-    The stamp of each message is compared with the newest stamp of the reference. A late message makes a
-    difference, too, but not every message in WINDOW is late. So the smallest difference counts if the clock
-    of the messages is ahead, and the largest difference if it is behind.
+    The stamp of each message is compared with the newest stamp of the reference. The difference also depends
+    on how late the message or the reference comes, but in a window some come in time. So the smallest
+    difference counts if the clock of the messages is ahead, and the largest difference if it is behind.
     """
 
     def __init__(self, tolerance: float) -> None:
         """Begin without an offset; an offset below `tolerance` [s] counts as 0."""
         self.seconds = 0.0  # [s] time by which the messages' clock is ahead of the reference's clock
         self._tolerance = tolerance
-        self._newest_reference: Optional[float] = None  # [s], newest stamp
-        self._new_references = self._message_count = 0  # numbers of new stamps and of messages in this window
+        self._newest_reference: Optional[float] = None  # [s] newest stamp of the reference
+        self._new_references = self._message_count = 0  # counts of this window
         # [s] at the start of the window of comparison: wall time, stamp of the first message, newest stamp of
         # the reference
         self._window_begin = (0.0, 0.0, 0.0)
@@ -43,7 +43,7 @@ class ClockOffset:
     def add_reference(self, stamp: float) -> None:
         """Take a stamp [s] of the reference; it may be a repeated one."""
         if self._newest_reference is not None and stamp < self._newest_reference:
-            self._message_count = 0  # time has gone back, so a new window begins
+            self._message_count = 0  # time has gone back, so the next message begins a new window
         self._new_references += stamp != self._newest_reference
         self._newest_reference = stamp
 
@@ -70,16 +70,19 @@ class ClockOffset:
             self._message_count = 0
 
     def _offset(self, stamp: float, now: float) -> float:
-        """Offset that all messages of the window show [s]; 0 if it is within the tolerance."""
+        """Offset that all messages of the window show [s]; 0 if it is within the tolerance.
+
+        `stamp` is the stamp of the window's last message [s], and `now` is the wall time at its end [s].
+        """
         begin, first, first_reference = self._window_begin
         progress = (self._newest_reference or 0.0) - first_reference
         # without two messages and a new stamp of the reference, the periods are unknown
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
         period = progress / self._new_references
-        # [s] the smallest difference is at most this if the clocks are equal: a message is at most one period
-        # of the reference newer than the newest reference, and the first message after a reference is at most
-        # one period of the messages newer
+        # [s] if the clocks are equal, the smallest difference is at most this. A message is newer than the
+        # last reference by at most one period of the reference. The first message after a reference is newer
+        # by at most one period of the messages.
         slack = min(period, abs(stamp - first) / (self._message_count - 1))
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time

@@ -3,15 +3,15 @@
 In: the pillars of a scan, and the pose of the lidar. Out: the tracked pillar, and its estimate.
 
 The first pillar seen, or the nearest of several, is tracked until its position proves to be empty. A position
-is empty if it is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. Time in which something
-hides a near position counts a tenth, so it is given up after 5 s, but not by a robot that has arrived. A
-position out of view is kept as long as odom lasts, and becomes less and less certain. A pillar at a position
-that was given up is accepted again only if more beams fall on it, which happens from nearer by.
+is empty if it is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. If something hides a
+near position, a tenth of the time counts, so the position is given up after 5 s. A robot that has arrived
+does not give up such a position. A position out of view is kept, and becomes less and less certain. A pillar
+at a rejected position is accepted again only if more beams fall on it, as when the robot has come closer.
 
 An estimate is confirmed when it was seen from positions BASELINE apart, or for WATCH_TIME. Before that it is
 also given up after EMPTY_TIMEOUT out of view or hidden. An estimate that moves by WALK within WATCH_TIME is a
-leg or a wheel and not a pillar, so it is dropped. After that, pillars at other positions are preferred, and
-the robot drives to the next pillar only when it is confirmed.
+leg or a wheel and not a pillar, so it is given up. Then pillars at other positions are preferred to this
+object, and the robot drives to the next pillar only when that pillar is confirmed.
 """
 
 from __future__ import annotations
@@ -110,9 +110,9 @@ def follow(
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
     """Find the tracked pillar in a scan, or begin to track another one.
 
-    A pillar that moves (a leg or a wheel), or that is missed for EMPTY_TIMEOUT, is given up. Its position is
-    rejected if it moved, was confirmed before, or proved empty. At a rejected position a pillar is tracked
-    again only if more beams fall on it.
+    A pillar that moves (a leg or a wheel), or that is missed for EMPTY_TIMEOUT, is given up. The position is
+    rejected if the pillar moved or was confirmed before, or if the position looks empty. At a rejected
+    position a pillar is tracked again only if more beams fall on it.
 
     Args:
         track: track after the last scan.
@@ -122,7 +122,8 @@ def follow(
         keep_hidden: keep a near pillar although something hides it.
 
     Returns:
-        The new track, the tracked pillar if the scan shows it, and the evidence about its position.
+        The new track, the tracked pillar if the scan shows it, and whether its position is seen, hidden, out
+        of view or empty.
     """
     period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
     sightings = [
@@ -185,6 +186,7 @@ def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
         return track
     if is_watched:
         anchor = Anchor(track.estimate, (x, y))
+    # a confirmed pillar cannot be the object that walked, so the position of this object is forgotten
     return track._replace(anchor=anchor, confirmed=True, walked_to=None)
 
 
@@ -197,7 +199,7 @@ def _is_at(position_in_odom: Optional[Tuple[float, float]], sighting: Sighting) 
 
 
 def _is_rejected(sighting: Sighting, track: Track) -> bool:
-    """Return whether a sighting is at a rejected position, and shows no more beams than were rejected."""
+    """Return whether a sighting is at a rejected position, without more beams than were rejected there."""
     x, y, _ = sighting.center_in_odom
     return any(
         hypot(x - rejected_x, y - rejected_y) <= _GATE and sighting.pillar.beams <= beams
@@ -224,7 +226,7 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
 
 
 def _give_up(track: Track, reject: bool) -> Track:
-    """Return a track without a pillar, which keeps the bad positions; `reject` adds the pillar's to them."""
+    """Return a track without a pillar; with `reject`, its position is added to the rejected positions."""
     assert track.estimate is not None
     rejected = track.rejected
     if reject:
@@ -268,7 +270,10 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
 
 
 def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
-    """Return the sighting that is nearest to the estimate, relative to its gate; None if all are outside."""
+    """Return the sighting with the smallest distance from the estimate, as a fraction of its gate.
+
+    The gate is the largest distance of a match. Return None if all sightings are outside their gates.
+    """
     deviation = _deviation_at(estimate, stamp)
     nearest, smallest_error = None, 1.0
     for sighting in sightings:
@@ -282,7 +287,7 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
 
 
 def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
-    """Return the track after a sighting, whose estimate is updated with the gains of a Kalman filter.
+    """Return the track after a sighting, which updates the estimate with the gain of a Kalman filter.
 
     Args:
         track: track before, with or without an estimate.

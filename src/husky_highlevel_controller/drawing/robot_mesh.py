@@ -60,7 +60,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
         # half a turn about z changes the sign of x and y
         half_turn = (-1, -1, 1) if points_back else (1, 1, 1)
         body.append(Part(color, _mesh(folder / file) * half_turn + (x, 0.0, z)))
-    # a box is the plate on top of the Husky, which carries the lidar
+    # the plate on top of the Husky, which carries the lidar, is drawn as a box
     return [*body, Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))], wheel
 
 

@@ -17,10 +17,10 @@ from husky_highlevel_controller.estimation.filter_config import FilterConfig
 from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
 from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
 
-# [s] the filter does not wait for a sensor whose last reading is older than the newest reading by more than
-# this
+# [s] the filter no longer waits for a silent sensor whose last reading is older than the newest reading by
+# more than this
 PATIENCE = 1.0
-MAX_PAUSE = 10.0  # [s] no estimates are sent for a time without readings that is longer than this
+MAX_PAUSE = 10.0  # [s] no estimates are sent for a pause of the readings that is longer than this
 # [s] stamps closer than this count as equal, because a float of 64 bits has only seven decimals for seconds
 # since 1970
 SAME_TIME = 1e-6
@@ -33,7 +33,8 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] if the last measurement is at least this old, the next estimate is a prediction for its own time
+        # [s] if the last measurement is at least this much older than the next estimate, the filter predicts
+        # this estimate
         self._sensor_timeout = (
             1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
         )
@@ -70,8 +71,8 @@ class Localization:
             name: name of the sensor, such as odom0.
             reading: its reading.
             mounting: pose of the sensor, and pose of the frame in which it gives its poses.
-            silent: names of the sensors for which the filter does not wait if their last reading is older
-                than the newest one by PATIENCE; None for all sensors.
+            silent: names of sensors that the caller has heard nothing from for a long wall time. The filter
+                gives up only these sensors (see `_horizon`). None stands for all sensors.
 
         Raises:
             ReadingError: the reading is not later than the one before, or a used number is not finite.
@@ -105,7 +106,8 @@ class Localization:
     def _horizon(self, silent: Collection[str]) -> float:
         """Time up to which the readings of every sensor have come, without the sensors that are given up [s].
 
-        A sensor is given up if it is in `silent` and has sent nothing for PATIENCE.
+        A sensor is given up if it is in `silent`, and its last reading is older than the newest reading of
+        all sensors by more than PATIENCE. For a sensor without a reading, the first reading of all counts.
         """
         oldest_allowed = max(self._last_stamps.values()) - PATIENCE
         given_up = {

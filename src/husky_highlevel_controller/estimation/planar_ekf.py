@@ -20,7 +20,7 @@ STATES = 8
 # indices of the state: pose in odom; velocity and acceleration in base_link
 X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)
 MIN_VARIANCE = 1e-9  # a smaller variance of a measured value counts as this
-INITIAL_VARIANCE = 1e-9
+INITIAL_VARIANCE = 1e-9  # variance of each state before the first measurement, as in robot_localization
 MAX_STEP = 1e5  # [s] a longer step between stamps means that the clock was set; it counts as CLOCK_STEP
 CLOCK_STEP = 0.01  # [s]
 # growth of the variance of x, y, yaw, vx, vy, yaw rate, ax, ay by noise [squared unit per second]; the values
@@ -90,7 +90,10 @@ class PlanarEkf:
 
 
 def predict(estimate: MotionEstimate, stamp: float, step: float, process_noise: np.ndarray) -> MotionEstimate:
-    """Predict an estimate by `step` seconds; `stamp` is the new stamp, also if a clock was set meanwhile."""
+    """Predict an estimate by `step` seconds, and give it a new stamp [s].
+
+    The new stamp is not the old stamp plus `step` if a clock was set (see MAX_STEP).
+    """
     state = estimate.state
     jacobian = transition_jacobian(state, step)
     covariance = jacobian @ estimate.covariance @ jacobian.T + step * process_noise

@@ -152,7 +152,7 @@ class MotionSensor:
         if self._config.relative:
             self._first_pose = self._first_pose or pose
             pose = compose(inverse(self._first_pose), pose)
-        if not self._is_imu:
+        if not self._is_imu:  # the attitude of an IMU was turned by `_level_attitude`
             pose = compose(turn, pose)
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
@@ -166,7 +166,7 @@ class MotionSensor:
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)  # rotation from the sensor to base_link
         x, y, _ = sensor_in_base.position
         values = np.concatenate((axes @ reading.velocity[:3], axes @ reading.velocity[3:]))
-        # base_link's velocity is the sensor's velocity minus yaw rate x (x, y)
+        # a robot that turns moves a sensor at (x, y) by (-y, x) * yaw_rate, which is subtracted
         values[:2] += y * yaw_rate, -x * yaw_rate
         # the mask of the used values and the covariance are along the sensor's axes, so they are rotated, too
         used = _turned(axes, self._velocity_used)
@@ -174,7 +174,7 @@ class MotionSensor:
         return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)
 
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """Acceleration of base_link, without gravity and the centripetal part at the sensor's position.
+        """Acceleration of base_link, without gravity and without the sensor's centripetal acceleration.
 
         None if the acceleration is not measured or not used. `yaw_rate` is the yaw rate of the robot [rad/s].
         """
@@ -186,7 +186,7 @@ class MotionSensor:
             # without a measured attitude, the robot is taken to be level
             attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
-        # the sensor also measures -(x, y) yaw_rate^2 if it is at (x, y), so this part is removed
+        # a robot that turns accelerates a sensor at (x, y) by -(x, y) * yaw_rate^2, which is subtracted
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
         covariance = (axes @ reading.force_covariance @ axes.T)[:2, :2]
         # axes of base_link (0 for x, 1 for y) along which a used axis of the sensor measures
@@ -207,8 +207,8 @@ def _numbers(pose: Pose) -> np.ndarray:
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
     """Return the attitude of base_link from that of an IMU, and the yaw of the mounting as a rotation.
 
-    As in robot_localization, the three angles of the mounting are subtracted one by one. Then its yaw turns
-    the vector (roll, pitch).
+    As in robot_localization, the three angles of the mounting are subtracted one by one. Then the vector
+    (roll, pitch) is turned by the yaw of the mounting.
     """
     offsets = rpy_from_quat(sensor_in_base.quat_xyzw)
     angles = [wrap_angle(a - b) for a, b in zip(rpy_from_quat(attitude.quat_xyzw), offsets)]

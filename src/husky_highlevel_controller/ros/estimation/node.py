@@ -38,8 +38,9 @@ QUEUE = 1000
 # [s] a message is ignored if its stamp is later than the clock by more than this; a smaller difference is
 # normal, because the clock may lag behind a bag that is played fast
 MAX_AHEAD = 60.0
-# [s] wall time without a message after which the filter no longer waits for an input: ABSENCE before the
-# first message of the input, SILENCE after it. A busy machine may delay a thread, so these times are long.
+# [s] wall time without a message after which an input is silent: ABSENCE before the first message of the
+# input, SILENCE after it. The filter gives up silent inputs only. A busy machine may delay a thread, so these
+# times are long.
 ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s] a new run has begun if the clock goes back by more than this
 REPORT_PERIOD = 5.0  # [s] time between two warnings of one kind about a topic
@@ -139,8 +140,8 @@ class LocalizationNode:
     def _add(self, name: str, msg: Any, mounting: Mounting) -> None:
         """Give one reading to the filter, and publish the estimates that are due now.
 
-        The filter waits for readings of the other inputs, except inputs that have been silent for SILENCE. At
-        the start, an input without any message is silent after ABSENCE.
+        The filter waits for readings of the other inputs. It gives up a silent input (see `_is_silent`) whose
+        last reading is older than the newest reading by PATIENCE.
         """
         silent = {other for other in self._config.inputs if self._is_silent(other, time.monotonic())}
         try:
