@@ -35,9 +35,12 @@ TOLERANCE = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
 # item gets no points
 LEAST_LINES = 5
-# [s] largest simulated time between a scan and the line that prints its smallest range; a slow node with a
-# long queue of scans prints so late
+# [s] a line may print the smallest range of a scan that is older than the line by up to this simulated time,
+# because a slow node with a long queue of scans prints late
 LATEST = 1.0
+# [s] a line may print the smallest range of a scan that is newer than the line's stamp by up to this
+# simulated time, because the stamp has only the resolution of /clock
+STAMP_TOLERANCE = 0.05
 # [m] a number that differs from the smallest range by more than TOLERANCE, but by less than NEAR, counts as
 # another range of the pillar
 NEAR = 0.5
@@ -56,8 +59,8 @@ PARAMETERS = "read both as private parameters of the node, from the launch file 
 
 _QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
-# pattern of the beginning of a line in a ROS log, such as "[ INFO] [17.5, 2.0]:", whose numbers are not
-# ranges. The second number is the simulated time.
+# pattern of the beginning of a line in a ROS log, such as "[ INFO] [17.5, 2.0]:". Its numbers are not ranges;
+# the second number is the simulated time.
 _PREFIX = re.compile(
     r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[(?:[\d.]+, (?P<stamp>\d+\.\d+)|[^\]]*)\](?: \[[^\]]*\])?:?"
 )
@@ -96,11 +99,11 @@ class StraightDrive(Watch):
     def kept(self) -> Dict[str, Any]:
         """Return the names of the parameters that the exercise asks for, as plain values for the recording.
 
-        The student chooses the names. So a private text with the topic of the scans counts as the name of the
-        topic, and a private whole number whose name contains "queue" counts as the queue size.
+        The student chooses the names. A private parameter counts as the topic name if its value is the topic
+        of the scans. It counts as the queue size if it is a whole number and its name contains "queue".
         """
         topic = self._initial_recording.scan_topic
-        # a private parameter stands below the name of a node, such as /node/name
+        # the name of a private parameter begins with the name of its node, such as /node/name
         private = [
             (name, value) for name, value in sorted(self._ros.parameters().items()) if name.count("/") > 1
         ]
@@ -121,7 +124,7 @@ class PrintedLine(NamedTuple):
 
 
 def read_lines(output: str) -> List[PrintedLine]:
-    """Return the lines of an output that have decimal numbers besides the stamps of the ROS log."""
+    """Return the lines of an output that have decimal numbers; stamps of the ROS log do not count."""
     lines = []
     for text in output.splitlines():
         prefix = _PREFIX.match(text)
@@ -133,28 +136,26 @@ def read_lines(output: str) -> List[PrintedLine]:
 
 
 def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tuple[float, float]:
-    """Return the limits [m] of the number that a line of this stamp [s] has to print.
+    """Return the lowest and the highest number [m] that is right in a printed line; nan if no scan fits.
 
-    The line may belong to any scan of the last LATEST seconds, and each of these scans has its own smallest
-    range.
+    The line may print the smallest range of any scan of the last LATEST seconds.
 
     Args:
-        nearest: (N, 2) time [s] and smallest range [m] of each scan, by time.
-        stamp: None if it is unknown; then each scan of the run is possible.
-
-    Returns:
-        Lower and upper limit; nan if there was no scan at that time.
+        nearest: (N, 2) time [s] and smallest range [m] of each scan, sorted by time.
+        stamp: simulated time [s] at which the line was printed; None if unknown, so that every scan fits.
     """
     ranges = nearest[:, 1]
     if stamp is not None:
-        # the stamp has the resolution of /clock, so a scan may be a little later than the stamp
-        first, end = np.searchsorted(nearest[:, 0], [stamp - LATEST, stamp + 0.05])
+        first, end = np.searchsorted(nearest[:, 0], [stamp - LATEST, stamp + STAMP_TOLERANCE])
         ranges = ranges[first:end]
     return (float(ranges.min()), float(ranges.max())) if len(ranges) else (np.nan, np.nan)
 
 
 def judge_output(recording: Recording) -> Item:
-    """Grade whether the smallest range is printed: 40 points, or 20 if it does not become smaller."""
+    """Grade whether the submission prints the smallest range: 40 points.
+
+    It gets 20 points if the printed numbers do not decrease while the robot drives towards the pillar.
+    """
     item = Item(PRINTS_RANGE, 0.0, 40.0, "")
     # scans without a return have no smallest range
     nearest = recording.nearest[np.isfinite(recording.nearest[:, 1])]
@@ -164,30 +165,30 @@ def judge_output(recording: Recording) -> Item:
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     lines = read_lines(recording.output)
     printed = []  # [m] first number of each line that can be the smallest range
-    # While the robot stands, all scans have the same smallest range, so late lines are right, too. A number
-    # in such a line is a miss if it is another range of the pillar.
-    misses, is_right_at_rest = [], False
+    # [m] printed numbers that are another range of the pillar than the smallest one, while the robot stands.
+    # Then all scans have the same smallest range, so these numbers are not only late.
+    wrong_at_rest, is_right_at_rest = [], False
     for numbers, stamp in lines:
         low, high = smallest_ranges(nearest, stamp)
         right = [number for number in numbers if low - TOLERANCE <= number <= high + TOLERANCE]
         printed += right[:1]
-        if stamp is not None and high - low <= TOLERANCE:
+        if stamp is not None and high - low <= TOLERANCE:  # the robot stands
             is_right_at_rest |= bool(right)
-            misses += [number for number in numbers if TOLERANCE < abs(number - high) < NEAR]
+            wrong_at_rest += [number for number in numbers if TOLERANCE < abs(number - high) < NEAR]
     low, high = smallest_ranges(nearest, None)
     if len(printed) < LEAST_LINES:
-        # a submission that prints other numbers does not take the minimum of the valid ranges
+        # if there are lines with numbers, the student does not take the minimum of the valid ranges
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
         return replace(item, evidence=evidence, hint=MINIMUM if lines else PRINT)
-    if len(misses) >= LEAST_LINES and not is_right_at_rest:
-        evidence = f"prints {misses[0]:.2f} m while the robot stands, but the smallest range is {high:.2f} m"
+    if len(wrong_at_rest) >= LEAST_LINES and not is_right_at_rest:
+        evidence = f"prints {wrong_at_rest[0]:.2f} m while the robot stands, "
+        evidence += f"but the smallest range is {high:.2f} m"
         return replace(item, evidence=evidence, hint=MINIMUM)
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
-    # the robot drives towards the pillar, so the smallest range decreases; the printed numbers must decrease,
-    # too
+    # the robot drives towards the pillar, so the printed numbers must decrease, as the smallest range does
     follows = max(printed) - min(printed) >= SPAN_FRACTION * (high - low) and printed[0] > printed[-1]
-    # an item with all points loses its hint later, in `weighted`
+    # `weighted` later removes the hint of an item with all points
     return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
 
 
@@ -212,7 +213,7 @@ def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         return replace(item, evidence=f"{view.source}: {evidence}", hint=f"{hint}, {SAVED}")
     evidence = f"{view.source}: laser scan visible, fixed frame '{view.fixed_frame}'"
     points = 15.0 if view.fixed_frame == "odom" else 10.0
-    # an item with all points loses its hint later, in `weighted`
+    # `weighted` later removes the hint of an item with all points
     return replace(item, points=points, evidence=evidence, hint=f"set the fixed frame to odom, {SAVED}")
 
 
@@ -227,7 +228,8 @@ def judge_exercise_2(
         judge_parameters(recording),
         judge_view(view, scan_topic, rules),
     ]
-    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
+    # `forfeited` takes the points of a submission that has interfered with the simulator, and `weighted`
+    # applies the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

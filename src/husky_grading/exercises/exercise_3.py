@@ -18,7 +18,7 @@ from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import (
     KEEP_AS_MEMBER,
     as_ending,
-    cause_of_silence,
+    cause_of_no_marker,
     cause_of_stop,
     causes,
     first_cause,
@@ -41,23 +41,24 @@ from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
-# a robot that passes the pillar gets half of the points for the approach if its distance from the pillar is
-# larger than PASSING_FRACTION of the way and larger than MIN_PASSING [m]
+# a robot that passes the pillar gets half of the points for the approach if its smallest distance from the
+# pillar is larger than PASSING_FRACTION of the way and larger than MIN_PASSING [m]; it has passed the pillar
+# if it is farther away at the end by more than MIN_PASSING
 PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 # a robot that covers only this fraction of the way gets half of the points for the approach
 FIRST_STEPS = 0.1
-# The pillar is to the side if the sine of its bearing is above ASIDE. The turns at such moments have the
-# right sign if more than the fraction MOSTLY of them leads towards the pillar, and the wrong sign if at least
-# this fraction leads away.
+# The pillar is to the side if the sine of its bearing is above ASIDE. At such moments, the robot should turn
+# towards the pillar. Its turns are right if more than the fraction MOSTLY of them leads towards the pillar,
+# and angular.z has the wrong sign if at least this fraction leads away.
 ASIDE, MOSTLY = 0.1, 0.6
-# turns slower than TURNS_ON [rad/s] do not count; the robot turns in circles if the fraction ONE_WAY of its
-# other turns goes to the same side
+# the robot turns to one side all the time if the fraction ONE_WAY of its turns goes to this side; turns
+# slower than TURNS_ON [rad/s] do not count
 TURNS_ON, ONE_WAY = 0.05, 0.9
 STOPPED = 1.0  # [s] a robot has stopped if it has been at rest for at least this time at the end of the run
 DEADLINE_MARGIN = 0.1  # [s] a run that ends this close to its deadline was ended by the deadline
 LATELY = 1.0  # [s] time at the end of a run over which the speed of the approach to the pillar is measured
-# [s] simulated time from the start; the run ends if a submission that reads topics has no publisher of
-# velocity commands by then
+# [s] the run ends if, at this simulated time, a submission that subscribes to topics has no publisher of
+# velocity commands
 SILENT = 2.0
 # [m] the robot has driven away if, at the end, it is farther from the pillar than at its nearest point by
 # more than this
@@ -93,7 +94,7 @@ SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pi
 
 
 class PillarWatch(Watch):
-    """Ends the run at the pillar, or as soon as the robot will not reach it any more."""
+    """Ends the run when the robot is at the pillar, or can no longer reach it."""
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         super().__init__(initial, ros)
@@ -114,8 +115,8 @@ class PillarWatch(Watch):
         # no node runs any more, and none has ever sent a command, so the robot will never move
         if state.abandoned and not state.commands:
             return NO_COMMAND
-        # The reason by the robot's motion, such as an arrival at the pillar. If no node runs any more, a
-        # robot that stands can no longer start, so the run then ends earlier.
+        # `DriveEnd` decides by the robot's motion. If no node runs any more, a robot that stands will not
+        # start again, so the run ends earlier.
         return self._end.reason(state.abandoned)
 
 
@@ -144,8 +145,9 @@ def judge_approach(recording: Recording) -> Item:
     if covered >= HALF_WAY * first_gap:
         half_time = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * first_gap)])
         evidence = f"covers half of the {first_gap:.2f} m to the pillar in {half_time:.2f} s"
-        passes_afar = gaps[nearest] > max(PASSING_FRACTION * first_gap, MIN_PASSING)
-        if passes_afar and gaps[-1] > gaps[nearest] + MIN_PASSING:
+        stays_far = gaps[nearest] > max(PASSING_FRACTION * first_gap, MIN_PASSING)
+        drives_past = gaps[-1] > gaps[nearest] + MIN_PASSING
+        if stays_far and drives_past:
             ending, hint = _explain_steering(recording)
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
@@ -198,8 +200,8 @@ def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered
 def _explain_steering(recording: Recording) -> Explanation:
     """Return the probable mistake of a robot that moves, but misses the pillar.
 
-    The signs of the turns are compared with the side on which the pillar is. The ending is the end of a
-    sentence in the report; it is empty if the hint says all.
+    The commands are searched for a speed or a rate of turn of 0. Then the signs of the turns are compared
+    with the side on which the pillar is.
     """
     if moves_nothing(recording.fastest):  # largest speed of all commands
         return Explanation(ending="; linear.x is 0 in all commands", hint=NO_SPEED)
@@ -214,9 +216,9 @@ def _explain_steering(recording: Recording) -> Explanation:
     bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
     is_aside = np.abs(np.sin(bearings)) > ASIDE
     turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
-    # fraction of moments at which the robot turns towards the pillar, among moments with the pillar to the
-    # side. It is 0 if there is no such moment, for example because the robot drives straight away from the
-    # pillar; the hint is then the same as for a wrong sign.
+    # Fraction of the turns towards the pillar, among the moments with the pillar to the side. It is 0 if
+    # there is no such moment, so a robot that drives straight away from the pillar gets the hint on a wrong
+    # sign.
     right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
     if right_fraction > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
@@ -260,13 +262,13 @@ def judge_arrival(
 def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Optional[Item]) -> Item:
     """Return the item of a robot that never comes near enough: no points, or graded by hand.
 
-    The arguments are those of `judge_arrival`, and its item without evidence.
+    `item` has no evidence yet. `approach` is the item of `judge_approach` for this run.
     """
     gaps = recording.hull_gaps  # (N,) [m] gap between the robot's footprint and the pillar
     nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     at = float(recording.times[nearest])
     if _runs_out_of_time(recording):
-        # this robot still comes nearer, so it is normally nearest at the end of the run, at the deadline
+        # this robot comes nearer until the end of the run, so `at` is normally the deadline
         why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
@@ -277,7 +279,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     cause = cause_of_stop(recording)
     if not recording.moving.any():
         ending, hint = "", hint_on(first_cause(recording))
-    # if the item for the approach lost points, its hint names the same mistake
+    # if the item for the approach lost points, the same mistake has kept the robot from the pillar
     elif approach is not None and not approach.full:
         ending, hint = "", approach.hint
     elif cause:
@@ -290,7 +292,10 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
 
 
 def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: float) -> Item:
-    """Return the item of a robot that touches the pillar at a time [s]; ramming it may cost points."""
+    """Return the item of a robot that touches the pillar at `touch_time` [s].
+
+    It gets all points, unless it is so fast that it rams the pillar by the rules.
+    """
     times = recording.times
     just_before = (times >= touch_time - JUST_BEFORE) & (times <= touch_time)
     speed = float(np.abs(recording.speeds[just_before, 0]).max())
@@ -302,9 +307,12 @@ def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: flo
 
 
 def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
-    """Return the item of a robot that comes near enough without a touch: 30 points if it stays, or 20."""
-    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]; a gap up to
-    # `rules.reached` is near enough
+    """Return the item of a robot that comes near enough to the pillar, and never touches it.
+
+    It gets 30 points if it stands near enough at the end, otherwise 20. A gap up to `rules.reached` is near
+    enough.
+    """
+    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
     gaps, times = recording.hull_gaps, recording.times
     stood_since = _stands_since(recording)
     if stood_since is not None and gaps[-1] <= rules.reached:
@@ -316,7 +324,7 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
         evidence += f" at {float(times[nearest]):.2f} s, but does not stop there"
     else:
         evidence += f", but stands {gaps[-1]:.2f} m away in the end"
-    reached_at = float(times[np.argmax(gaps <= rules.reached)])  # [s] time of its arrival
+    reached_at = float(times[np.argmax(gaps <= rules.reached)])  # [s] first time at which it is near enough
     return replace(item, points=20.0, evidence=evidence, at=reached_at, hint=SLOWS)
 
 
@@ -334,12 +342,11 @@ def points_for_place(placement: Placement) -> float:
 
 
 def judge_place(recording: Recording, placements: Sequence[Placement]) -> Item:
-    """Grade whether the marker is at the pillar: 20 points, by its distance and by how long it is right."""
+    """Grade whether the marker is at the pillar: at most 20 points, by its distance and duration there."""
     item = Item(PLACES_MARKER, 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):  # the run has not begun, and the reason is known
         return with_cause(item, NO_RUN, first_cause(recording))
-    # finding that explains why no marker came; None if unknown
-    cause = cause_of_silence(recording)
+    cause = cause_of_no_marker(recording)
     if not recording.marker_topics:
         evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{as_ending(cause)}"
         hint = f"make a publisher of visualization_msgs/Marker, and {KEEP_AS_MEMBER}"
@@ -367,7 +374,7 @@ def first_touch(recording: Recording) -> float:
 
 
 def _runs_out_of_time(recording: Recording) -> bool:
-    """Return whether the robot was still on its way at the deadline, and would arrive in twice the time."""
+    """Return whether the robot still came nearer at the deadline, and would arrive in twice the time."""
     gaps, times = recording.hull_gaps, recording.times
     is_ended_early = times[-1] < recording.deadline - DEADLINE_MARGIN
     drives_away = gaps[-1] > gaps.min() + AWAY_FROM_NEAREST
@@ -380,9 +387,9 @@ def _runs_out_of_time(recording: Recording) -> bool:
 
 
 def _stands_since(recording: Recording) -> Optional[float]:
-    """Return the time since which the robot stands until the end [s].
+    """Return the time [s] at which the robot stops for good.
 
-    It is None if the robot stands for less than STOPPED at the end.
+    It is None if the robot drives in the last STOPPED seconds of the run.
     """
     driving_rows = np.flatnonzero(recording.driving)  # indices of the poses at which the robot drives
     times_at_rest = recording.times[driving_rows[-1] + 1 :] if len(driving_rows) else recording.times
@@ -428,7 +435,9 @@ def judge_shown(
     places: Sequence[Item],
     rules: Rules = DEFAULT_RULES,
 ) -> Item:
-    """Grade whether RViz shows the marker: 10 points, if the marker has points for its place in a run.
+    """Grade whether RViz shows a marker that was at the pillar: 10 points.
+
+    A marker was at the pillar if it has points for its place in at least one run.
 
     Args:
         view: view of RViz.
@@ -443,7 +452,7 @@ def judge_shown(
     }
     topics = {topic for topic, _ in namespaces}
     if not topics:
-        # first the marker must get to the pillar, so the hint is the hint on its place
+        # the student must first place the marker right, so the hint is the one on its place
         hint = places[0].hint if places else CHECK
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
@@ -486,9 +495,10 @@ def _explain_no_display(view: RvizView, topics: Set[str]) -> Tuple[str, str]:
 def judge_exercise_3(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """Return the items of exercise 3: 20, 30 and 20 points, and 20 and 10 for the marker.
+    """Return the five items of exercise 3, with 100 points together.
 
-    Approach, arrival and place of the marker are judged in each run; `over_trials` makes one item of them.
+    Approach, arrival and place of the marker are judged in each run, so `over_trials` makes one item of the
+    items of all runs.
     """
     approaches = [judge_approach(recording) for recording in recordings]
     arrivals = [judge_arrival(each, rules, approach) for each, approach in zip(recordings, approaches)]
@@ -501,7 +511,8 @@ def judge_exercise_3(
         over_trials(places, rules.other_worlds),
         judge_shown(view, [each for found in placements for each in found], places, rules),
     ]
-    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
+    # `forfeited` takes the points of a submission that has interfered with the simulator, and `weighted`
+    # applies the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

@@ -45,10 +45,10 @@ MAX_FILE = 1_000_000  # [bytes] larger configuration files of rqt_multiplot are 
 # characters
 MAX_CURVES, MAX_NAME = 100, 200
 MAX_ESTIMATES = 50_000
-# [s] simulated time; the bag counts as played this time before its end, because the last true pose may come
-# before the end
+# [s] the bag counts as played at this simulated time before its end, because the last true pose may come a
+# little before the end
 BAG_MARGIN = 0.1
-# [s] the path is complete if the stamp of its last estimate is at most this time before the bag's end
+# [s] the run waits for the last estimates, until the stamp of one is at most this time before the bag's end
 LAST_MARGIN = 1.0
 SILENCE = 10.0  # [s] the run ends if, after the bag's end, no estimate has come for this wall time
 # a package that names smb_control or smb_description is for the SMB; /rslidar_points and smb_top_view are not
@@ -57,8 +57,8 @@ FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
 # topics of the point cloud, in our bags and on the exercise sheet of 2018
 CLOUD_TOPICS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}
 MIN_ESTIMATES = 10
-# [s] the estimates must begin at most LATEST_BEGIN after the bag's begin, and go on until at most END_MARGIN
-# before the bag's end
+# [s] a path is complete only if its first estimate is at most LATEST_BEGIN after the bag's begin, and its
+# last estimate at most END_MARGIN before the bag's end
 LATEST_BEGIN, END_MARGIN = 5.0, 2.0
 MAX_GAP = 5.0  # [s] longest allowed time between the stamps of two estimates
 # largest allowed error of the path: TOLERANCE [m], or this fraction of the path's length if that is more
@@ -113,7 +113,7 @@ class Playback:
 def named_bag(planned: Plan) -> NamedRobot:
     """Return the robot whose bag is played: the SMB if the student's package names packages of the SMB.
 
-    The choice is certain, so a topic of scans to which the submission subscribes does not change it.
+    The choice is certain, so it does not change if the submission subscribes to another robot's scans.
     """
     mention = first_mention(planned, FILTERS_OF_THE_SMB)
     if mention:
@@ -131,7 +131,7 @@ def read_facts(planned: Plan) -> Mapping[str, Any]:
 
 
 def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
-    """Return the quantities of each curve of rqt_multiplot on x and on y, as /topic/field."""
+    """Return the quantity on x and the quantity on y of each curve of rqt_multiplot, as /topic/field."""
     curves = []
     for path in walk(package):
         if path.suffix == ".xml":
@@ -144,7 +144,7 @@ def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
 
 
 def _quantities(axes: Any) -> Optional[Tuple[str, str]]:
-    """Return the quantities of a curve on x and on y, /topic/field; None if one of them is missing.
+    """Return the quantity on x and the quantity on y of a curve; None if one of them is missing.
 
     `axes` is the XML element of the curve's two axes.
     """
@@ -175,7 +175,7 @@ def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: st
 
 
 class FilterWatch(Watch):
-    """Keeps the filter's path and the position of the sheet's top view until the bag has been played."""
+    """Keeps the filter's estimates and the positions of smb_top_view until the bag has been played."""
 
     follows = frozenset({ODOMETRY})
     reads_scans = False
@@ -186,7 +186,8 @@ class FilterWatch(Watch):
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
         # [s, m, m, m] simulated time, and position of the frame smb_top_view in base_link
         self._top_view: List[Tuple[float, ...]] = []
-        self._came_at = time.monotonic()  # [s] wall time of the last estimate
+        # [s] wall time of the last estimate; before the first estimate, of the start
+        self._last_estimate_at = time.monotonic()
 
     @property
     def input_topic(self) -> str:
@@ -198,37 +199,37 @@ class FilterWatch(Watch):
         return state.subscribed
 
     def on_message(self, topic: str, message: Any) -> None:
-        """Keep an estimate, at most MAX_ESTIMATES for each topic."""
-        self._came_at = time.monotonic()
+        """Keep the estimate in a message, at most MAX_ESTIMATES for each topic."""
+        self._last_estimate_at = time.monotonic()
         path = self._paths.setdefault(topic, [])
         if len(path) < MAX_ESTIMATES:
             place = message.pose.pose.position
             path.append((message.header.stamp.to_sec(), place.x, place.y))
 
     def look(self, state: DriveState) -> Optional[Note]:
-        """Keep the position of the top view, and return why the run is over, or None if it goes on."""
+        """Keep the position of smb_top_view, and return why the run is over, or None if it goes on."""
         place = self._ros.place(TOP_VIEW_FRAME)  # position in base_link [m]; None if there is no such frame
-        # [s] simulated time of the last position, which is kept only once for each time
+        # [s] simulated time of the last kept position; at most one position is kept for each time
         latest = self._top_view[-1][0] if self._top_view else 0.0
         if place is not None and state.now > latest:
             self._top_view.append((state.now, *place))
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
-        # [s] simulated time at which the bag counts as played, because the bag is played up to the deadline
+        # [s] simulated time at which the bag counts as played; its end is the deadline
         end = self._initial_recording.deadline - BAG_MARGIN
         if state.now < end or not self._is_path_complete(end):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")
 
     def _is_path_complete(self, end: float) -> bool:
-        """Return whether the last estimate before the bag's end [s] has come, or none comes any more.
+        """Return whether the estimates have reached the bag's end [s], or none has come for SILENCE.
 
-        No estimate comes any more if none has come for SILENCE. If a filter goes on with older stamps,
-        `drive/run.py` cuts the run off, because simulated time does not advance after the bag's end.
+        If a filter goes on sending estimates that never reach the end, `drive/run.py` cuts the run off,
+        because simulated time does not advance after the bag's end.
         """
         if any(path and path[-1][0] >= end - LAST_MARGIN for path in self._paths.values()):
             return True
-        return not self._paths or time.monotonic() - self._came_at > SILENCE
+        return not self._paths or time.monotonic() - self._last_estimate_at > SILENCE
 
     def kept(self) -> Dict[str, Any]:
         """Return the positions of the top view, and of other frames if it never came."""
@@ -237,16 +238,16 @@ class FilterWatch(Watch):
 
     @property
     def estimate(self) -> EstimatedPath:
-        """Return the path on the sheet's topic if any came there, otherwise the longest one."""
+        """Return the path on the topic FILTERED; if no estimate came there, the longest path."""
         longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
         topic = FILTERED if self._paths.get(FILTERED) else longest
         return EstimatedPath(topic, np.array(self._paths.get(topic, ())).reshape(-1, 3))
 
 
 def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
-    """Grade whether rqt_multiplot plots the path: all points, or half for another topic.
+    """Grade whether rqt_multiplot plots the path: all points for the topic FILTERED, half for another topic.
 
-    Without a configuration of rqt_multiplot it is graded by hand.
+    Without a configuration of rqt_multiplot the item is graded by hand.
     """
     if not playback.curves:
         return Verdict(None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT_HINT)
@@ -271,14 +272,14 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # the hint is on the inputs of the filter if no error is known, and if it does not get its odometry
-        is_about_inputs = cause.kind is Kind.NO_ODOMETRY or not (causes(recording) or recording.subscribed)
-        return Verdict(0.0, evidence, INPUTS_HINT if is_about_inputs else hint_on(cause))
+        is_cause_unknown = cause.kind is Kind.NO_ODOMETRY
+        lacks_only_input = not causes(recording) and not recording.subscribed
+        return Verdict(0.0, evidence, INPUTS_HINT if is_cause_unknown or lacks_only_input else hint_on(cause))
     stamps, end = path[:, 0], float(recording.times[-1])
     true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
     # true x and y at the stamps of the estimates, (N,) [m] each
     true_at_stamps = [np.interp(stamps, recording.times, column) for column in true_positions.T]
-    # the robot of the bag starts at the origin of the world, so the frame odom of the estimates is the world
+    # the bag's robot starts at the origin of the world, so estimates in odom are also positions in the world
     largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
     length = float(np.hypot(*np.diff(true_positions, axis=0).T).sum())
     largest_gap = float(np.diff(np.sort(stamps)).max())
@@ -291,15 +292,18 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
 
 
 def _cause_of_no_estimate(recording: Recording) -> Note:
-    """Return the most probable reason why the filter estimated too little."""
+    """Return the most probable reason why there are too few estimates."""
+    reasons = causes(recording)
+    if reasons:
+        return reasons[0]
     # the filter itself subscribes to `set_pose`, so a missing publisher of this topic is not the cause
     silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
-    if silent and not causes(recording):
+    if silent:
         return Note(Kind.SILENT_TOPIC, silent_text(silent))
     missing = "no node subscribes to the bag's wheel odometry"
     if recording.subscribed:
         missing = "a node gets the bag's wheel odometry, but none publishes nav_msgs/Odometry"
-    return (causes(recording) or [Note(Kind.NO_ODOMETRY, missing)])[0]
+    return Note(Kind.NO_ODOMETRY, missing)
 
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
@@ -311,7 +315,7 @@ def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> V
 
 
 def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
-    """Grade whether the cloud's points are coloured by z, and 0.05 m large: half of the points each."""
+    """Grade whether the point cloud is coloured by z (half), and its points are 0.05 m large (half)."""
     styles = []
     for cloud in view.clouds:
         is_coloured = cloud.colouring == COLOURING
@@ -396,7 +400,8 @@ def judge_exercise_4(
             items.append(replace(item, points=points, evidence=evidence, hint=hint))
     # items that this robot's exercise sheet does not have are left out
     items = [item for item in items if item.max_points]
-    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
+    # `forfeited` takes the points of a submission that has interfered with the simulator, and `weighted`
+    # applies the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

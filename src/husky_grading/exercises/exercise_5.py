@@ -31,8 +31,8 @@ ITEMS = (STOPS_ROBOT, STARTS_ROBOT, *BONUSES)
 BEFORE = 0.5  # [s] the speed before a call is the highest speed within this simulated time before the call
 # [s] the speed after a call is the highest speed between these two simulated times after the answer
 EFFECT_BEGIN, EFFECT_END = 1.5, 4.0
-# a node that makes at least this number of lookups of the service calls it; a node that only waits for the
-# service makes fewer lookups
+# a node that has looked the service up at least this often counts as its caller; a node that only waits for
+# the service looks it up less often
 MANY = 5
 # [m/s] the robot stands up to the speed STANDING_SPEED, and drives from the speed DRIVING_SPEED on
 STANDING_SPEED, DRIVING_SPEED = 0.05, 0.1
@@ -43,8 +43,8 @@ DRIVES = 0.1  # [m/s] the robot has begun to drive if its speed is above this
 # [s] the first call comes FIRST_CALL after the robot has begun to drive, but at the latest at the simulated
 # time LATEST_FIRST_CALL
 FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
-# [s] simulated time; a call has silenced the submission if the submission's last command came at most this
-# long after the call
+# [s] a call may be the reason why commands stop if the last command came at most this simulated time after
+# the call
 OBEYED = 0.5
 NO_SERVICE = 25.0  # [s] the run is over if the submission has offered no service by this simulated time
 # hints
@@ -74,7 +74,7 @@ class Call:
 
 @dataclass(frozen=True)
 class ServiceCalls:
-    """Services that the submission offers, and the calls of them."""
+    """Services that the submission offers, and the calls that `grade` made."""
 
     services: Tuple[str, ...] = ()  # names of the services of type std_srvs/SetBool
     other_services: Tuple[str, ...] = ()  # services of other types, as "/name (package/Type)"
@@ -86,7 +86,7 @@ class ServiceCalls:
 
 @dataclass
 class CallPlan:
-    """Plan of the calls of one run."""
+    """Plan of the calls of one run: the values CALLS, each sent after the effect of the call before it."""
 
     made: int = 0  # number of calls so far
     # [s] simulated time of the last answer; inf while an answer is awaited, -inf before the first call
@@ -94,7 +94,10 @@ class CallPlan:
     drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
 
     def due(self, now: float, speed: float) -> Optional[bool]:
-        """Return the value of the call that must be made now [s], or None if none is due; `speed` in m/s."""
+        """Return the value to send now [s], and count this call as made; None if no call is due.
+
+        `speed` is the robot's speed [m/s].
+        """
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
@@ -120,7 +123,7 @@ class CallPlan:
 
 
 class ServiceWatch(Watch):
-    """Calls the submission's service by the plan."""
+    """Calls the start/stop service of the submission at the times of a `CallPlan`."""
 
     def __init__(self, initial: Recording, ros: RosAccess) -> None:
         super().__init__(initial, ros)
@@ -231,7 +234,7 @@ def judge_calls(recording: Recording) -> List[Item]:
 
 
 def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: ServiceCalls) -> List[Item]:
-    """Return the items of a submission whose service was never called, most often because it has none.
+    """Return the items of a run in which no service was called, most often because there is none.
 
     `items` are the items on stops and starts, without evidence. They get no points, or are graded by hand if
     the submission has services of other types.
@@ -282,7 +285,7 @@ def _judge_no_stop(
 
 
 def _stopping_value(effects: Sequence[Effect]) -> bool:
-    """Return the value after which a driving robot is slower; the submission chooses which one stops it."""
+    """Return the value that stops the robot: after this value, it is slower than after the other value."""
     speeds_after: Dict[bool, List[float]] = {False: [], True: []}
     for effect in effects:
         if effect.drove_before:
@@ -364,8 +367,8 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
     Args:
         item: item without evidence.
         reaction: beginning of the evidence, such as "/start_stop: stands".
-        effects: all calls that count, at least one.
-        failures: the calls among them that did not work.
+        effects: effects of the calls that are graded, at least one.
+        failures: effects of those that did not work.
     """
     successes = len(effects) - len(failures)
     evidence = f"{reaction} after {successes} of {len(effects)} calls"
@@ -399,7 +402,8 @@ def judge_exercise_5(
         Item(name, None, 25.0, by_hand("it is done by a node of its own"), subject=Subject.SERVICE)
         for name in BONUSES
     ]
-    # no points if the submission has interfered with the simulator; then the weights of the teacher's rubric
+    # `forfeited` takes the points of a submission that has interfered with the simulator, and `weighted`
+    # applies the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 
 

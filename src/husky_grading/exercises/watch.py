@@ -1,4 +1,4 @@
-"""Watch of a run: an exercise's actions in it, its own record of it, and the decision when it is over.
+"""Watch of a run: it acts for an exercise, keeps a record for its judge, and decides when the run is over.
 
 The recorder calls the watch and gives it access to ROS, so a watch is plain Python.
 """
@@ -53,12 +53,12 @@ class RosAccess(Protocol):
 
 @dataclass(frozen=True)
 class DriveState:
-    """State of a run at one look."""
+    """State of a run, each time that the recorder calls `Watch.look`."""
 
     now: float  # [s] simulated time
     speed: float  # [m/s] true speed
     subscribed: bool = False  # true if the submission subscribes to the topic that the exercise needs
-    listens: bool = False  # true if the submission subscribes to a topic besides /clock, /tf and the like
+    listens: bool = False  # true if the submission subscribes to a topic; those of every node do not count
     advertises: bool = False  # true if the submission has a publisher of velocity commands
     commands: int = 0  # number of velocity commands that the submission has sent so far
     abandoned: bool = False  # true if no node of the submission runs any more
@@ -68,7 +68,7 @@ class DriveState:
 class Watch:
     """Base class of all watches; it fits a submission that reads the scans and drives until the deadline."""
 
-    # message types; the submission's messages of these types are passed to `on_message`
+    # types of the messages of the submission that the recorder passes to `on_message`
     follows: FrozenSet[str] = frozenset()
     reads_scans = True  # true if the recorder needs the scans in this exercise
 
@@ -104,7 +104,7 @@ class Watch:
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Return whether the submission was asked to stop around its last command [s, simulated] or later."""
+        """Return whether the watch asked for a stop near the last command [s, simulated] or later."""
         return False
 
     def kept(self) -> Dict[str, Any]:

@@ -51,8 +51,7 @@ HINTS = {
     Kind.MISSING_INCLUDE: "hand in the file that is named, or take its <include> out of the launch file",
     Kind.MISSING_PACKAGE: "hand in the package that is named, or do without it",
 }
-# kinds of notes on packages and nodes of others; `first_cause` uses such a note, but only if no node of the
-# submission runs
+# kinds of notes on packages and nodes of others, which are a cause only if no node of the submission runs
 OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
 # kinds of notes that never explain lost points
 HARMLESS = {
@@ -87,8 +86,8 @@ def causes(recording: Recording) -> List[Note]:
 def _ran_to_the_end(recording: Recording) -> bool:
     """Return whether a node of the submission still ran at the end of the run."""
     if recording.ended and recording.ended.kind is Kind.DEADLINE:
-        # The controller still ran if its commands came until the deadline. A node that has ended was then
-        # another node, such as one that only sets something up.
+        # if commands came until the deadline, the controller still ran, so the node that has ended is another
+        # one
         return bool(len(recording.commands)) and recording.times[-1] - recording.commands[-1] < SILENT
     return bool(recording.ended and recording.ended.kind in RAN_ON)
 
@@ -104,8 +103,8 @@ def is_up(recording: Recording) -> bool:
     return recording.subscribed or bool(recording.command_count or topics)
 
 
-def cause_of_silence(recording: Recording) -> Optional[Note]:
-    """Return why a callback of the scans sends no marker: it raises, or never runs; None if unknown."""
+def cause_of_no_marker(recording: Recording) -> Optional[Note]:
+    """Return why no marker came, such as an exception or missing scans; None if unknown."""
     reasons = causes(recording)
     if reasons:
         return reasons[0]
@@ -153,8 +152,8 @@ def first_cause(recording: Recording) -> Note:
 
 
 def cause_of_stop(recording: Recording) -> Optional[Note]:
-    """Return why a robot stops on its way: its node ends, raises, or is silent; None if unknown."""
-    reasons = causes(recording)  # findings that explain it, such as the end of a node
+    """Return why a robot stops on its way, such as an exception in its node; None if unknown."""
+    reasons = causes(recording)
     if reasons:
         return reasons[0]
     # the cause is known only if commands came, but stopped long before the end of the run

@@ -23,7 +23,7 @@ def by_hand(why: str = "") -> str:
 def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     """Return one item for all runs, with the evidence of the worst run.
 
-    The item is graded by hand if the item of a run is graded by hand.
+    If the item of any run is graded by hand, the result is graded by hand, too.
 
     Args:
         items: items of the runs; the first run is in the course's world.
@@ -44,14 +44,14 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     if max(scores) > min(scores):
         evidence = (
             f"{worst.evidence} (run {number + 1}; of {worst.max_points:g} points it has {first:g} in the"
+            f" course's world and {round(mean, 1):g} in {worlds})"
         )
-        evidence += f" course's world and {round(mean, 1):g} in {worlds})"
     return replace(worst, points=points, evidence=evidence, drive=number + 1)
 
 
 def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[Item]:
     """Return items without points if a submission interfered with the simulator or the recording."""
-    # sentences on the interferences, each once
+    # sentences on the interferences of all runs, without repetitions
     violations = list(dict.fromkeys(each for recording in recordings for each in recording.violations))
     if not violations:
         return list(items)
@@ -117,9 +117,9 @@ def told_once(items: Sequence[Item]) -> List[Item]:
 
 
 def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
-    """Return items with the teacher's weights, without points for items that the teacher grades.
+    """Return items with the teacher's weights, and leave the items in `rules.by_person` to the teacher.
 
-    A weight is the number of points that an item has at most. An item with all points needs no hint.
+    A weight is the largest number of points of an item. An item with all points loses its hint.
     """
     judged = []
     for item in items:
@@ -129,6 +129,6 @@ def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
         elif item.points is not None and weight != item.max_points:
             item = replace(item, points=round(item.points * weight / item.max_points, 1))
         item = replace(item, max_points=weight)
-        # an item that is graded by hand counts as full, but it keeps its hint for the teacher
+        # `full` is also true for an item that is graded by hand, but this item keeps its hint for the teacher
         judged.append(replace(item, hint="") if item.full and item.points is not None else item)
     return judged

@@ -16,7 +16,7 @@ from husky_highlevel_controller.robot import load_robot
 FEW = 3  # fewer than FEW markers or moments are not enough for a judgement
 # a fault is reported if at least this fraction of the tested markers has it
 MOSTLY = 0.8
-# [m/m] tolerance of a mirrored or swapped position, for each metre between robot and pillar
+# [m/m] growth of the tolerance of a mirrored or swapped position, for each metre between robot and pillar
 IMAGE_SLOPE = 0.1
 COORDINATE_TOLERANCE = 0.05  # [m] a coordinate counts as 0, or as a whole number of metres, up to this error
 POSITION_TOLERANCE = 0.15  # [m] a marker counts as being at a position up to this distance from it
@@ -60,7 +60,7 @@ class Seen(NamedTuple):
     y: float  # [m] y of the marker in base_link, positive to the left of the robot
     pillar_distance: float  # [m] distance from base_link to the pillar's axis
     pillar_bearing: float  # [rad] direction of the pillar in base_link, 0 ahead, positive to the left
-    slack: float  # [m] distance up to which `is_near` is true
+    slack: float  # [m] tolerance of `is_near`
 
     @property
     def pillar_x(self) -> float:
@@ -99,16 +99,16 @@ def find_fault(
     if _are_mostly_true([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
         # true if most of these markers came after a scan in which no beam measured a range
         is_blind = _are_mostly_true([_smallest_range(recording, marker) == np.inf for marker in drawn])
-        # NO_RETURN means that only the markers after such scans are wrong, so other markers must be right
+        # if all markers are wrong, the fault does not come from scans without a return
         return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
     fault = _find_direction_fault(recording, wrong, share, rules)
     if fault:
         return fault
-    if _are_mostly_true([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
+    if _are_mostly_true([_lacks_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
     # a wrong marker that is at the pillar, seen from above, can only be wrong because of its height
     height = recording.pillar_size.height
-    # [m] tolerance as if the robot were at the pillar, so that only markers close to the pillar count
+    # [m] smallest possible tolerance, which holds for a robot at the pillar
     tolerance = rules.marker_full + slack_of(recording, robot_distance=0.0, rules=rules)
     has_wrong_height = [
         distance_to_pillar(recording, each) <= tolerance and height_score(each, height) < 1.0
@@ -122,8 +122,8 @@ def _find_direction_fault(
 ) -> Optional[Kind]:
     """Return the fault in the coordinates of most wrong markers; None if unknown.
 
-    Only markers count that are drawn while the pillar is off the robot's axis, because on the axis a mirrored
-    marker is right, too. The arguments are those of `find_fault`.
+    Only markers count that are drawn while the pillar is off the robot's x axis, because on this axis a
+    mirrored marker is right, too. `share` is the fraction of all markers that are wrong.
     """
     seen_markers = off_axis(recording, wrong, rules)
     if not seen_markers:
@@ -150,8 +150,7 @@ def _find_direction_fault(
         Kind.SWAPPED: lambda seen: (
             seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
         ),
-        # If less than half of the markers are wrong, the student uses the right beam, and some markers only
-        # come late. Then this is not the fault.
+        # if less than half of the markers are wrong, the beam is right, and the wrong markers only come late
         Kind.OTHER_BEAM: lambda seen: (
             share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
         ),
@@ -163,19 +162,18 @@ def _find_direction_fault(
 
 
 def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> List[Seen]:
-    """Return the wrong markers that are drawn while the pillar is off the robot's axis.
+    """Return the wrong markers that are drawn while the pillar is off the robot's x axis.
 
-    On the axis a mirrored marker and a correct one are at the same position.
+    On this axis a mirrored marker and a correct one are at the same position.
     """
     seen_markers = []
     for marker in wrong:
-        # A marker with a `problem` is not drawn, so it has no position. RViz draws a marker from `marker.at`
-        # on, but its position belongs to its stamp.
+        # a marker with a `problem` is not drawn, so it has no position
         if not marker.problem and is_off_axis(recording, marker.at, rules):
-            at = marker.stamp or marker.at  # [s] a stamp of 0 means the time at which the marker came
+            at = _time_of_position(marker)
             pillar_distance, pillar_bearing = pillar_from_robot(recording, at)
-            # [m] tolerance with which a marker is at a mirrored or swapped position: the distance for half of
-            # the points, and more for a pillar that is far away
+            # [m] tolerance of a mirrored or swapped position: the distance at which a marker still gets half
+            # of the points, and more if the pillar is far away
             slack = rules.marker_half + slack_of(recording, pillar_distance, rules)
             slack += IMAGE_SLOPE * pillar_distance
             x, y = _from_robot(recording, marker.position, at)
@@ -183,8 +181,16 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
     return seen_markers
 
 
+def _time_of_position(marker: MarkerSample) -> float:
+    """Return the simulated time [s] at which a marker's position holds; RViz draws the marker only later.
+
+    This time is the marker's stamp. A stamp of 0 stands for the time at which the marker came.
+    """
+    return marker.stamp or marker.at
+
+
 def _is_on_another_beam(seen: Seen, radius: float) -> bool:
-    """Return whether a marker has the distance of a pillar of this radius [m], but not its bearing."""
+    """Return whether a marker is as far away as the pillar of this radius [m], but in another direction."""
     distance = hypot(seen.x, seen.y)
     distance_error = max(abs(distance - seen.pillar_distance) - radius, 0.0)
     # [m] distance of the marker from the line between the robot and the pillar
@@ -207,11 +213,10 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> b
     from_start = hypot(marker.position[0] - start.x, marker.position[1] - start.y)
     if marker.frame == "odom" and from_start <= POSITION_TOLERANCE:
         return True
-    x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
-    # [m] x in base_link of each origin to compare with: the lidar, and base_link itself if it is the marker's
-    # frame
-    origins = (0.0, mount) if marker.frame == "base_link" else (mount,)
-    return min(hypot(x - ahead, y) for ahead in origins) <= POSITION_TOLERANCE
+    x, y = _from_robot(recording, marker.position, _time_of_position(marker))
+    # [m] x in base_link of the lidar, and also of base_link itself if this is the marker's frame
+    origins_x = (0.0, mount) if marker.frame == "base_link" else (mount,)
+    return min(hypot(x - origin_x, y) for origin_x in origins_x) <= POSITION_TOLERANCE
 
 
 def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
@@ -220,11 +225,14 @@ def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
     return float(before[-1, 1]) if len(before) else 0.0
 
 
-def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
-    """Return whether a marker in base_link would be right in the frame of the lidar, `mount` [m] ahead."""
+def _lacks_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
+    """Return whether a marker in base_link would be right in the lidar's frame, which is `mount` [m] ahead.
+
+    Such a student has left out the position of the lidar on the robot.
+    """
     if marker.frame != "base_link" or abs(mount) <= COORDINATE_TOLERANCE:
         return False
-    at = marker.stamp or marker.at
+    at = _time_of_position(marker)
     distance, bearing = pillar_from_robot(recording, at)
     x, y = _from_robot(recording, marker.position, at)
     # [m] distance from the pillar's axis to the marker, if it is moved ahead by the lidar's position
@@ -234,6 +242,7 @@ def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: fl
 
 def _from_robot(recording: Recording, position: Sequence[float], at: float) -> Tuple[float, float]:
     """Return a position (x, y) in the world [m] as its position in base_link at a moment [s]."""
+    # index of the first true pose at this moment or after it
     row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
     x, y, yaw = map(float, recording.poses[row])
     dx, dy = position[0] - x, position[1] - y
@@ -256,7 +265,7 @@ def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
 
 
 def slack_of(recording: Recording, robot_distance: float, rules: Rules) -> float:
-    """Return what is added to the rubric's distances [m], which are for the course's pillar and a near robot.
+    """Return the addition [m] to the rubric's distances, which are for a robot at the course's pillar.
 
     The addition grows with the robot's distance from the pillar [m], and with the pillar's radius, because a
     marker on the surface of a thick pillar is right, too.
@@ -269,6 +278,8 @@ def height_score(marker: MarkerSample, height: float) -> float:
 
     It is 1 beside a pillar of this height [m], and less for a marker above the pillar or below the ground.
     """
+    # [m] height of the whole marker above the pillar, or its depth below the ground; 0 if it is beside the
+    # pillar
     gap = max(marker.low - height, -marker.high, 0.0)
     return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
 
@@ -298,7 +309,7 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
     if height_score(marker, height) < 1.0:
         text += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
         return f"{text}, the pillar from 0 to {height:g} m"
-    at = marker.stamp or marker.at
+    at = _time_of_position(marker)
     distance, bearing = pillar_from_robot(recording, at)
     ahead, left = _from_robot(recording, marker.position, at)
     # [m] error along the line from the robot to the pillar, positive behind the pillar; and error across this

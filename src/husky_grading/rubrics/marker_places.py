@@ -37,8 +37,8 @@ from husky_highlevel_controller.robot import load_robot
 MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# a moment gets a score if at least this fraction of the drawn markers has this score or a higher score. The
-# sentence for the student names this fraction in words: "half of the drawn ones must be right".
+# the score of a moment is the highest score that at least this fraction of the drawn markers reaches; the
+# sentence for the student calls this fraction "half of the drawn ones"
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_SERIES = 6
@@ -70,8 +70,8 @@ class Placement:
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
     """Return the placement of each topic and namespace that sent markers before a moment [s].
 
-    If there are more than MAX_SERIES, they get one score together, because one of many guesses is right by
-    chance.
+    If there are more than MAX_SERIES, all markers get one score together. Otherwise a student could guess in
+    many namespaces, and one guess would be right by chance.
     """
     markers = [marker for marker in recording.markers if marker.at < until]
     series: Dict[Tuple[str, str], List[MarkerSample]] = {
@@ -105,7 +105,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
     # The sentence begins with topic and frame of the first marker, because most submissions use only one of
-    # each. A stamp of 0 is named, because TF at another time then gives the position.
+    # each. A stamp of 0 is named, because RViz then uses the transform of another time.
     title = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     # RViz does not draw a marker that has a `problem`
     invisible = [marker for marker in added if marker.problem]
@@ -123,7 +123,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     groups = _by_direction(recording, moments, rules)
     score = _score_over_time(groups)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
-    # the sentence calls a marker right if its score is 1, and near enough for points if its score is above 0
+    # in the sentence, "right" means a score of 1, and "near enough for points" means a score above 0
     evidence = f"{title}: right {100.0 * _time_fraction(moments, at_least=1.0):.0f} % of the time"
     evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
     wrong = [marker for marker in added if scores[id(marker)] < 1.0]
@@ -155,8 +155,8 @@ def _with_fault(
     fault = find_fault(recording, wrong, len(wrong) / len(added), rules)
     if fault is Kind.MIRRORED:
         # While the pillar is straight ahead, mirrored markers are near it and get points. But their y always
-        # has the wrong sign, so the score is limited. The sign only shows while the pillar is to the side, so
-        # the limit needs at least FEW markers from such moments.
+        # has the wrong sign, so the score is limited. Only markers that are drawn while the pillar is to the
+        # side prove the wrong sign, so at least FEW of them are needed.
         if len(off_axis(recording, wrong, rules)) >= FEW:
             score = min(score, MOST_IF_MIRRORED)
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
@@ -182,10 +182,10 @@ def _with_fault(
 
 
 def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
-    """Return each moment at which a marker came and a marker is drawn.
+    """Return the moments at which markers came, with the scores of the markers that RViz draws then.
 
-    A moment has the weight of its time. If moments were only counted, the markers that a busy machine loses
-    or delays would change the score.
+    A moment counts by its duration. If moments were only counted, the markers that a busy machine loses or
+    delays would change the score.
 
     Args:
         markers: additions and deletions in the order of time.
@@ -198,8 +198,7 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
         drawn_scores = sorted_scores[(begins <= at) & (at < ends)]
         if len(drawn_scores):
             times.append(float(at))
-            # score that at least the fraction MOST of the drawn markers reaches; `drawn_scores` begins with
-            # the lowest score
+            # highest score that the fraction MOST of the drawn markers reaches; the lowest score is the first
             moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
     # [s] a moment counts until the next one, but at most MAX_DURATION, so the last marker before a pause does
     # not count for the whole pause
@@ -213,8 +212,11 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     """Return begin [s], end [s] and score of each added marker, (3, N), the lowest score first.
 
     A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
-    topic, namespace and id. A marker with a `problem` counts as drawn, too, with the score 0. The arguments
-    are those of `_score_moments`.
+    topic, namespace and id. A marker with a `problem` counts as drawn, too, with the score 0.
+
+    Args:
+        markers: additions and deletions in the order of time.
+        scores: score of each added marker, by its `id()`.
     """
     rows: List[List[float]] = []  # begin [s], end [s] and score of each added marker
     # rows of the markers that RViz draws at this point of the loop; keys are the topic, then (namespace, id)
@@ -233,11 +235,11 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
 
 
 def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
-    """Return the moments in two groups, by the direction in which the robot has the pillar: aside or ahead.
+    """Return the moments in two groups: with the pillar to the side of the robot, and with the pillar ahead.
 
     The pillar is ahead while it is on the robot's x axis, where a mirrored marker is right, too. The keys are
-    words for a sentence. A group of fewer than FEW moments is left out. If both groups are so small, all
-    moments are one group, with an empty key.
+    parts of the sentence for the student. A group of fewer than FEW moments is left out. If both groups are
+    so small, all moments are one group, with an empty key.
     """
     aside: List[Moment] = []
     ahead: List[Moment] = []
@@ -265,31 +267,31 @@ def _seconds(moments: Sequence[Moment]) -> float:
 
 
 def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
-    """Return the mean score of the moments that have points, times a factor for the fraction of their time.
+    """Return the mean score of the moments with a score above 0, times a factor for their fraction of time.
 
     The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. The time with the pillar ahead
-    counts as half of the time at most, because there a wrong sign of y makes no difference.
+    counts as half of the time at most, because a wrong sign of y does not show then.
 
     Args:
         groups: result of `_by_direction`, so the moments with the pillar to the side come first.
     """
-    with_points = [moment for group in groups.values() for moment in group if moment.score > 0.0]
-    if not with_points:
+    scoring = [moment for group in groups.values() for moment in group if moment.score > 0.0]
+    if not scoring:
         return 0.0
-    mean_score = sum(each.seconds * each.score for each in with_points) / _seconds(with_points)
-    right_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
+    mean_score = sum(each.seconds * each.score for each in scoring) / _seconds(scoring)
+    scoring_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
     if fractions_ahead:  # a second group exists: the moments with the pillar ahead
         aside, ahead = map(_seconds, groups.values())
         weight_ahead = min(ahead / (aside + ahead), 0.5)
-        # `right_fraction` becomes the weighted mean of the two groups
-        right_fraction += weight_ahead * (fractions_ahead[0] - right_fraction)
-    return mean_score * min(max((right_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
+        # `scoring_fraction` becomes the weighted mean of the two groups
+        scoring_fraction += weight_ahead * (fractions_ahead[0] - scoring_fraction)
+    return mean_score * min(max((scoring_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
 
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     """Return the score of one marker, 0 to 1, by its distance from the pillar's axis and by its height.
 
-    The score is 1 up to the distance `marker_full` and 0.5 at `marker_half`, and linear between and beyond.
+    The score is 1 up to the distance `marker_full`, and then falls linearly; at `marker_half` it is 0.5.
     """
     if marker.problem:
         return 0.0
@@ -298,7 +300,8 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     # [m] tolerance that grows with the distance between robot and pillar, and with the pillar's radius
     slack = slack_of(recording, robot_distance, rules)
     distance = distance_to_pillar(recording, marker)
-    # [m] a marker that is this much farther away than `marker_full` loses half of the score
+    # [m] a marker that is this much farther away than `marker_full` loses half of the score; never 0, because
+    # it is a divisor
     half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
     touches = marker.reach <= size.radius  # a part of the marker's shape is inside the pillar

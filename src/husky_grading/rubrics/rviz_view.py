@@ -53,11 +53,13 @@ def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str,
     name, what = kind.partition("/")[2], NAMES[kind]
     # topics, or names of parameters, that the visible displays of this kind show
     sources = [display.source for display in view.displays if display.kind == kind]
-    # right settings of the displays that may show something wrong; a display of frames has no such setting
-    wanted = {SCAN: f"the topic of the display {name} to {scan_topic}"}
-    wanted[ROBOT] = f"the Robot Description of the display {name} to robot_description"
-    if sources and kind in wanted:
-        return f"{what} not visible: its display shows {', '.join(sources)}", f"set {wanted[kind]}"
+    # correction for a display that shows something else; a display of frames has no such setting
+    corrections = {
+        SCAN: f"set the topic of the display {name} to {scan_topic}",
+        ROBOT: f"set the Robot Description of the display {name} to robot_description",
+    }
+    if sources and kind in corrections:
+        return f"{what} not visible: its display shows {', '.join(sources)}", corrections[kind]
     if kind in [display.kind for display in view.off]:
         evidence = f"{what} not visible: its display is switched off or transparent"
         return evidence, f"tick the display {name}, with an alpha and a size above 0"

@@ -286,10 +286,10 @@ def test_it_waits_for_the_last_estimate_or_until_none_comes(watch, monkeypatch):
     assert watch.look(end), "there is no filter"
     come(watch, 50.0)
     assert not watch.look(end)
-    later = watch._came_at + exercise_4.SILENCE + 1.0
+    later = watch._last_estimate_at + exercise_4.SILENCE + 1.0
     monkeypatch.setattr(exercise_4, "time", SimpleNamespace(monotonic=lambda: later))
     assert watch.look(end)
-    watch._came_at = later
+    watch._last_estimate_at = later
     assert not watch.look(end)
     come(watch, 89.5)
     assert not watch.look(DriveState(50.0, 0.0)), "the bag goes on"
