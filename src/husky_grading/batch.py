@@ -96,7 +96,7 @@ class Batch:
 
 
 def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
-    """Mark every submission, and return the results; if marking fails, a result has only a `problem`.
+    """Mark every submission, and return the results; if marking fails, the result has only a `problem`.
 
     A submission is not marked again if its files and the settings are as at the last time. The results are
     written into the batch's folder, and a table is printed.
@@ -245,11 +245,12 @@ def class_seed(out: Path) -> int:
 
 
 def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
-    """Return the job of a student, with fingerprints that change if it must be prepared or marked again.
+    """Return the job of a student, with hashes by which a later `grade` knows what it must do again.
 
-    `made_of` covers our code, the submitted files and everything that the build depends on. `fingerprint`
-    covers the settings of the runs, too. The rules of the rubric and points by hand are in neither, because
-    the recordings can be judged again.
+    If the hash `made_of` changes, the submission is prepared again; it covers our code, the submitted files
+    and everything that the build depends on. If `fingerprint` changes, the submission is marked again; it
+    covers the settings of the runs, too. The rules of the rubric and points by hand are in neither hash,
+    because the recordings can be judged again.
     """
     path = hand_in.path
     job = Job(
@@ -322,7 +323,8 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
 def _has_same_rules(job: Job) -> bool:
     """Return whether the kept result of a job was judged by the same rules, points by hand and penalties.
 
-    Without workspace.json, the kept runs cannot be judged again, so the result is True.
+    Without workspace.json, the kept runs cannot be judged again. The kept result then stays, so the function
+    returns True.
     """
     out = Path(job.out)
     if not (out / WORKSPACE).exists():
@@ -421,8 +423,9 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         if not in_time:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
             # With the fingerprint, the next call with this time limit keeps the result. Without
-            # workspace.json, it does not judge the recorded runs, even if the rules have changed. After a
-            # crash both are different: the next call marks again, and uses workspace.json to save a build.
+            # workspace.json, the next call cannot judge the recorded runs by new rules. After a crash, the
+            # next call marks the submission again, so it has no fingerprint, and workspace.json stays to save
+            # a build.
             (out / WORKSPACE).unlink(missing_ok=True)
             write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
         result = unmarked(job, problem)
@@ -450,7 +453,7 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         folder = Path(place)
         (folder / "hand_ins").mkdir()
         path, out = content.unpack(folder / "hand_ins"), folder / "out" / Path(job.out).name
-        # paths of this machine replace the job's; the sandbox hides `folder`, which has the result
+        # paths on this machine replace the paths in the job; the sandbox hides `folder`, which has the result
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, skipped=NOT_RETURNED):

@@ -76,6 +76,7 @@ class LaunchContestant:
 def _check_starts_a_node(name: str, launch: Launchable) -> None:
     """Raise a HuskyError for a launch file that starts no node; the cache checks each file only once."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
+        # an empty `Workspace`, because the launch file is in a workspace that is sourced already
         planned = plan(launch, Workspace(), Path(folder))
     if not planned.nodes:
         raise HuskyError(f"{name}: {'; '.join(texts(planned.notes)) or 'it starts no node'}")

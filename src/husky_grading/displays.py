@@ -82,7 +82,7 @@ class FrameTree:
         return frame
 
 
-# frames of a run in which only the simulator publishes; they count if the submission was not started
+# frames that the simulator alone publishes; they are used if a run has recorded no frames
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 
@@ -148,13 +148,13 @@ def _read_display(entry: Mapping[str, Any]) -> RvizDisplay:
     display = RvizDisplay(kind, _full_name(str(entry.get(key, default))), hidden)
     if kind != CLOUD:  # colours and size are graded only for point clouds
         return display
-    # a missing value becomes the text "None", or the size 1 m; no exercise requires this colouring or size
+    # a missing colour becomes the text "None", and a missing size 1 m; no exercise requires either of them
     colouring = f"{entry.get('Color Transformer')} {entry.get('Axis')}"[:MAX_TEXT]
     return replace(display, colouring=colouring, size=_number(entry.get("Size (m)")))
 
 
 def _is_visible(entry: Mapping[str, Any]) -> bool:
-    """Return whether a display has a size, is not transparent, and has parts that are switched on."""
+    """Return whether RViz draws something for a display that is switched on."""
     kind, alpha = entry.get("Class"), _number(entry.get("Alpha", 1.0))
     if kind == TF:  # frames have a size, but no transparency
         scale = _number(entry.get("Marker Scale", 1.0))
@@ -193,7 +193,7 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     The view shows nothing if there is no configuration, if it cannot be read, or if its fixed frame is not a
     frame of the run.
     """
-    view = RvizView(**vars(config))
+    view = RvizView(**vars(config))  # has all fields of the configuration, and shows nothing yet
     if not config.source or config.problem:  # no configuration was handed in, or it cannot be read
         return view
     if not tree.connects(config.fixed_frame):

@@ -27,7 +27,7 @@ def judge_again(job: Job) -> MarkingResult:
     """Return the result by the submission in workspace.json and the recordings in the job's folder.
 
     Raises:
-        HuskyError: a file is missing or cannot be read; or as `judge`.
+        HuskyError: a file is missing or cannot be read, or the points by hand do not fit the rubric.
     """
     out = Path(job.out)
     return judge(load(Submission, out / WORKSPACE), recordings_in(out), job)
@@ -47,7 +47,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     Raises:
         PointsError: the points by hand do not fit the rubric.
     """
-    # all runs start the same nodes with the same robot, so the first run stands for all in frames and topics
+    # all runs start the same nodes with the same robot, so frames and topics are taken from the first run
     first, exercise = recordings[0], EXERCISES[job.config.exercise]
     # TF frames of the first run; if no frames were recorded, the frames of a robot that stands still
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING

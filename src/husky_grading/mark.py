@@ -120,7 +120,8 @@ def _text_of(error: Exception) -> str:
 def kept_submission(job: Job) -> Optional[Submission]:
     """Return the submission that an earlier marking prepared here from the same files, or None.
 
-    It is also None if the submission must be prepared in another way now, for example in another sandbox.
+    None is also returned if the submission must be prepared in another way now, for example in another
+    sandbox.
     """
     try:
         submission = load(Submission, Path(job.out, WORKSPACE))

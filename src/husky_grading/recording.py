@@ -115,7 +115,7 @@ class Recording:
     watched: Mapping[str, Any] = field(default_factory=dict)
 
     def watched_as(self, kind: Type[Record]) -> Record:
-        """Return the record that the exercise itself keeps of the run.
+        """Return the data that only this run's exercise records, as a record.
 
         Raises:
             ConfigError: the record belongs to another exercise.
@@ -170,10 +170,11 @@ def closed(recording: Recording, closing: Closing) -> Recording:
 
     Args:
         recording: recording by the recorder, which does not know the submission's process.
-        closing: observations by marking, which has started this process.
+        closing: observations of the program that has started the submission's process.
     """
+    notes = list(closing.notes)
     # if the run was cut off, the reason for the cut-off counts, and not the reason that the recorder gives
-    notes, ended = list(closing.notes), closing.ended or recording.ended
+    ended = closing.ended or recording.ended
     ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
     has_node_ended = any(note.kind in ends for note in notes)
     for note in recording.notes:
@@ -203,8 +204,8 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 
     `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true poses of base_link in the world.
     """
-    # `hits` begins with an empty table, so that the result has three columns even if there is no scan
-    mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
+    mount = load_robot(robot).lidar_mount  # position of the lidar in base_link
+    hits = [np.zeros((0, 3))]  # this empty table gives the result three columns even if there is no scan
     for scan in scans if len(times) else ():  # no point is known without poses
         # index of the true pose at the time of the scan
         row = min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)
@@ -235,9 +236,9 @@ def is_zero(twist: bytes) -> bool:
 
 
 def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
-    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if unknown.
+    """Return the absolute values of linear.x [m/s] and angular.z [rad/s] of a serialised Twist.
 
-    With inf, an unknown command counts as a command that moves the robot.
+    A value is inf if it is unknown, so an unknown command counts as a command that moves the robot.
     """
     if len(twist) != TWIST_SIZE:
         return inf, inf
@@ -255,9 +256,13 @@ JUMP_SLACK = 0.1
 
 
 def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:
-    """Return a sentence on the first jump of a run, by times (N,) [s] and poses (N, 3) [m, m, rad]."""
+    """Return a list with a sentence on the first jump of a run; it is empty if the robot does not jump.
+
+    One jump is enough, because a single broken rule costs all points. `times` (N,) [s] and `poses` (N, 3) [m,
+    m, rad] are true poses of base_link in the world.
+    """
     if len(times) < 2:
         return []
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)  # [m] distances between consecutive poses
     jumps = np.flatnonzero(steps > JUMP_SLACK + MAX_ROBOT_SPEED * np.diff(times))
     return [f"the robot jumps {steps[row]:.2f} m at {times[row + 1]:.2f} s" for row in jumps[:1]]

@@ -25,9 +25,10 @@ class _MarkingFile:
 
 
 def load_rules(path: Path, items: Sequence[str]) -> Rules:
-    """Return the rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
+    """Return the rules in a rubric file.
 
-    `items` are the names of the exercise's items.
+    The file has tolerances by name, `weights` with the points of items, and `by_person` with the items that
+    are graded by hand. `items` are the names of all items of the exercise.
 
     Raises:
         ConfigError: the file cannot be read, or a key or value is not allowed.
@@ -80,7 +81,7 @@ def _check_known(name: str, names: Sequence[str], refusal: str) -> None:
 
 
 def with_override(result: MarkingResult, override: Override) -> MarkingResult:
-    """Return the result with the points given by hand, the late penalty, and the wish to hold it back.
+    """Return the result with points by hand and a late penalty, and held back if the teacher has set `hold`.
 
     Raises:
         PointsError: points are given for an unknown item, or more points than the item has.

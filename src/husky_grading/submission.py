@@ -42,7 +42,7 @@ MAX_EVENTS = 10_000
 
 @dataclass(frozen=True)
 class Parts:
-    """Packages of the robot that play a part in an exercise, by the one who starts their nodes."""
+    """Packages of the robot whose nodes belong to an exercise; the submission or `grade` starts the nodes."""
 
     # packages of the robot, such as robot_localization. If there are any, their nodes are graded as the
     # submission, and the nodes of the student's own packages are not graded.
@@ -229,7 +229,7 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
     notes = [note for note in map(_note_on_loading, events) if note]
     # the fault that the student should repair first is reported first
     notes.sort(key=lambda note: ORDER_OF_LOADING_NOTES.index(note.kind))
-    # the program that starts the nodes prints such a line if it cannot start one
+    # `tolerate_failed_nodes` in nodes/submission.py prints this line for each node that cannot be started
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
         # if the packages of the student are unknown, each node counts as the student's
@@ -294,6 +294,7 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
         # a node that ends by SIGABRT has printed the reason itself, so it does not count as NODE_CRASHED
         if code != -signal.SIGABRT:
             kind = Kind.NODE_CRASHED
+    # a fault of another package explains lost points only if no node of the student runs
     if own and event.package and event.package not in own:
         kind = Kind.OTHERS_NODE
     # a node that ends with exit code 0 has no error; the last error in the output is from something else

@@ -121,7 +121,8 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
                 with content:
                     target = folder / _safe_path(name, archive)
                     target.parent.mkdir(parents=True, exist_ok=True)
-                    # if a name comes twice, the last file counts, as `tar -u` and `tar -r` want it
+                    # a name may come twice, because `tar -u` and `tar -r` append newer versions of a file;
+                    # the last one counts
                     if target.is_file():
                         allowance.size += target.stat().st_size
                         target.unlink()
@@ -141,7 +142,11 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
 
 
 def main(archive: str, folder: str, files: str, size: str) -> None:
-    """Unpack, and print [links, large files, files and bytes still allowed, error or empty] as JSON."""
+    """Unpack an archive, and print the outcome as a JSON list.
+
+    The list has the number of links, the names of files that are too large, the numbers of files and bytes
+    that may still be unpacked, and an error, which is empty after success.
+    """
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
     allowance = Allowance(int(files), int(size))
@@ -172,7 +177,7 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
     Raises:
         ArchiveError: the allowance is used up.
     """
-    allowance.files -= 1  # a file that is too large counts as one of the files, but not with its bytes
+    allowance.files -= 1  # a file that is left out because of its size uses this allowance, but no bytes
     size = 0  # [bytes] size of the part that was read so far
     with target.open("xb") as file:
         for chunk in iter(partial(content.read, CHUNK), b""):
@@ -203,7 +208,10 @@ def _zip_members(archive: Path) -> Iterator[_Member]:
 
 
 def _zip_name(info: zipfile.ZipInfo) -> str:
-    """Return the name of a member, with slashes. Info-ZIP and macOS write UTF-8 without its flag UTF_8."""
+    """Return the name of a member, with a slash after each folder.
+
+    Info-ZIP and macOS write UTF-8 without the flag UTF_8, so zipfile decodes these names as code page 437.
+    """
     name = info.filename
     if not info.flag_bits & UTF_8:
         with contextlib.suppress(UnicodeError):
@@ -221,8 +229,9 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
 
 
 class PackedPath:
-    """A file or folder that is read when it is sent, so a class need not fit into memory.
+    """File or folder of a submission; its content is read only when it is sent to a worker.
 
+    So the submissions of a class need not fit into memory together.
     Links and large files, which marking leaves out, are not sent.
     """
 
@@ -249,7 +258,7 @@ class PackedPath:
         return {"path": None, "_content": content.getvalue()}
 
     def unpack(self, folder: Path) -> Path:
-        """Unpack it into an empty folder, with the same permissions, and return its path."""
+        """Unpack the files into an empty folder, with the same permissions, and return their path."""
         with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
             names = archive.getnames()
             # other filters would change permissions; this archive is safe, because `__getstate__` has made it

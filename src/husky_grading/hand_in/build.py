@@ -55,7 +55,7 @@ PLAIN_TYPES = "\n".join(
     + [f"#include <std_msgs/builtin_{sign}int{bits}.h>" for sign in ("", "u") for bits in (8, 16, 32, 64)]
     + ["#endif\n"]
 )
-# with this text, code for old versions of Boost compiles, because _1 needs no namespace
+# this text lets code for old versions of Boost compile, because it makes _1 known without a namespace
 OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
 _PLACEHOLDER = re.compile(r"\b_[1-9]\b")  # placeholder of boost::bind in an error of the compiler
 OLD_BOOST_NOTE = (
@@ -83,7 +83,7 @@ _MISSING_RETURN = re.compile(
 # pattern of the compiler's error for a missing header; a second build may find a header that the first one
 # generated too late
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
-# line in which CMake reports that a program that it has called has failed
+# CMake writes this line if a program that it calls fails
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 # line of a Python traceback that is in a file of the submission; `build_error` makes only such paths relative
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
@@ -189,8 +189,8 @@ class _CopiedPackage(NamedTuple):
 def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
     """Copy the files of a package into a new folder, and make scripts executable.
 
-    Files of more than MAX_FILE bytes are left out, and all files that exceed `room` [bytes] together. The
-    smallest files are copied first, so that large files are left out before small ones.
+    A file of more than MAX_FILE bytes is left out. A file that does not fit into the rest of `room` [bytes]
+    is left out, too. The smallest files are copied first, so that large files are left out before small ones.
     """
     copied = _CopiedPackage(0, [], [], [])
     target.mkdir()
@@ -218,7 +218,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
 
 
 def _repair_interpreter(script: Path) -> bool:
-    """Let Python 3 run a script whose first line matches _OTHER_PYTHON.
+    """Let Python 3 run a script that names another Python, or whose first line ends as on Windows.
 
     Return whether the script was changed.
     """
@@ -230,7 +230,7 @@ def _repair_interpreter(script: Path) -> bool:
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
-    """Replace paths of the student's home folder in launch files by $(find PACKAGE)/..., and return them.
+    """Replace paths of the student's computer in launch files by $(find PACKAGE)/..., and return them.
 
     A path is replaced only if one of the packages has such a file.
     """
@@ -310,9 +310,9 @@ def _make_with_stand_ins(
 ) -> Tuple[BuildOutcome, Set[str], FrozenSet[str]]:
     """Build until CMake misses no further package, and return outcome, missing packages and built packages.
 
-    CMake stops at a missing package. If this package was handed in, only its name is missing in a
-    package.xml, so the next attempt builds it, too. The student's catkin_make builds all packages, so the
-    student has not noticed this. Any other missing package gets an empty stand-in.
+    CMake stops at a missing package. If this package is part of the submission, a package.xml does not name
+    it as a dependency. So the next attempt builds it, too. The student's catkin_make builds all packages, so
+    the student has not noticed this. Any other missing package gets an empty stand-in.
     """
     missing: Set[str] = set()
     outcome = BuildOutcome("", None)
@@ -369,7 +369,7 @@ def _notes_on_missing(missing: Set[str]) -> List[Note]:
 
 
 def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note]:
-    """Return notes on a failed build, and on a function that must return a value, but does not.
+    """Return notes on a failed build, and on a C++ function that forgets to return its value.
 
     `code` is the exit code of the build; None if the build did not end in time.
     """
@@ -378,8 +378,8 @@ def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
         notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, root)}"))
-    if without := _MISSING_RETURN.search(output.replace(f"{root}/src/", "")):
-        text = f"{without['where']}: {without['what']}; a node crashes there, or continues anywhere"
+    if warning := _MISSING_RETURN.search(output.replace(f"{root}/src/", "")):
+        text = f"{warning['where']}: {warning['what']}; a node crashes there, or continues anywhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
     return notes
 
@@ -388,7 +388,7 @@ def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
     """Return the workspace of the submission's packages on top of the underlay, after a build.
 
     Raises:
-        NotMarkableError: the build has put a link into a place that marking uses.
+        NotMarkableError: the build has replaced a folder or file that marking uses by a link.
     """
     sources = folders.root / "src"
     new_setups = [folders.setup] if folders.setup.exists() else []  # a failed build may have written none
@@ -451,7 +451,8 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
         # with -g1, valgrind gives the lines of the code; with LESS_COLLECTION, GCC compiles faster
         f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",  # saves CMake's test of the compilers
-        # no option -l, because with -l make waits while other programs use the CPU
+        # with -k, make builds other programs after an error; no option -l, because with -l make waits while
+        # other programs use the CPU
         "--make-args", "-k", f"-j{os.cpu_count()}",
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)

@@ -84,11 +84,10 @@ def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
 
 
 def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
-    """Return a printable name for each entry, all different.
+    """Return a printable name for each entry; no two names are equal.
 
-    An umlaut is one character, also if the entry has it as two (macOS) or as a byte of Latin-1. If two
-    entries would look the same, the first one keeps this name, and the other one shows escapes for its
-    umlauts.
+    An umlaut is one character in a name, even if the entry has two characters (macOS) or a byte of Latin-1.
+    If two entries would get the same name, the second one gets escapes in place of its umlauts.
     """
     names: Dict[str, str] = {}
     as_shown = {}  # printable text of each entry; two entries may have the same text
@@ -111,7 +110,7 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
 
 
 def _decoded(entry: str) -> str:
-    """Return the name of an entry as text, which may be UTF-8 or Latin-1; an umlaut is one character."""
+    """Return the name of an entry as text; its bytes may be UTF-8 or Latin-1. An umlaut is one character."""
     name = os.fsencode(entry)
     try:
         text = name.decode()
@@ -121,10 +120,11 @@ def _decoded(entry: str) -> str:
 
 
 def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
-    """Return the name of a folder for each entry, all different: the entry's own name if a path can have it.
+    """Return a name of a folder for each entry; no two names are equal.
 
-    In other names, characters that a path cannot have become underscores. A hash is added only if two names
-    are equal or a name is too long, so a folder's name rarely depends on other students.
+    An entry that is safe in a path keeps its name. In other names, unsafe characters become underscores. A
+    hash is added only if two names are equal or a name is too long, so a folder's name rarely depends on
+    other students.
     """
     folders = {entry: entry for entry in entries if SAFE.fullmatch(entry) and len(entry) <= MAX_FOLDER}
     underscored = {entry: _underscored(entry) for entry in entries if entry not in folders}

@@ -1,4 +1,4 @@
-"""Facts of a submission that an exercise needs, such as the robot and the nodes that are the student's."""
+"""Settings and functions with which an exercise reads a submission, such as the packages that are graded."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def no_facts(_: Plan) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts that an exercise needs; the defaults fit a node that the student wrote."""
+    """Settings and functions of an exercise; the defaults fit an exercise in which students write a node."""
 
-    # packages of the robot whose nodes count as the student's, such as the filter in exercise 4
+    # packages of the robot whose nodes belong to the exercise, such as the filter in exercise 4
     parts: Parts = STUDENTS_OWN
     # description of the node that a launch file must start, for an error message
     node: str = "a node of the submission"
@@ -27,8 +27,8 @@ class Facts:
     by_content: bool = False
     # files of the package husky_highlevel_controller that nodes of the submission may use
     visible_code: VisibleCode = VisibleCode.NOTHING
-    # function that returns the robot for which the submission was written, by the submission's files
+    # function that returns the robot that the submission's files name
     find_robot: Callable[[Plan], NamedRobot] = named_robot
-    # function that reads facts from the submission's files and returns them by name; the exercise needs these
-    # facts to give points
+    # function that reads values for the rubric from the submission's files, such as the bags that its launch
+    # file plays, and returns them by name
     read_facts: Callable[[Plan], Mapping[str, Any]] = no_facts

@@ -90,9 +90,9 @@ def read_launch_files(
 
     Args:
         contents: all packages of the submission.
-        packages: packages of both copies.
-        own_copies: copies of the student's packages for the exercise; their nodes count.
-        public_copies: copies of public packages; only their launch files count.
+        packages: packages of which `own_copies` or `public_copies` has a copy.
+        own_copies: copies of the student's packages for the exercise, whose nodes are graded.
+        public_copies: copies of public packages, whose launch files may start the student's nodes.
         workspace: workspace in which the launch files would be started.
         override: settings of the teacher, which may name one launch file and its arguments.
         parts: packages of the robot whose nodes count instead of the submission's own, if there are any.
@@ -109,8 +109,8 @@ def read_launch_files(
     scanning, driving = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
     containing_packages = [_package_with(path, folders) for path, _ in files]
-    # a launch file in no package is started as a file of the first package; any package will do, because
-    # roslaunch gets the path of the file
+    # a launch file that is in no package is started as a file of the first package; any package will do,
+    # because roslaunch gets the path of the file
     launchables = [
         Launchable("launch", containing or next(iter(folders)), str(path), override.arguments)
         for containing, (path, _) in zip(containing_packages, files)
@@ -175,7 +175,7 @@ def _packages_by_messages(
 
     Args:
         packages: packages of the submission.
-        folders: folders of the packages that count, by their names.
+        folders: folders of the packages whose sources are searched, by the packages' names.
     """
     # texts of source files that name messages of scans or velocities, by the name of the package
     texts = {
@@ -183,9 +183,9 @@ def _packages_by_messages(
         for name, folder in folders.items()
     }
     scanning = {name for name in folders if any(map(SCAN.search, texts[name]))}
-    counted = {package.name: package for package in packages if package.name in folders}
+    searched = {package.name: package for package in packages if package.name in folders}
     driving = frozenset(
-        name for name in counted if any(texts[each] for each in with_dependencies({name}, counted))
+        name for name in searched if any(texts[each] for each in with_dependencies({name}, searched))
     )
     return scanning, driving
 
@@ -202,8 +202,8 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages that may drive the robot; they are the same for all launch files. They do not count in an
-    # exercise on the robot's filter (`by_submission`), because a filter does not drive.
+    # packages that may drive the robot; they are the same for all launch files. If a filter of the robot is
+    # graded (`by_submission`), no node must drive, because a filter does not drive.
     driving = files[0].driving_packages if files and not facts.parts.by_submission else frozenset()
     if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
@@ -270,9 +270,9 @@ def equal_launch_files(
 def _launch_files(
     contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Yield launch files in the copies of packages, and copies of those in folders above the packages.
+    """Yield the launch files of packages, each with its path in the submission.
 
-    Each file comes with its path in the submission.
+    The launch files in the folders above a package are copied, and yielded, too.
 
     Args:
         contents: all packages of the submission.

@@ -30,11 +30,10 @@ _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
 def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
-    """Return the RViz configuration of a submission; it is empty if no configuration was handed in.
+    """Return the RViz configuration of a submission; if it has none, only `started` and `missing` are set.
 
-    The first rviz node names the configuration. If this file was not handed in, a configuration in the
-    package counts instead. A node without a configuration shows the student's ~/.rviz, which was not handed
-    in either.
+    The first rviz node names the configuration. If this file was not handed in, or if the node names no file,
+    a configuration in the package counts instead.
 
     Args:
         planned: plan of the submission, with its rviz nodes.
@@ -81,7 +80,7 @@ def _config_in_package(
         if owner and "rosbag" not in _NODE.findall(read_text(owner)):
             source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
             return _read_config(source, files[0], remaps)
-        # an only file without an owner stays, so it counts, too
+        # all files without an owner count, also if there is only one file
         files = [path for path in files if path.name not in owners]
     configs = [_read_config(path.name, path, remaps) for path in files]
     return max(configs, key=_count_needed_displays, default=None)
@@ -109,7 +108,7 @@ def _count_needed_displays(config: RvizConfig) -> int:
 
 
 def files_of_others(planned: Plan, launch_file: str) -> List[str]:
-    """Return sentences on .rviz files of a package that belong to other launch files than this one."""
+    """Return sentences on .rviz files of a package that other launch files than the started one name."""
     folder = planned.package_path
     if not folder:
         return []
@@ -123,7 +122,7 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
 
 
 def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
-    """Return the rviz nodes in the text of a launch file, because roslaunch cannot load it.
+    """Return the rviz nodes in the text of a launch file that roslaunch cannot load.
 
     `package` is the package's folder, which has the name of the package.
     """
@@ -146,7 +145,8 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
     """Return the other launch files to which .rviz files of a package belong, by the names of these files.
 
     An .rviz file belongs to a launch file that names it. If the started launch file starts no RViz, a viewer
-    owns no file, because a student may start the viewer together with it.
+    owns no file, because a student may start the viewer together with this launch file. A viewer plays no
+    recordings and starts no node of the package.
 
     Args:
         folder: folder of the package.
@@ -155,7 +155,7 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
     """
     owners: Dict[str, Path] = {}
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
-        # a viewer plays no recordings and starts no node of the package, whose name is the folder's name
+        # the folder of the package has the name of the package
         is_viewer = not {"rosbag", folder.name} & set(_NODE.findall(text))
         if path.name != launch_file and (starts_rviz or not is_viewer):
             owners.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
@@ -190,8 +190,9 @@ def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> 
 MAX_CONFIGS = 20  # at most this number of .rviz files of a package is read
 MAX_FILE = 1_000_000  # [bytes] larger launch files are not read
 MAX_TEXT = 200_000  # [bytes] other files are not read if they are larger
-# a package that has one of these names is for the SMB; they are the SMB's launch file, frame and sensors. In
-# an .rviz file, the key `rslidar` does not count, because RViz writes a key for every frame that it has seen.
+# names of a package, a frame and topics of the SMB; a student's package that contains one of them is for the
+# SMB. In an .rviz file, the key `rslidar` does not count, because RViz writes a key for every frame that it
+# has seen.
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
 # patterns of the topics of scans; a package that names only /scan is for the Husky of ROS Melodic
 FRONT_SCAN, PLAIN_SCAN = re.compile(r"\bfront/scan\b"), re.compile(r"(?<![\w/])/scan\b")
@@ -202,8 +203,9 @@ TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".y
 def named_robot(planned: Plan) -> NamedRobot:
     """Return the robot that a submission names by its nodes and topics.
 
-    Nodes of the SMB's own packages decide first, then names of the SMB in files, then a topic of scans. Only
-    the SMB is certain; of the two versions of the Husky, `grade` may still choose the other one.
+    Nodes of the SMB's own packages decide first, then names of the SMB in files, then a topic of scans. The
+    result is certain only for the SMB. If it is one of the two versions of the Husky, `grade` may still
+    choose the other version.
     """
     # `left_out` has nodes that `grade` does not start, such as those of the robot
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):

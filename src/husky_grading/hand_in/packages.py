@@ -89,7 +89,7 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
     Raises:
         NotMarkableError: the submission cannot be read.
     """
-    allowance = Allowance()
+    allowance = Allowance()  # files and bytes that all archives together may still unpack
     notes: List[str] = []
     try:
         root = path  # folder of the delivered files
@@ -171,7 +171,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
 
 
 def exercise_numbers(name: str) -> Set[int]:
-    """Return the exercise numbers in the name of a file or folder: ex3.launch, course_03, 5th_exercise, 3.
+    """Return the exercise numbers in the name of a file or folder, such as 3 in ex3.launch or course_03.
 
     A number counts only next to a word for exercise, or if it is the whole name. So tb3 and 5ro14 have none.
     """
@@ -207,10 +207,10 @@ def choose_packages(
     """Return the packages that belong to an exercise, each name once, and notes on packages left out.
 
     - Packages of PUBLIC are left out.
-    - If several packages have the same name, the one of the exercise stays. If that is ambiguous, the one
-      with a launch file that starts its node stays, then the one with more files. A later attempt takes the
-      next best one instead, unless it belongs to another exercise.
-    - Packages of other exercises stay only if one that stays depends on them.
+    - If several packages have the same name, one of them stays: the one for the exercise, or otherwise the
+      one with a launch file that starts its node, or otherwise the one with more files. Attempt 1 takes the
+      second best one, and so on. A package of another exercise is taken only if there are no others.
+    - A package of another exercise stays only if a package that stays depends on it.
     """
     notes: List[str] = []
     by_name: Dict[str, List[Package]] = {}  # all packages of each name
@@ -224,8 +224,8 @@ def choose_packages(
         namesakes = by_name[name]
         if len(namesakes) > 1:
             namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best one first
-            # number of packages of this name that do not belong to another exercise, which come first; all
-            # packages if there are none
+            # number of packages of this name that may be chosen. Packages of another exercise come last, and
+            # are chosen only if there are no others.
             fits = [fit_of_path(each.place, exercise) for each in namesakes]
             choosable = sum(fit != Fit.OTHER_EXERCISE for fit in fits) or len(namesakes)
             # the chosen package moves to the front
@@ -249,8 +249,8 @@ def choose_packages(
 def copies_of_public(packages: Sequence[Package]) -> List[Package]:
     """Return the packages of PUBLIC to which the student has probably added files, each name once.
 
-    They are the packages of EXTENDED, and packages with a launch file that starts a node of the submission.
-    Nothing builds these packages, but launch files find the files in them.
+    Students add files to the packages of EXTENDED, and to packages with a launch file that starts a node of
+    the submission. Nothing builds these packages, but launch files find the files in them.
     """
     students_own = {each.name for each in packages} - PUBLIC
     copies = [
@@ -258,7 +258,7 @@ def copies_of_public(packages: Sequence[Package]) -> List[Package]:
         for each in packages
         if each.name in EXTENDED or (each.name in PUBLIC and _launched_packages(each) & students_own)
     ]
-    # the first one of several copies with one name stays
+    # in the dict, the last copy of each name stays; `reversed` makes this the first one
     return list({each.name: each for each in reversed(copies)}.values())
 
 
@@ -294,9 +294,9 @@ def _imported(package: Package) -> Set[str]:
 
 
 def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
-    """Return the rank of a package among packages of one name: criteria, the most important one first.
+    """Return criteria that compare packages of the same name, the most important one first.
 
-    The package with the smallest rank is graded.
+    Smaller is better: the package with the smallest result is graded.
     """
     starts_own_node = package.name in _launched_packages(package)
     in_archive = any(suffix_of(part) for part in package.place.parts)

@@ -89,9 +89,9 @@ def plans(
     """
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
-    create(events_file).close()
-    # a program reads the launchables and writes its events to the file; the end of its output is a reason for
-    # a failure if there is no better one
+    create(events_file).close()  # an empty file replaces an earlier file, or a link of the submission
+    # a program reads the launchables and writes its events to the file; `problem` is used if the events give
+    # no reason for a failure
     problem = _write_events(launchables, workspace, events_file, parts)
     # events of each launchable, by its number
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
@@ -122,9 +122,10 @@ def plans(
 
 
 def _write_events(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
-    """Let a program read launchables and write its events to a file, and return the end of its output.
+    """Let a program read launchables and write its events to a file, and return the reason if it fails.
 
-    The program runs in the sandbox, because launch files can run commands.
+    The reason is the end of the program's output, or that the program did not end in time. The program runs
+    in the sandbox, because launch files can run commands.
     """
     folder = events.parent
     # nobody listens at this address, because reading a launch file needs no ROS master

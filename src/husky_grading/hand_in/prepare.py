@@ -44,8 +44,8 @@ from husky_grading.records import Job, Launchable, Override
 from husky_grading.submission import COPIES, WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
-# files that this stage writes; the first file is written last and removed first, so it exists only if all are
-# complete
+# files that this stage writes. WORKSPACE is removed first and written last, so it exists only if all other
+# files are complete
 FILES = (WORKSPACE, "plan", "build.log")
 # folders that this stage makes for the files that a student has handed in
 FOLDERS = ("ws", COPIES, "stand_ins", "unpacked")
@@ -67,7 +67,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
     """
     out = Path(job.out)
     # the loop below deletes the results of an earlier call. A job that names a launch file or node makes no
-    # FOLDERS, so the loop then keeps folders with these names: a folder `ws` may belong to the teacher.
+    # FOLDERS. A folder such as `ws` may then be the teacher's, so it stays.
     names = FILES if job.launchable else (*FILES, *FOLDERS)
     for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(old_path)
@@ -75,8 +75,8 @@ def prepare(job: Job, facts: Facts) -> Submission:
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
-    # a check first, in the sandbox of a normal submission, so that a fault of this machine is not taken for a
-    # fault of the submission
+    # this check, in the sandbox of a normal submission, finds faults of this machine; later faults are faults
+    # of the submission
     _check_sandbox_works(replace(workspace, own=VisibleCode.NOTHING), out / "plan")
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
@@ -114,7 +114,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
 def _prepare_launchable(
     job: Job, launchable: Launchable, workspace: Workspace, facts: Facts
 ) -> Tuple[Submission, Plan]:
-    """Return the submission and the plan of the job's launchable of a sourced workspace; nothing is built.
+    """Return submission and plan for a launch file or node of a sourced workspace, where nothing is built.
 
     Raises:
         NotMarkableError: there is no such package or launch file.
@@ -153,8 +153,8 @@ def _check_exists(launchable: Launchable, planned: Plan) -> None:
     Raises:
         NotMarkableError: the package does not exist, or does not contain the launch file.
     """
-    # true if roslaunch could load the launch file; no package is needed then, because a launch file may be
-    # given by its path
+    # true if roslaunch could load the launch file; then it need not be in a package, because a launch file
+    # may be given by its path
     is_read = launchable.kind == "launch" and planned.is_read
     if not planned.package_path and not is_read:
         raise NotMarkableError(
@@ -198,7 +198,7 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
         choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
         if choice not in choices:
             choices.append(choice)
-    errors: List[NotMarkableError] = []  # errors of choices without a launch file that fits
+    errors: List[NotMarkableError] = []  # reasons why choices have no launch file that can be started
     unbuilt_choices: List[Choice] = []  # choices with a launch file whose nodes cannot be built
     for choice in choices:
         try:
@@ -368,7 +368,7 @@ def _build_candidates(
         # before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        # this build may have built the node of `best`, too, if a package forgets to name a dependency
+        # `best` may be built now, too, if its node needs a package that its package.xml does not name
         if _is_any_built(best, folders):
             return best, rebuilt, []
         if _is_any_built(other, folders):

@@ -62,7 +62,7 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
     """Return the content of a regular file as UTF-8; other bytes become U+FFFD.
 
     Raises:
-        UnreadableFileError: as `read_regular`.
+        UnreadableFileError: the file cannot be read, is not regular, or has more than `max_size` bytes.
     """
     return read_regular(path, max_size).decode(errors="replace")
 
@@ -76,7 +76,7 @@ def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) 
     """Yield the files below a folder that have one of these suffixes and can be read, and their texts.
 
     Raises:
-        UnreadableFileError: as `walk`.
+        UnreadableFileError: the folder has more than MAX_ENTRIES files and folders.
     """
     for path in walk(folder):
         if file_suffix(path) in suffixes:
@@ -88,7 +88,8 @@ def read_xml(path: Path, max_size: int) -> Any:
     """Return the root of an XML file; entities are rejected.
 
     Raises:
-        UnreadableFileError: as `read_regular`, or the file is not XML, or has entities.
+        UnreadableFileError: the file is not a regular file of at most `max_size` bytes, is not XML, or has
+            entities.
     """
     content = read_regular(path, max_size)
     try:
@@ -111,7 +112,8 @@ def read_yaml(path: Path) -> Any:
     """Return the content of a YAML file of plain values, at most MAX_YAML bytes and without aliases.
 
     Raises:
-        UnreadableFileError: as `read_regular`, or the file is not YAML of plain values.
+        UnreadableFileError: the file is not a regular file of at most MAX_YAML bytes, or is not YAML of plain
+            values.
     """
     text = read_text(path, MAX_YAML)
     try:
@@ -135,7 +137,7 @@ def copy(source: Path, target: Path) -> None:
     """Copy a regular file of bounded size; a file or link with the target's name is replaced, not followed.
 
     Raises:
-        UnreadableFileError: as `read_regular`.
+        UnreadableFileError: the source cannot be read, is not regular, or is too large.
         OSError: the copy cannot be written.
     """
     content = read_regular(source)

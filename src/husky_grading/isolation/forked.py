@@ -1,6 +1,6 @@
 """Marking's own ROS programs, forked from a process that has imported their common modules.
 
-In: module and arguments. Out: running processes with the interface of `process`, within milliseconds.
+In: module and arguments. Out: running processes with the methods of `Process`, which start in milliseconds.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class _Child:
             command: module of MODULES, and its arguments.
             env: environment.
             folder: working directory.
-            handed: arguments of the module's main().
+            handed: arguments for the function main() of the module.
         """
         import_early()  # starts the process that forks the program, if it does not run yet
         read_end, write_end = os.pipe()  # pipe from the program's output to this process
@@ -114,7 +114,7 @@ def _run(
 ) -> None:
     """Become the program of a command, in the forked process; stdout and stderr go to `output`.
 
-    The arguments are those of `_Child`.
+    The function main() of the program's module gets the arguments `handed`.
     """
     # in a session of its own, this program gets no Ctrl-C from the terminal, and `kill` ends its whole group
     os.setsid()

@@ -51,8 +51,8 @@ class SizeWatch:
             pid: id of the program's first process; all processes below it belong to the program.
             folder: folder in which the program writes files.
             end_program: function that ends the program.
-            is_network_own: true if only this program and marking's own are in the network; otherwise sockets
-                do not count.
+            is_network_own: true if the network has no sockets of other programs of this machine; otherwise
+                sockets are not limited, because the sockets of all programs would be counted.
         """
         self.problem = ""  # sentence that says why the program was ended; empty if it was not ended
         self._pid, self._folder, self._end_program = pid, folder, end_program
@@ -162,8 +162,8 @@ def _used_of_sandbox(folder: str) -> int:
 def detached_segments(processes: Sequence[psutil.Process]) -> int:
     """Return the size of a sandbox's System V shared memory to which no process is attached any more [bytes].
 
-    The calling thread enters the sandbox's IPC namespace and stays there, so a program calls this only in the
-    thread of its `SizeWatch`.
+    Only a thread inside the sandbox's IPC namespace sees this memory. So the calling thread enters the
+    namespace, and stays there. Call this function only in the thread of a `SizeWatch`.
     """
     # IPC namespaces of this program and of the calling thread; they differ if the thread has entered a
     # sandbox before

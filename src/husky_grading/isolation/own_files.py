@@ -52,7 +52,7 @@ class OwnFiles:
 
 
 def own_files(visible_code: VisibleCode) -> OwnFiles:
-    """Return the files of this package that a program sees."""
+    """Return the files of this package that a program sees, and the folders in which it sees nothing else."""
     share = share_folder()
     entries = [*DATA, *CODE] if visible_code is VisibleCode.ALL else [*DATA]
     shown: Set[Path] = {STARTER, IN_WORKSPACE}
@@ -93,6 +93,7 @@ def folders_on_python_path() -> List[Path]:
 def program_folders() -> List[Path]:
     """Return folders of this package's programs in the workspaces that contain the package."""
     prefixes = search_path("CMAKE_PREFIX_PATH")
-    containing = folders_on_python_path()
-    ours = [prefix for prefix in prefixes if any(prefix in folder.parents for folder in containing)]
+    package_folders = folders_on_python_path()
+    # prefixes of the workspaces in which Python finds this package
+    ours = [prefix for prefix in prefixes if any(prefix in folder.parents for folder in package_folders)]
     return [(prefix / "lib" / NAME).resolve() for prefix in ours if (prefix / "lib" / NAME).is_dir()]

@@ -1,6 +1,6 @@
 """Neutral place of a marking: its folder of results under a path without any user's or machine's name.
 
-CMake, make, catkin's setup files, `launch-prefix`, `args` and ROS_PACKAGE_PATH take no quotes, blanks or
+CMake, make, catkin's setup files, `launch-prefix`, `args` and ROS_PACKAGE_PATH accept no quotes, blanks or
 colons in a path, but a teacher's `--out` may have them. So the marking program has mounts of its own, in
 which its folder of results is at a path that is always the same. A kept workspace stays valid there, even if
 the folder of results was moved.
@@ -44,10 +44,10 @@ def make() -> str:
 
 
 def show_results_at(out: Path) -> Path:
-    """Mount a folder of results at the neutral path and return this path, or return the folder's own path.
+    """Mount a folder of results at the neutral path, and return this path, or the own path if that fails.
 
     Raises:
-        HuskyError: the folder cannot be mounted, and nothing can be built at its own path.
+        HuskyError: the folder cannot be mounted, and CMake does not accept the folder's own path.
     """
     place = os.environ.get(VARIABLE, "")  # path for the results; empty if they cannot be mounted there
     if place:

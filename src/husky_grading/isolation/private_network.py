@@ -69,7 +69,7 @@ def can_be_made() -> bool:
 def _namespace_command() -> Tuple[str, ...]:
     """Return the command that starts a program in a network of its own; () if this machine allows none.
 
-    The first choice that works is taken. Choices with mounts of their own come before choices without.
+    The first choice that works is taken. Choices that also give the program its own mounts come first.
     """
     as_root = ["--user", "--map-root-user"]  # a user without the rights of root needs these options
     for flags in ([*as_root, MOUNTS], [MOUNTS], as_root, []):

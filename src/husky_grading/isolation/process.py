@@ -47,7 +47,7 @@ class Process:
         workspace: Optional[Workspace] = None,
         shows_errors: bool = False,
     ) -> None:
-        """Start it.
+        """Start the process.
 
         Args:
             command: program and arguments.
@@ -55,7 +55,8 @@ class Process:
             env: environment.
             folder: working directory, the only folder that an untrusted program may write.
             workspace: workspace of an untrusted program, which runs in the sandbox; None for our programs.
-            shows_errors: its standard error goes to the terminal, for a progress bar, instead of the log.
+            shows_errors: true if the program's errors and its progress bar go to the terminal; otherwise they
+                go into the log.
         """
         self.log = log
         self._file: Optional[BinaryIO] = None  # the opened log; None if it cannot be written
@@ -141,7 +142,7 @@ class Process:
             self.popen.send_signal(signal.SIGINT)
 
     def kill(self) -> None:
-        """End it and every process that it ever started, and wait until its output is in the log.
+        """End the process and all processes that it has started, and wait until its output is in the log.
 
         Each of the waits takes END_DEADLINE at most.
         """

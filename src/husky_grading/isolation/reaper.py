@@ -33,7 +33,7 @@ def end_descendants() -> None:
         for process in psutil.Process().children(recursive=True):
             with contextlib.suppress(psutil.Error):
                 process.kill()
-        # a killed process exists until its parent has called waitpid for it; -1 stands for any child
+        # a killed process remains until its parent calls waitpid; -1 means any child of this program
         try:
             while os.waitpid(-1, os.WNOHANG)[0]:
                 pass
@@ -50,13 +50,13 @@ def run_and_reap(parent: int, command: List[str]) -> int:
     """
     # signals that were blocked before this line. The command gets this old set back, because a child process
     # would otherwise inherit the blocked signals of this program.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    old_mask = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
         return STOPPED  # the parent ended before prctl was called, so no signal will report its end
-    child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before))
+    child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, old_mask))
     while True:
         number = signal.sigwait(SIGNALS)
         if number not in (signal.SIGCHLD, signal.SIGTERM):
@@ -82,7 +82,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
 
 
 def main() -> None:
-    """Run `PARENT_PID COMMAND...` and leave none of its processes."""
+    """Run the COMMAND of the command line, and end all processes that it leaves."""
     try:
         code = run_and_reap(int(sys.argv[1]), sys.argv[2:])
     except OSError as error:

@@ -90,7 +90,7 @@ class Network:
         """Start a program.
 
         Args:
-            name: name of its log, and of its folder if it is untrusted.
+            name: name of the program's log, and of its folder if the program is untrusted.
             command: program and arguments; or one of the MODULES, and arguments.
             workspace: workspace of an untrusted program, which runs in the sandbox; None for our programs.
             handed: arguments for the main() of one of the MODULES, such as a connection.

@@ -73,7 +73,7 @@ def clean_environment() -> Dict[str, str]:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Environment of an untrusted program: setup files that it sources itself, and folders that it sees."""
+    """Setup files and folders that an untrusted program uses, and folders that it must not see."""
 
     setups: Tuple[Path, ...] = ()  # setup.bash files that are sourced in the sandbox, in this order
     # folders of packages that need no build; they are added to ROS_PACKAGE_PATH
@@ -148,7 +148,7 @@ def system_program(name: str) -> str:
 
 
 def _system() -> List[str]:
-    """Return bubblewrap's arguments for the system, read-only, without files that not every user may read."""
+    """Return bubblewrap's arguments that show the system's folders, read-only, and hide secrets in /etc."""
     arguments = ["--proc", "/proc", "--dev", "/dev"]
     for path in (Path("/", name) for name in SYSTEM):
         if path.is_symlink():
@@ -166,7 +166,7 @@ def _system() -> List[str]:
 
 
 def _secrets(folder: str) -> List[Path]:
-    """Return the files and folders below a folder that not every user may read."""
+    """Return the files and folders below a folder that some users may not read."""
     secrets, waiting = [], [folder]
     while waiting:
         # OSError means that the folder was deleted, or that this user cannot read it. Then the sandbox cannot
@@ -200,14 +200,14 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
 
     Args:
         workspace: files that the program may read, and folders that it must not see.
-        folder: the only folder that it may write.
-        env: environment, which names further files.
+        folder: the only folder that the program may write.
+        env: environment of the program; its search paths name further folders that the program reads.
     """
     home_folders = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     # the sandbox has root and temporary folders of its own, so they need not be hidden
     homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
     writable = folder.resolve()
-    # files of the grader's package that the program may see, and folders that are hidden from it
+    # files of the grader's package that the program may see, and folders in which it sees nothing else
     our_files = own_files(workspace.own)
     to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *our_files.hidden}
     # a folder is not hidden if it is the writable folder or inside of it
@@ -221,6 +221,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     mounts = [_Mount(path, HIDE, ["--tmpfs", str(path)]) for path in hidden]
     mounts += [_Mount(path, SHOW, ["--ro-bind", str(path), str(path)]) for path in shown]
     visible = {*shown, *(Path("/", name) for name in SYSTEM)}  # the system's folders are always shown
+    # a search path may lead through a symbolic link, so the link must exist in the sandbox, too
     for link in _missing_links(needed, visible, hidden):
         mounts.append(_Mount(link, SHOW, ["--symlink", os.readlink(link), str(link)]))
     mounts.append(_Mount(writable, WRITE, ["--bind", str(writable), str(writable)]))
@@ -228,13 +229,14 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     # At the same depth, hidden folders come first.
     mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
     options = chain.from_iterable(mount.options for mount in mounts)
-    # bubblewrap creates folders to mount the paths in; these new folders must not be writable
+    # / and the hidden folders are empty at first, so bubblewrap creates the folders in which it mounts the
+    # other paths. The program must not write into these new folders.
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
     return [*_system(), *options, *read_only]
 
 
 def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -> List[Path]:
-    """Return the symbolic links in some paths, if the sandbox does not show these links yet.
+    """Return the symbolic links on the way to some paths that the sandbox does not show yet.
 
     The sandbox shows the target of such a link. But the link itself is in a folder that is hidden, or that is
     not mounted at all.
@@ -255,7 +257,8 @@ def _needed_folders(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
     for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
-        # a prefix such as WORKSPACE/devel refers to launch files and scripts in WORKSPACE/src
+        # files in WORKSPACE/devel refer to launch files and scripts in WORKSPACE/src; without this folder,
+        # the whole WORKSPACE is shown
         if prefix.startswith("/"):
             sources = Path(prefix).parent / "src"
             folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)

@@ -25,8 +25,9 @@ from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.ros import conversions
 
 BASE = "base_link"  # frame of the robot
-# class of the messages of each ROS type that has markers
+# types of messages with markers, and their classes
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
+# name of each action of a marker in the recording
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
 # [s] shortest simulated time between two moments at which markers of the same namespace are recorded
 PERIOD = 0.019
@@ -60,7 +61,7 @@ class MarkerWatch:
         self._samples: List[Tuple[MarkerSample, Marker]] = []
         self._points_left = MAX_ALL_POINTS  # number of points that may still be kept in this run
         self._closed = False  # true if no further markers are kept
-        # time [s] of the last recorded moment, and number of markers at this moment; keys are (topic,
+        # latest time [s] at which markers were kept, and number of the markers of this time; keys are (topic,
         # namespace)
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}  # subscribers by topic
@@ -99,7 +100,7 @@ class MarkerWatch:
         self._closed = True
 
     def place(self, frame: str) -> Optional[Vector3]:
-        """Return the position of a frame in base_link [m] by the newest transforms; None if it has none."""
+        """Return the position of a frame in base_link [m] by the newest transforms; None if it is unknown."""
         with suppress(tf2_ros.TransformException):
             transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time())
             return conversions.pose_from_transform(transform).position
@@ -168,17 +169,17 @@ class MarkerWatch:
         return problem
 
     def _shorten(self, marker: Marker) -> None:
-        """Cut a marker to the parts that place it, because all markers of a run are kept in memory."""
+        """Remove the parts of a marker that do not place it, because a run keeps all markers in memory."""
         marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
         self._points_left -= len(marker.points)
         marker.colors, marker.text, marker.mesh_resource = [], "", ""
         marker.ns, marker.header.frame_id = marker.ns[:MAX_NAME], marker.header.frame_id[:MAX_NAME]
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
-        """Return whether a marker that comes now is kept, and count it.
+        """Return whether a marker that comes now is kept; if so, count the marker.
 
-        All markers of one moment are kept. Then markers of the same topic and namespace are ignored for
-        PERIOD. If more than CROWD markers came at this moment, they are ignored longer, in proportion to the
+        All markers that come at the same time are kept. Then markers of the same topic and namespace are
+        ignored for PERIOD. After more than CROWD markers, this pause is longer, in proportion to their
         number, because a run keeps at most MAX_SAMPLES markers.
         """
         if self._closed or len(self._samples) >= MAX_SAMPLES:
@@ -214,7 +215,8 @@ class MarkerWatch:
     ) -> Tuple[MarkerSample, ...]:
         """Return all recorded markers in the world, by times (N,) [s] and N poses of base_link in the world.
 
-        `pillar` is the position of the pillar's axis in the world, x and y [m].
+        `pillar` is the position of the pillar's axis in the world, x and y [m]. The samples get their
+        distance from this axis.
         """
         # without poses of the robot, no marker can be placed
         samples = list(self._samples) if len(times) else []
@@ -233,10 +235,10 @@ class MarkerWatch:
         poses: Sequence[Pose],
         pillar: Tuple[float, float],
     ) -> MarkerSample:
-        """Return a sample with its shape in the world, or with a problem if TF does not know its frame.
+        """Return a sample with its place in the world, or with a problem if TF does not know its frame.
 
         Args:
-            sample: sample without a place.
+            sample: sample without a position in the world.
             marker: message of the sample.
             times: times of the poses, (N,) [s].
             poses: N poses of base_link in the world.
@@ -264,8 +266,8 @@ class MarkerWatch:
         """Return the time [s] at which a marker is placed, and the pose of its frame in base_link then.
 
         - If the marker has a stamp, it is placed at the time of the stamp.
-        - If the stamp is 0, it is placed at the time at which it came. If TF does not know the frame then, a
-          time up to RETRY_END later is taken.
+        - If the stamp is 0, the marker is placed at the time at which it came. If TF does not know the frame
+          at this time, later times are tried, up to RETRY_END after it.
         - If no transform came after the marker, the time of the latest transform is taken.
 
         The pose is relative to base_link, because the true pose of base_link in the world is known. So errors

@@ -27,9 +27,10 @@ class CountingMaster(rosmaster.master_api.ROSMasterHandler):
         self._lookups: Dict[str, Counter[str]] = defaultdict(Counter)
 
     def lookupService(self, caller_id: str, service: str) -> Tuple[int, str, str]:  # noqa: N802
-        """Return the URI of a service, and count the lookup of its caller."""
+        """Return the URI of a service, and count the lookup for `countLookups`."""
         code, message, uri = super().lookupService(caller_id, service)
-        if code == 1 and (service in self._lookups or len(self._lookups) < MAX_SERVICES):
+        is_found = code == 1
+        if is_found and (service in self._lookups or len(self._lookups) < MAX_SERVICES):
             callers = self._lookups[service]
             if caller_id in callers or len(callers) < MAX_CALLERS:
                 callers[caller_id] += 1

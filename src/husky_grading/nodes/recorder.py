@@ -69,7 +69,7 @@ MEMORY = 2_000_000_000
 MAX_VIOLATIONS = 5  # only so many broken rules are reported
 # largest number of topics whose messages the exercise gets by `on_message`, and queue length of each topic
 MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000
-HITS_PERIOD = 1.0  # [s] simulated time between two scans whose points are kept for a picture
+HITS_PERIOD = 1.0  # [s] the recorder keeps one scan in each period of simulated time, for the pictures
 
 
 class DriveRecorder:
@@ -140,9 +140,9 @@ class DriveRecorder:
             while cause is None and not rospy.is_shutdown():
                 # `_look_at_graph` may join the run. Simulated time must begin only at the look after that, so
                 # `_begin_when_connected` gets the value from before this look.
-                joined_before = self._joined_at
+                joined_at = self._joined_at
                 self._look_at_graph()
-                self._begin_when_connected(joined_before)
+                self._begin_when_connected(joined_at)
                 self._send(Now(self._now, self._subscribed))
                 if self._feed.failure is not None:  # error of `_on_truth` or `_on_event`, in another thread
                     raise self._feed.failure
@@ -207,8 +207,8 @@ class DriveRecorder:
         """Take an event of the simulator: a call that changed the world, or a scan without an answer.
 
         An event "asleep" does not count while the exercise's watch has stopped the submission on purpose,
-        because a stopped controller may sleep. An event "unanswered" always counts, because after it the
-        simulator waits for no answer any more.
+        because a stopped controller may sleep. An event "unanswered" always counts, because it means that the
+        simulator no longer waits for answers to its scans.
         """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
@@ -323,8 +323,8 @@ class DriveRecorder:
 
         In lockstep, simulated time begins only when a node subscribes to the scans and a node sends commands.
         So the recorder subscribes to the scans only now, because otherwise time could begin too early. If the
-        submission is not ready, the recorder advertises commands in its place, because otherwise time would
-        never begin.
+        submission is not ready, the recorder itself advertises commands, because otherwise time would never
+        begin.
         """
         is_ready = self._watch.is_submission_ready(self._state)
         has_joined = self._joined_at < inf
@@ -337,13 +337,13 @@ class DriveRecorder:
         if not is_ready:
             self._access.advertise_commands()
             # if the exercise drives the robot itself, it sends its first command now
-            self._watch.on_scan(0.0)
+            self._watch.on_scan(stamp=0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(
             rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
         )
 
-    def _begin_when_connected(self, joined_before: float) -> None:
+    def _begin_when_connected(self, joined_at: float) -> None:
         """Let simulated time begin after all recorded topics have connected.
 
         So two runs of the same submission are recorded alike from their first moment.
@@ -352,16 +352,16 @@ class DriveRecorder:
         graph. So time begins at a later look than the one at which the recorder joined.
 
         Args:
-            joined_before: wall time [s] at which the recorder joined the run, if it joined before the latest
-                look; otherwise inf. Simulated time begins CONNECTING seconds later at the latest, even if
-                topics are not connected.
+            joined_at: wall time [s] at which the recorder joined the run; inf if it has not joined, or joined
+                only at the latest look. CONNECTING after this time, simulated time begins even if topics are
+                not connected.
         """
         subscribers = (*self._subscribers, *self._markers.subscribers)
         is_connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
             for each in subscribers
         )
-        if joined_before < inf and (is_connected or time.monotonic() > joined_before + CONNECTING):
+        if joined_at < inf and (is_connected or time.monotonic() > joined_at + CONNECTING):
             self._feed.begin()  # only the first call has an effect
 
     def _send(self, message: Any) -> None:

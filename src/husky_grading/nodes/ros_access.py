@@ -119,9 +119,10 @@ class DriveAccess:
         """Return the values of the submission's parameters, as far as the master answers."""
         values: Dict[str, Any] = {}
         with suppress(*UNANSWERED):
-            ours = tuple(f"{node}/" for node in self._our_nodes)
+            # beginnings of the names of our nodes' private parameters
+            our_prefixes = tuple(f"{node}/" for node in self._our_nodes)
             for name in rospy.get_param_names():
-                if not name.startswith(ours):
+                if not name.startswith(our_prefixes):
                     values[name] = rospy.get_param(name, None)
         return values
 
@@ -134,9 +135,9 @@ class DriveAccess:
         return self._transforms.places()
 
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
-        """Return the names of the parameters with a robot's URDF that has a link with one of these names."""
+        """Return the names of the parameters whose URDF has a link with one of these names."""
         names = []
-        with suppress(*UNANSWERED):  # the parameters so far count if the master does not answer
+        with suppress(*UNANSWERED):  # names so far are returned if the master stops answering
             for name in rospy.get_param_names():
                 if name.endswith("_description"):
                     text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]

@@ -87,11 +87,12 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
     """Reads a launch file, and leaves out tags that need a package that does not exist."""
 
     def __init__(self, reporter: Reporter, simulator_files: List[str]) -> None:
-        """Set up without a file.
+        """Make a loader that has read no file yet.
 
         Args:
             reporter: writes an event on each tag that is left out.
-            simulator_files: paths of the simulator's launch files in their packages; these are not included.
+            simulator_files: paths of the simulator's launch files in their packages; an <include> of one is
+                left out.
         """
         super().__init__()
         # set here, because some versions of roslaunch set this attribute only in roslaunch-check
@@ -103,7 +104,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self.pillar = False  # true if the launch file names the world that the course uses
 
     def resolve_args(self, args: Any, context: Any) -> Any:
-        """Note the packages and worlds in an attribute; roslaunch calls this for each attribute."""
+        """Keep the packages and worlds that an attribute names; roslaunch calls this for each attribute."""
         self.uses.update(re.findall(r"\$\(find +([^)]+?) *\)", args or ""))
         value = super().resolve_args(args, context)
         self.pillar = self.pillar or bool(PILLAR.search(str(value)))
@@ -128,7 +129,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         return package
 
     def _include_tag(self, tag: Any, context: Any, *arguments: Any) -> Any:
-        """Load an <include>, or leave it out if marking starts the same; roslaunch calls this.
+        """Load an <include>, or leave it out if it would start a simulator; roslaunch calls this.
 
         A launch file that starts the simulator, such as that of husky_gazebo, is left out, because marking
         starts the simulator itself. Other launch files of the simulator's packages are loaded, but a fault in
@@ -315,7 +316,7 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     leave_out = (SIMULATION - set(ours["by_submission"])) | set(ours["by_marking"])
     # true if the submission starts an RViz that does not come from our launch files
     has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
-    result = SortedNodes([], [], [], [])
+    result = SortedNodes(to_start=[], rviz=[], left_out=[], left_out_arguments=[])
     for node in nodes:
         if node.package == "rviz" and node.name in ours["rviz"] and has_own_rviz:
             # the RViz of our launch file does not count if the submission starts its own RViz
@@ -351,11 +352,12 @@ def digest_of(config: roslaunch.config.ROSLaunchConfig) -> str:
 
 
 def is_own(node: Any, places: List[str]) -> bool:
-    """Return whether a node belongs to the grading package; a submitted package may have the same name.
+    """Return whether a node belongs to the grading package, and not to a submitted package of the same name.
 
     Args:
         node: node of a launch file.
-        places: manifest of the grading package, and folders of its programs; empty if its nodes may start.
+        places: manifest of the grading package, and folders of its programs; empty if the nodes of the
+            grading package may start.
     """
     if not places or node.package != OWN_PACKAGE:
         return False
@@ -414,7 +416,7 @@ def tolerate_failed_nodes() -> None:
 
 
 class Parent(roslaunch.parent.ROSLaunchParent):
-    """Roslaunch that starts the nodes of a configuration that is loaded already."""
+    """Main process of roslaunch, for a configuration that is already loaded."""
 
     def __init__(self, run_id: str, ready: roslaunch.config.ROSLaunchConfig, reporter: Reporter) -> None:
         super().__init__(
@@ -463,8 +465,8 @@ def main(arguments: List[str]) -> int:
 
     Args:
         arguments: EVENTS ACTION OURS LAUNCHABLE... EVENTS is the file for events. ACTION is describe, run, or
-            memcheck, which runs compiled programs in valgrind. OURS and each LAUNCHABLE are the arguments of
-            `describe` as JSON.
+            memcheck, which runs compiled programs in valgrind. OURS and each LAUNCHABLE are arguments of
+            `describe`, as JSON.
     """
     events, action, ours, *launchables = arguments
     # our launch files read this variable; without it, they would refuse to start because a simulator is
