@@ -162,10 +162,11 @@ def _check_unit(scan: Scan) -> None:
         if not len(measured) or measured.min() == measured.max():
             return
     low, high = measured.min(), measured.max()
-    # true if the ranges are usual in mm, and range_max is too large for metres
+    # true if these numbers are usual for ranges in mm, and range_max is too large to be in metres
     smallest_mm, largest_mm = MILLIMETRES
     look_like_mm = scan.range_max > MAX_RANGE_MAX and smallest_mm <= low and high <= largest_mm
-    if low > MAX_NEAREST_RETURN or look_like_mm:
+    is_nearest_too_far = low > MAX_NEAREST_RETURN  # too far for a lidar, if the ranges are in metres
+    if is_nearest_too_far or look_like_mm:
         raise ScanError(
             f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = "
             f"{scan.range_max:g} m; check that they are in metres"

@@ -1,6 +1,7 @@
-"""ROS master of `./dev launch`, which also lists parameters and services that nodes ask for in vain.
+"""ROS master of `./dev launch`, which also finds misspelt parameters and absent services.
 
-It lists parameters that are set and that their node never reads, and services that no node offers.
+It lists each set parameter that its node never reads, if the node has asked in vain for a similar name. It
+also lists the services that nodes ask for and that no node offers.
 A plain roscore keeps no list of the requests, so nothing is found with it. (rosmaster 1.15.15 logs requests
 only with --master-logger-level debug, among all other calls and answers.)
 """

@@ -26,8 +26,8 @@ DEADLINE = 2.0  # [s] longest wait for an answer of the master
 # silent for 0.5 s
 STAND_PERIOD = 0.05
 REPORT_PERIOD = 10.0  # [s] wall time between two lines of the log about a lost registration
-# codes of answers: SUCCESS comes from the master, which sends -1 for an unknown name; NO_ANSWER is our own
-SUCCESS, NO_ANSWER = 1, 0
+SUCCESS = 1  # code in the master's answer; for an unknown name, the code is -1
+NO_ANSWER = 0  # code of this module, which stands for a missing answer
 LOST = (
     "standing still: the ROS master was started again, so this node is no longer registered. No new "
     "program finds this node, so press the red button of the robot, then start all nodes again"

@@ -1,12 +1,12 @@
 """Start of RViz if a display answers, and a second start if it crashes, as RViz 1.14 sometimes does.
 
-In: the command line that roslaunch appends to a launch-prefix. Out: the program's exit code.
+In: the command line of RViz, which roslaunch passes to its launch-prefix. Out: the exit code of RViz.
 
 RViz opens a copy of its configuration file. Otherwise Ctrl+S would change the file in the checkout.
 
-Measured on Debian 12 without a graphics card: 1 of 70 starts beside busy loops crashed, none of 65
-without them. Mesa's llvmpipe damages the heap while it compiles; its softpipe, slower, does not
-(GALLIUM_DRIVER=softpipe).
+Measured on Debian 12 without a graphics card: 1 of 70 starts crashed while other programs kept the CPU busy,
+and none of 65 starts without such programs. The renderer llvmpipe of Mesa damages the heap while it compiles.
+The slower renderer softpipe (GALLIUM_DRIVER=softpipe) does not.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Log of rospy without questions to the master.
 
-rospy reads the parameter PARAMETER before each line of the log. If nobody has set it, rospy's cache forgets
-the answer, so each line asks the master again (rospy 1.15.15: rosout.py, paramserver.py). A thread that logs
-then waits for a master that hangs. Such a wait has stopped the simulation's thread, and so the world.
+rospy reads the parameter PARAMETER before each line of the log. If nobody has set the parameter, rospy's
+cache forgets the answer, so each line asks the master again (rospy 1.15.15: rosout.py, paramserver.py). Then
+a thread that logs waits while the master hangs. Such a wait has stopped the simulation's thread.
 
 test_rosout.py tests the part of rospy that this module uses.
 """
@@ -12,13 +12,15 @@ from __future__ import annotations
 import rospy
 from rospy.impl.paramserver import get_param_server_cache
 
+# if true, the messages on /rosout do not list the topics of the node
 PARAMETER = "/rosout_disable_topics_generation"
 
 
 def remember_parameter() -> None:
     """Ask the master once for PARAMETER, and put the answer, or false, into rospy's cache.
 
-    From then on the cache answers before each line of the log; rospy still follows a change of the parameter.
-    Call it after rospy.init_node, and before the first line of the log.
+    From then on, rospy asks its cache before each line of the log, and not the master. The master still
+    notifies rospy of a change. Call it after rospy.init_node, and before the first line of the log.
     """
+    # rospy itself keeps only the answer of a parameter that is set, so the false is put into the cache here
     get_param_server_cache().set(PARAMETER, rospy.get_param_cached(PARAMETER, False))

@@ -119,8 +119,8 @@ def _give_back(connection: TCPROSTransport, callback: MessagesCallback, error: E
     sock = connection.socket
     if sock is None or connection.done:  # another thread has closed the connection
         return
-    # rospy closes the connection if the publisher has ended it. After any other error, rospy connects again,
-    # if it finds no socket. The buffer may have the rest of a broken message, so a new one is made
+    # rospy's loop closes the connection if the publisher has ended it. After any other error it shall connect
+    # again, and it does so if the socket is None. The buffer may have the rest of a broken message.
     if not isinstance(error, TransportTerminated):
         rospy.core.logerr(f"{connection.name}: {error}; connecting to the publisher again")
         sock.close()

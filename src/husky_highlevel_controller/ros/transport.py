@@ -83,10 +83,7 @@ class PromptConnection(QueuedConnection):
         return True
 
     def _run(self) -> None:
-        """Write the unsent rest and the queue whenever there is something; rospy starts this thread.
-
-        An error is kept, and rospy raises it when a later message is published.
-        """
+        """Write the rest of a message, and the queued messages; rospy starts this thread."""
         while not self._connection.done:
             with self._lock:
                 while not self._queue and not self._unsent and not self._connection.done:

@@ -1,7 +1,7 @@
-"""Node that ends with the drive, for CI: exit code 0 at the pillar, 1 with the reason without arrival.
+"""Node that ends when the robot arrives, so that CI can test a drive: exit code 0, or 1 without an arrival.
 
 This package's controller announces its arrival. With another controller the robot has arrived when it has
-driven and then stands near something.
+driven and then stands near something. Without an arrival, the node logs the reason.
 """
 
 from __future__ import annotations
@@ -63,8 +63,7 @@ class ArrivalExit:
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
         # subscriber of the scans; None until the robot has driven and stopped
         self._scans: Optional[rospy.Subscriber] = None
-        # true if the controller drives from its start on; otherwise, its state is `stopped` until its start
-        # service is called, which is not an error
+        # true if the controller drives from its start on, without a call of its start service
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
         # state and message from the controller's last status on /diagnostics; empty before the first status
         self._controller_state, self._controller_message = "", ""
@@ -80,6 +79,7 @@ class ArrivalExit:
             HuskyError: the deadline is over, or the controller is stopped on its way.
         """
         while not (self._arrived or rospy.is_shutdown()):
+            # a controller that does not start enabled is in the state STOPPED until it is started
             if self._starts_enabled and self._controller_state == State.STOPPED.value:
                 raise HuskyError(
                     f"stopped on its way after {rospy.get_time() - self._begin:.1f} s of simulated time, "

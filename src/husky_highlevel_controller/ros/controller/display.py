@@ -39,9 +39,8 @@ ARRAY_PERIOD = 0.099
 PATH_STEP = 0.1  # [m] distance between two points of the driven path
 PATH_POINTS = 1000  # largest number of points of the driven path; if there are more, the oldest are removed
 ABOVE_ROBOT = 1.0  # [m] height above base_link of the text with the state, if no pillar is known
-# [rad] angle that the text's height covers in the view of a camera; [m] distance of the camera from the robot
-# in rviz/controller.rviz
-TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
+TEXT_ANGLE = 0.022  # [rad] angle that the height of the text covers in the view of RViz's camera
+CAMERA_BEHIND = 8.0  # [m] distance of RViz's camera from the robot in rviz/controller.rviz
 # Factor on the size of the cylinder in the laser's frame. Without it, this cylinder and the cylinder in odom
 # would be equal and flicker in RViz. With it, this cylinder is inside the cylinder in odom, and visible only
 # if that cylinder is switched off. The simulator draws the pillar with a factor of 0.95, so this factor is
@@ -54,7 +53,7 @@ MIN_SPREAD = 0.05
 
 
 class Display:
-    """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
+    """Publishes markers, and the errors of distance and bearing, for each scan, if there is a subscriber."""
 
     def __init__(self, robot: Robot) -> None:
         """Advertise the topics.
@@ -245,12 +244,10 @@ def _pillar_markers(
 
 
 def _height_in_laser(observation: Observation, height: float) -> float:
-    """Convert a height above base_link to z in the frame of a level lidar [m]; 0 if its pose is unknown.
-
-    The lidar may be upside-down.
-    """
+    """Convert a height above base_link to z in the frame of a level lidar, which may be upside-down [m]."""
     if observation.laser_in_base is None:
-        return 0.0
+        return 0.0  # the cylinder is then drawn in the plane of the scan
+    # the lidar is level, so z is the same for all points of this height, and the point at the lidar will do
     x, y, _ = observation.laser_in_base.position
     return float(transform_point(inverse(observation.laser_in_base), (x, y, height))[2])
 

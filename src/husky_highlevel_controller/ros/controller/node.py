@@ -105,23 +105,24 @@ class ControllerNode:
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
 
-        # data for the status on /diagnostics; the first line has the state of the pillar, which is "seen",
-        # "remembered" or "unknown", and the reason of the last command
-        self._pillar_status, self._reason = "unknown", ""
+        # data for the status on /diagnostics
+        self._pillar_status = "unknown"  # state of the pillar: "seen", "remembered" or "unknown"
+        self._reason = ""  # reason of the last command
         self._scan_stamps: Deque[float] = deque(maxlen=RATE_SCANS)  # [s] stamps of the last answered scans
-        # frame of the last scan; sentence on its fault, empty for a valid scan
-        self._scan_frame, self._scan_fault = "", ""
-        # stamp of the last scan, its age when it came, and stamp of the last new transform odom -> base_link
-        self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
+        self._scan_frame = ""  # frame of the last scan
+        self._scan_fault = ""  # sentence on the fault of the last scan; empty if the scan was valid
+        self._scan_stamp = 0.0  # [s] stamp of the last scan
+        self._scan_age = 0.0  # [s] age of the last scan when it came
+        self._tf_stamp = 0.0  # [s] stamp of the last new transform odom -> base_link
         self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
         self._tf_time: Optional[float] = None  # [s] ROS time of the last new transform odom -> base_link
 
         # commands; reasons why the robot does not follow them, and why no scans come
         self._command_publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        # memory of whether the robot follows the commands; last command
-        self._obedience, self._last_command = Obedience(), STOP
-        # finds the reason why the robot does not follow commands; the reason is empty while it follows them
-        self._disobedience, self._disobedience_reason = Disobedience(robot, self._command_publisher), ""
+        self._last_command = STOP
+        self._obedience = Obedience()  # compares the commands with the motion of the robot
+        self._disobedience = Disobedience(robot, self._command_publisher)  # finds why the robot does not obey
+        self._disobedience_reason = ""  # sentence on why the robot does not obey; empty while it obeys
         self._scan_absence = ScanAbsence(rospy.resolve_name(topic_config.scan_topic_name))
         self._absence_reason = ""  # sentence on why no scans come; empty if they come
 
@@ -185,8 +186,9 @@ class ControllerNode:
         if self._obedience.obeys:
             self._disobedience_reason = ""
         elif not self._disobedience_reason:
-            seconds = self._obedience.stamp - self._obedience.since
-            self._disobedience_reason = self._disobedience.sentence(self._last_command, seconds)
+            # [s] time for which the robot has not moved although it was commanded to move
+            disobeyed_for = self._obedience.stamp - self._obedience.since
+            self._disobedience_reason = self._disobedience.sentence(self._last_command, disobeyed_for)
             rospy.logwarn(self._disobedience_reason)
             self._diagnostics.hasten()
 
@@ -293,10 +295,11 @@ class ControllerNode:
     def _log(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
     ) -> None:
-        """Log each scan at DEBUG level; the smallest range and changes at INFO, or WARN with the remedy.
+        """Log the scan at DEBUG level, and a change of the state at INFO, or at WARN if the robot must wait.
 
-        The smallest range is logged every RANGE_PERIOD. It is the first number of its line, because the
-        exercise sheet asks for it. The reason and whether the pillar is seen are kept for /diagnostics.
+        The smallest range is logged at INFO every RANGE_PERIOD. It is the first number of its line, because
+        the exercise sheet asks for it. The reason of the command, and whether the pillar is seen, are kept
+        for /diagnostics.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
         if observation.ahead_of_odometry > 0.0:  # the clocks of lidar and odometry differ

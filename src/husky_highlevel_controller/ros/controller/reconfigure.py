@@ -11,7 +11,7 @@ from dynamic_reconfigure.server import Server
 
 
 class ReconfigureServer:
-    """Present gains and limits, as records; every change replaces all records at once."""
+    """Keeps gains and limits in records; every change by a user replaces all records at once."""
 
     def __init__(self, kind: Any, *records: Any) -> None:
         """Serve the parameters of records; `kind` is the module that catkin makes from the .cfg."""

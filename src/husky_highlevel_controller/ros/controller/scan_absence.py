@@ -21,8 +21,8 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        # [s] ROS time of the last question to the master, or of the begin of the time without scans if there
-        # was no question yet; None while scans come. The next question comes PATIENCE later
+        # [s] the next question to the master comes PATIENCE after this ROS time, at which the scans ended, or
+        # at which the last question was asked; None while scans come
         self._waiting_since: Optional[float] = None
         self._sentence = ""
 

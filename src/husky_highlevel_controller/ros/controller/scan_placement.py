@@ -103,8 +103,8 @@ class ScanPlacement:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
             if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed
                 self._clock_offset.add_reference(odometry_stamp)
-            # compares the scan's stamp with the newest stamp of odometry; the wall time is for the length of
-            # the window in which stamps are compared
+            # compares the scan's stamp with the newest stamp of odometry; stamps are compared for a window of
+            # wall time, so the call also needs the wall time
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
             # a smaller stamp means that the simulator was started again
@@ -117,7 +117,7 @@ class ScanPlacement:
         self.update()
 
     def update(self) -> None:
-        """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
+        """Hand on the pending scan if it can be placed or is overdue; any thread may call it."""
         # the check needs no lock, because `add` calls `update` again after it has added a scan
         if self._pending_scan is None:
             return
@@ -194,12 +194,14 @@ class ScanPlacement:
         if latest is None or latest.header.stamp == stamp:
             return False, latest
         newest_stamp = latest.header.stamp
-        has_passed = newest_stamp > stamp  # TF has moved on, so the transform at the stamp no longer comes
+        has_passed = newest_stamp > stamp
         # a transform with stamp 0 is fixed, or comes from the beginning of simulated time
         if has_passed or newest_stamp.is_zero():
             exact = self.lookup(ODOM, BASE, stamp)
-            if exact is not None or has_passed:
-                return False, exact or latest
+            if exact is not None:
+                return False, exact
+        if has_passed:  # TF has moved on, so the transform at the stamp no longer comes
+            return False, latest
         # TF has not reached the stamp yet. A wait is in vain if odometry has stopped, or if the scans' clock
         # is ahead of odometry's clock
         has_stopped, ahead = self._has_odometry_stopped(newest_stamp, overdue), self.ahead_of_odometry

@@ -121,7 +121,8 @@ class LocalizationNode:
             self._heard_at[name] = time.monotonic()
             self._first_heard_at = self._first_heard_at or self._heard_at[name]
             if stamp > now + MAX_AHEAD:
-                self._complain(name, "clock", f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored")
+                sentence = f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored"
+                self._complain(name, kind="clock", sentence=sentence)
                 return
             held = self._held_messages[name]
             held.append(msg)
@@ -147,7 +148,7 @@ class LocalizationNode:
         try:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
-            self._complain(name, "reading", f"{error}, so it is ignored")
+            self._complain(name, kind="reading", sentence=f"{error}, so it is ignored")
             return
         odom = self._config.options.odom_frame
         # `estimates` is empty while the filter waits for earlier readings of the other inputs
@@ -187,7 +188,8 @@ class LocalizationNode:
                 continue
             stamped = lookup_transform(self._transforms, parent, child)
             if stamped is None:
-                self._complain(name, "transform", f"TF has no transform from '{child}' to '{parent}'")
+                sentence = f"TF has no transform from '{child}' to '{parent}'"
+                self._complain(name, kind="transform", sentence=sentence)
                 return None
             poses.append(conversions.pose_from_transform(stamped))
         return Mounting(*poses)  # a missing second pose means that this frame is odom itself
@@ -250,7 +252,7 @@ def reading_from_msg(msg: Any) -> Reading:
     has_rates = msg.angular_velocity_covariance[0] != -1.0
     has_forces = msg.linear_acceleration_covariance[0] != -1.0
     attitude = _unit(msg.orientation) if has_attitude else None
-    # linear velocity, which an IMU does not measure and is 0 here, and angular velocity
+    # linear and angular velocity; an IMU does not measure the first, so the filter does not use these zeros
     rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         stamp,

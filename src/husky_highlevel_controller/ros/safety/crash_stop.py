@@ -19,7 +19,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 BASE = "base_link"
 QUEUE = 1000  # length of the queues of odometry and IMU messages
 # [s] no crash is detected if the clocks of IMU and odometry differ by more than this, because braking would
-# look like a crash
+# look like a crash (see `_on_imu`)
 CLOCK_TOLERANCE = 0.1
 LONG_DELAY = 0.6  # [s] a warning is logged if IMU samples wait longer than this for odometry
 
@@ -53,11 +53,11 @@ class CrashStopNode:
     def _on_imu(self, msg: Imu) -> None:
         """Give one IMU sample to the crash detector, and let the guard stop the controller after a crash.
 
-        While the clocks of IMU and odometry differ, no sample is judged, because braking would look like a
-        crash.
+        While the clocks of IMU and odometry differ, no sample is judged. The IMU would feel the robot brake,
+        but the wheels would seem to slow down at another time, which looks like a crash.
         """
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
-        # time of the sample by odometry's clock; the texts are for a warning if the two clocks differ
+        # time of the sample by odometry's clock; a warning with these texts is logged if the clocks differ
         stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
         if self._guard.clocks.seconds != 0.0:  # an offset within CLOCK_TOLERANCE is exactly 0
             # None means that there is no danger; `judge` is still called, because it notices when the robot

@@ -93,6 +93,7 @@ class Guard:
     def on_odometry(self, msg: Odometry) -> None:
         """Take the robot's measured velocity."""
         self._odometry = msg
+        # `time_of` compares the stamps of the sensor with the stamps of odometry
         self.clocks.add_reference(msg.header.stamp.to_sec())
         if self._odometry_callback is not None:
             self._odometry_callback(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
@@ -129,12 +130,13 @@ class Guard:
         """
         twist = self.twist(stamp)
         moving = twist is None or is_moving(twist)  # a robot without odometry may be moving
-        latch, stop = advance_latch(self._latch, danger is not None, moving, stamp)
-        # the latch is tripped from a stop until the robot moves again
+        # the latch is tripped from a stop until the robot moves again; while it is tripped, no danger stops
+        # the controller once more
+        latch, must_stop = advance_latch(self._latch, danger is not None, moving, stamp)
         if self._latch.tripped_at is not None and latch.tripped_at is None:
             rospy.loginfo("guard active again: the robot moves")
         self._latch = latch
-        if stop and danger is not None:
+        if must_stop and danger is not None:
             self._stop_request.start(danger)
 
     def run(self) -> None:
@@ -152,10 +154,10 @@ class Guard:
                     )
             else:
                 rospy.loginfo(f"guard active: will call {self._stop_service} on danger")
-                self._warn_of_silence()
+                self._warn_until_sensor_sends()
                 rospy.spin()
 
-    def _warn_of_silence(self) -> None:
+    def _warn_until_sensor_sends(self) -> None:
         """Wait for the first message of the sensor, and warn every REPORT_PERIOD that it has not come."""
         begin = rospy.get_time()
         rospy.on_shutdown(self._has_sensor_message.set)  # ends the wait

@@ -53,7 +53,7 @@ class ProximityStopNode:
         except conversions.ScanError as error:
             rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {error}")
             return
-        # time of the scan by odometry's clock; the texts are for a warning if the two clocks differ
+        # time of the scan by odometry's clock; a warning with these texts is logged if the clocks differ
         stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is used for them")
         twist = self._guard.twist(stamp)
         laser_in_base = lookup_pose(self._transforms, BASE, scan.frame)

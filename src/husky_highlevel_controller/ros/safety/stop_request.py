@@ -69,8 +69,8 @@ class StopRequest:
                 # an error leaves `pending` true, so the request is served again
                 with contained("the stop of the controller"):
                     self._serve(danger, is_shutdown)
-                    # The next line needs no lock, because `start` changes nothing while `pending` is true. A
-                    # danger that comes just before it needs no request, because the controller was stopped.
+                    # The next line needs no lock, because `start` changes nothing while `pending` is true. So
+                    # `start` ignores a danger that comes now, but the controller has just been stopped.
                     self.pending = False
                 if self.pending:
                     time.sleep(ZERO_PERIOD)
@@ -79,8 +79,8 @@ class StopRequest:
         """Call the service until a call succeeds or the node is shut down.
 
         A call fails if the service refuses, raises, or does not answer within CALL_TIMEOUT. From ZERO_DELAY
-        on, and between two calls, zero commands are sent, because the robot must not drive on meanwhile. A
-        call that succeeds before ZERO_DELAY needs none, because the controller has then stopped the robot.
+        on, and between two calls, zero commands are sent, because the robot must not drive on meanwhile. If a
+        call succeeds before ZERO_DELAY, no zero command is sent, because the controller stops the robot.
         """
         begin = time.monotonic()  # [s] wall time of the first call
         while not is_shutdown():

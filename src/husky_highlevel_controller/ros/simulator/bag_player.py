@@ -30,11 +30,10 @@ class BagPlayer:
     """Advertises every topic, waits for the reader of the true poses, and plays."""
 
     def __init__(self) -> None:
-        """Prepare the drive that the arguments of the program name."""
-        # robot, random seed of the noise, real-time factor, and length of the drive [s]
+        """Prepare the drive; the program's arguments are robot, seed, real-time factor and length [s]."""
         name, seed, pace, seconds = sys.argv[1:5]
         self._pace, self._truth = float(pace), TruthLog()
-        self._messages = messages_of_drive(name, "hard", int(seed), float(seconds))
+        self._messages = messages_of_drive(name, ground="hard", seed=int(seed), duration=float(seconds))
         self._publishers: Dict[str, Any] = {}
 
     def run(self) -> None:

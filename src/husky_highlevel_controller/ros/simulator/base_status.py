@@ -22,7 +22,7 @@ HARDWARE = "husky_base"
 # limits for a warning and for an error
 LOW_VOLTAGE, HIGH_VOLTAGE = (19.0, 18.0), (29.0, 30.0)  # [V]
 DRIVER_TEMPERATURE, MOTOR_TEMPERATURE = (50.0, 60.0), (65.0, 80.0)  # [deg C]
-LOW_CHARGE = (0.3, 0.2)
+LOW_CHARGE = (0.3, 0.2)  # fractions of a full battery
 SAFETY_FIELDS = ("timeout", "lockout", "e_stop", "ros_pause", "no_battery", "current_limit")
 
 Level = Tuple[int, str]
@@ -50,7 +50,7 @@ class BaseStatus:
 
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
-    """The base's state at `stamp` [s], without faults except battery and emergency stop."""
+    """Message of the base's state at `stamp` [s]; all its faults are false, except perhaps `e_stop`."""
     left, right = 0, 1  # index of the left side, and of the right side, in each pair of `power`
     return HuskyStatus(
         header=conversions.header(stamp, ""),

@@ -50,7 +50,8 @@ class CallQueue:
     ) -> Tuple[bool, str]:
         """Let the owner do work that returns a sentence. Return success and a message; log a refusal.
 
-        If the work `changes` the world, `report` gets the sentence, too.
+        If the work `changes` the world, `report` gets the sentence, too. The work begins at once, or
+        `between_steps`, see `call`.
         """
         try:
             sentence = self.call(work, between_steps)
@@ -64,8 +65,8 @@ class CallQueue:
     def offer(self, name: str, kind: Any, work: Callable[[Any], str], **options: bool) -> None:
         """Offer a service that lets the owner do `work` for each request.
 
-        The response has a success and a message, as `ask` returns them; `options` are further arguments of
-        `ask`.
+        The response has a success and a message, as `ask` returns them; the `options` are `changes` and
+        `between_steps` of `ask`.
         """
 
         def respond(request: Any) -> Tuple:

@@ -74,7 +74,7 @@ class Commands:
         # connected
         self._main_subscriber, self._direct_subscriber = subscribers[MAIN], subscribers[topics.wheel_command]
         # text for the log with the names of the topics on which a controller can send commands
-        self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
+        self.topic_names = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
         # this topic is latched, so a web page that is opened later also gets the state of the emergency stop
         self._locked_publisher = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
         publish(self._locked_publisher, Bool(False))
@@ -83,9 +83,9 @@ class Commands:
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
         """Return the topic and the twist of each new command to obey, oldest first.
 
-        `stamp` [s] is the time of these commands for the mux, which lets an input expire some time later. The
-        mux drops a command while an input of higher priority is active, and all commands during an emergency
-        stop.
+        The mux drops a command while an input of higher priority is active, and all commands during an
+        emergency stop. An input stays active for some time after its last command, and the mux takes `stamp`
+        [s] as the time of these commands.
         """
         obeyed: List[Tuple[str, Twist2D]] = []
         if self._is_refusing:
@@ -93,8 +93,9 @@ class Commands:
             return obeyed
         while self._arrived:
             topic, msg = self._arrived.popleft()
-            # `stronger` is a topic of higher priority that blocks this command; None if no topic blocks it
-            twist, stronger = conversions.twist_from_msg(msg), None
+            twist = conversions.twist_from_msg(msg)
+            # topic of higher priority that blocks this command; None if no topic blocks it
+            blocking_topic: Optional[str] = None
             # a command on the output topic of the mux has bypassed the mux, so only the emergency stop can
             # reject it
             if topic == self._direct_topic:
@@ -107,12 +108,12 @@ class Commands:
                 if self._passed_publisher.get_num_connections() > 1:
                     publish(self._passed_publisher, msg)
             else:
-                stronger = self._mux.stronger(topic, stamp)
-            self._notice_habits(stamp, topic, msg, twist, stronger)
+                blocking_topic = self._mux.stronger(topic, stamp)
+            self._notice_habits(stamp, topic, msg, twist, blocking_topic)
         return obeyed
 
     def _notice_habits(
-        self, stamp: float, topic: str, msg: Twist, twist: Twist2D, stronger: Optional[str]
+        self, stamp: float, topic: str, msg: Twist, twist: Twist2D, blocking_topic: Optional[str]
     ) -> None:
         """Log each habit of a command's sender, such as commands that come too slowly, once.
 
@@ -124,12 +125,13 @@ class Commands:
             topic: topic of the command.
             msg: the command, with the name of its sender.
             twist: its velocity.
-            stronger: topic of higher priority that blocks this command; None if there is none.
+            blocking_topic: topic of higher priority that blocks this command; None if there is none.
         """
         sender = msg._connection_header["callerid"]
-        if stronger is None and twist != STOP:
+        is_zero = twist == STOP
+        if blocking_topic is None and not is_zero:
             self.driver = sender
-        for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
+        for finding in self._habits.note(stamp, topic, sender, is_zero, stronger_topic=blocking_topic):
             sentence = habit_sentence(finding._replace(topic=rospy.resolve_name(topic)))
             if finding.habit is Habit.DRIVES:  # all other habits are mistakes
                 rospy.loginfo(sentence)

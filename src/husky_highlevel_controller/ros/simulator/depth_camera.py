@@ -30,7 +30,7 @@ class DepthCamera:
     """Starts an image when one is due, and publishes it when it is drawn; skips an image that is late."""
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
-        """A camera that is due every `steps` steps; with `wait` the simulation waits for each image."""
+        """Set up; an image is due every `steps` steps, and with `wait` the simulation waits for it."""
         self._config, self._pose_in_base = config, pose_in_base
         self._steps, self._waits_for_image = steps, wait
         self._image_publisher = rospy.Publisher("camera/depth/image_raw", Image, queue_size=QUEUE)

@@ -62,12 +62,12 @@ class Partners:
             has_sender: returns whether a node that sends commands is connected to this node.
         """
         self._scans, self._publishers = scans, [*others, scans] if scans else others
-        self.command_topics, self._has_sender = command_topics, has_sender
+        self.command_topics, self._has_command_sender = command_topics, has_sender
         self.scan_topic = scans.resolved_name if scans else ""
 
     def joined(self) -> bool:
-        """Return whether all are connected; false if the master does not answer."""
-        if not self._has_sender() or (self._scans and not self._scans.get_num_connections()):
+        """Return whether all partners are connected; false if the master does not answer."""
+        if not self._has_command_sender() or (self._scans and not self._scans.get_num_connections()):
             return False
         # topics with their publishers, topics with their subscribers, services; None without an answer
         state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
@@ -109,26 +109,28 @@ def launched_together(name: str) -> Set[str]:
 
 
 class SecondFilter:
-    """Finds a filter that was launched with the simulator, because a transform may have only one source."""
+    """Finds another node that estimates the robot's pose, if it was launched with the simulator.
 
-    def __init__(self, topic: str, leave: Callable[[str], None]) -> None:
-        """Set up; `leave` is called once with the name of another node that publishes `topic`."""
-        self._topic, self._leave_filter_to = topic, leave
+    The simulator then stops its own estimate, because the transform of odom may have only one source.
+    """
+
+    def __init__(self, filter_topic: str, leave_filter_to: Callable[[str], None]) -> None:
+        """Set up; `leave_filter_to` stops the simulator's estimate, and gets the name of the other node."""
+        self._filter_topic, self._leave_filter_to = filter_topic, leave_filter_to
         self._seen_publishers = {rospy.get_name()}
         # name of another node that publishes the filtered odometry; empty if there is none
         self.filter_node = ""
 
     def look(self, graph: Graph) -> None:
-        """Leave the filter to a new publisher of the topic, if the same roslaunch has started both nodes.
+        """Leave the estimate to a new publisher of `filter_topic` that the same roslaunch has started.
 
-        A node that was started in another way is a mistake, which `second_publishers` finds.
+        A publisher that was started in another way is a mistake, which `second_publishers` finds.
         """
         # `_seen_publishers` has this node from the beginning, so this node is never a new publisher
-        for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen_publishers):
+        for node in sorted(set(graph.publishers.get(self._filter_topic, ())) - self._seen_publishers):
             self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
-            # a filter with publish_tf = false publishes no transform, so the simulator must go on publishing
-            # it
+            # a node with publish_tf = false publishes no transform, so the simulator must continue its own
             if is_launched and rospy.get_param(f"{node}/publish_tf", True):
                 self.filter_node = node
                 self._leave_filter_to(node)

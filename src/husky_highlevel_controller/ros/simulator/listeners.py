@@ -41,10 +41,10 @@ Turns = Dict[str, bytes]  # content of the file SCHEDULE by thread; it changes w
 class Listeners:
     """The processes on this machine that subscribe to a publisher's topic.
 
-    Two checks find out whether they are asleep. The short check is for processes in Python, which do not run
-    while they wait for the clock. They are asleep if those that receive the clock have run since the last
-    tick, and no thread has run between two looks. The long check is for all processes: those that receive the
-    topic are asleep after ASLEEP_FOR without a running thread.
+    Two checks find out whether the processes are asleep. The short check is for Python, because a process in
+    Python does not run while it waits for the clock. It has two conditions: all receivers of the clock have
+    run since the last tick, and no thread has run between two looks. The long check is for all languages. Its
+    condition is that no receiver of the topic has had a running thread for ASLEEP_FOR.
     """
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
@@ -62,8 +62,8 @@ class Listeners:
         # true if all processes that receive the topic are on this machine, where they can be seen
         self._sees_all_receivers = False
         self._all_in_python = False  # true if all processes in `_processes` run Python
-        # turns of the threads of each process when all were last found asleep; a process with other turns has
-        # run since then
+        # turns of each process when all processes were last found asleep; if the turns of a process are now
+        # different, it has run since then
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
@@ -84,9 +84,10 @@ class Listeners:
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
-            # A process that has run since the last tick has received this tick. If the turns are equal, no
-            # thread has run since the last look.
-            passes_short_check = self._all_in_python and turns == last_turns and self._have_run(turns)
+            # equal turns mean that no thread has run since the last look
+            passes_short_check = (
+                self._all_in_python and turns == last_turns and self._have_worked_and_sleep(turns)
+            )
             # the long check ends at `end`; it ignores processes that receive only the clock
             if passes_short_check or time.monotonic() >= end:
                 self._turns_when_idle = turns
@@ -107,18 +108,21 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # the short check needs turns, so it is not made on a kernel that does not count them
+        # the short check compares turns, so it is not made if the kernel does not count the turns
         self._all_in_python = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
         self._processes = {process: _Threads(process) for process in process_by_ports.values()}
 
-    def _have_run(self, turns: Mapping[int, Optional[Turns]]) -> bool:
-        """Return whether each receiver of the clock has run since it was last asleep, and no process runs."""
-        have_run = all(
+    def _have_worked_and_sleep(self, turns: Mapping[int, Optional[Turns]]) -> bool:
+        """Return whether no process runs now, and each receiver of the clock has received the last tick.
+
+        A receiver has received the tick if it has run since it was last found asleep.
+        """
+        have_received_tick = all(
             turns[process] != self._turns_when_idle.get(process) for process in self._clock_receivers
         )
-        return have_run and None not in turns.values()
+        return have_received_tick and None not in turns.values()
 
 
 class _Threads:
@@ -177,10 +181,11 @@ class _Threads:
 
 
 def _ports(publisher: Any) -> Set[Ports]:
-    """Return the ports of each connection of a publisher; rospy has no public way to its sockets."""
+    """Return the ports of each connection of a publisher, from private attributes of rospy."""
     pairs = set()
-    for queued in list(publisher.impl.connections) if publisher else []:
-        transport = getattr(queued, "_connection", queued)
+    for connection in list(publisher.impl.connections) if publisher else []:
+        # a publisher with a queue wraps each connection in a QueuedConnection
+        transport = getattr(connection, "_connection", connection)
         # an error means that the connection has just been closed
         with contextlib.suppress(AttributeError, OSError):
             pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))
@@ -207,7 +212,8 @@ def _receiving_processes(ports: Set[Ports]) -> Dict[Ports, int]:
         fields = line.split()
         local, remote, inode = fields[1], fields[2], fields[9]
         pair = int(local.split(":")[1], 16), int(remote.split(":")[1], 16)
-        # this is the socket of the subscriber; the line of this process's socket has the two ports in reverse
+        # A connection has two lines. This is the line of the subscriber's socket; in the line of the
+        # publisher's socket, the local port and the remote port are exchanged.
         if pair in ports:
             ports_by_socket[f"socket:[{inode}]"] = pair
     # the folder /proc/PROCESS/fd has a link to each socket of the process

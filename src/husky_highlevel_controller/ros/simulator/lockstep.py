@@ -49,13 +49,14 @@ class Mode(Enum):
     mode            waits after a scan  waits at a tick of /clock   next mode
     ==============  ==================  ==========================  ==========================================
     WATCHED         for a command,      until listeners are idle;   ALWAYS_WATCHED: a command came at a tick
-    (the first)     then as at a tick   the tick comes twice        ANSWERING: AWAKE scans answered in a row,
-                                                                    or not idle within WATCH_TIMEOUT
+    (the first)     then until          the tick is sent twice      ANSWERING: AWAKE scans answered in a row,
+                    listeners are idle                              or not idle within WATCH_TIMEOUT
     ALWAYS_WATCHED  the same            the same                    ANSWERING: not idle within WATCH_TIMEOUT
     ANSWERING       for a command       not at all                  ALWAYS_WATCHED: a nudge of the clock was
                                                                     needed for the command (from all of these)
     SLEEPING        until listeners     until listeners are idle;   after AWAKE scans answered in a row: the
-                    are idle            the tick comes twice        mode before, ANSWERING for WATCHED
+                    are idle            the tick is sent twice      mode before, but ANSWERING if that was
+                                                                    WATCHED
     FREE            not at all          not at all                  none
     ==============  ==================  ==========================  ==========================================
 
@@ -71,6 +72,7 @@ class Mode(Enum):
     FREE = 5
 
 
+# modes in which the simulator waits at each tick, because a controller may begin to sleep there
 _WATCHING_MODES = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
 
 
@@ -87,7 +89,7 @@ class Lockstep:
     def __init__(
         self, is_on: bool, listeners: Listeners, tell: Callable[[str, str], None] = lambda *_: None
     ) -> None:
-        """Begin before the first scan.
+        """Set up; no scan has been sent yet.
 
         Args:
             is_on: whether the clock waits at all.
@@ -110,8 +112,8 @@ class Lockstep:
     def drops(self, topic: str) -> bool:
         """Return whether to drop a command on this topic, because the last scan has an answer. Any thread.
 
-        Such a command arrives before or after the next physics step as the machine pleases, so a run that
-        obeyed it would not be repeatable.
+        It depends on the load of the machine whether such a command arrives before or after the next physics
+        step. So a run that obeyed the command would not be repeatable.
         """
         return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
 
@@ -181,12 +183,12 @@ class Lockstep:
                 self._mode = Mode.ANSWERING
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
-        """Call after each tick of the clock; it waits until a controller that may sleep has done its work.
+        """Call after each tick of the clock; it waits until the listeners have done the work of this tick.
 
         Args:
             meanwhile: serves calls, and is called again and again.
-            again: sends the tick once more, because rospy.sleep may have missed it: it misses a tick that
-                comes after it has read the clock and before it waits for the next tick.
+            again: sends the tick once more. rospy.sleep first reads the clock, and then waits for the next
+                tick, so it misses a tick that comes between the two.
         """
         self._wait_until_idle(meanwhile)
         if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
@@ -207,8 +209,8 @@ class Lockstep:
         """Wait for the command that answers a scan, or until the controller is known to sleep (SLEEPING).
 
         If no command comes, one attempt is made to get it. Before the very first command, `resend` sends the
-        scan again. Later, `nudge` moves the clock, when the listeners are idle. Listeners that are idle after
-        this attempt sleep by simulated time.
+        scan again. Later, `nudge` moves the clock, when the listeners are idle. If they are idle again after
+        this attempt, and still no command has come, they sleep by simulated time.
         """
         waits_for_first = not self._has_commanded  # true before the very first command
         # [s] wall time at which the wait began; it begins again with the resend or the nudge
@@ -243,7 +245,10 @@ class Lockstep:
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until the listeners are idle; return at once in the modes ANSWERING and FREE."""
+        """Wait until the listeners are idle; return at once in the modes ANSWERING and FREE.
+
+        A wait that takes too long ends lockstep in mode SLEEPING, but only the watching in the other modes.
+        """
 
         def are_idle() -> bool:
             meanwhile()
@@ -282,12 +287,12 @@ class Lockstep:
 class LeadLimit:
     """Lets the simulation be some scans ahead of the controller's answers, and no more.
 
-    At 20 times real time a controller that gets no CPU for 20 ms lets the robot drive blindly for 0.4 s.
-    The simulation does not wait for a controller that answers only some of the scans.
+    Without this limit, at 20 times real time, the robot would drive blindly for 0.4 s if the controller got
+    no CPU for 20 ms. The simulation does not wait for a controller that answers only some of the scans.
     """
 
     def __init__(self, is_on: bool) -> None:
-        """Limit the lead if `is_on`; a controller counts as answering in time until it fails to."""
+        """Limit the lead if `is_on`; at first, the controller counts as answering in time."""
         self._is_on = is_on
         # true while the controller answers scans in time; otherwise a wait makes no sense
         self._follows = is_on

@@ -26,7 +26,7 @@ class MarkerFrames:
     """Checks the first MESSAGES messages of each topic of markers, and reports unknown frames."""
 
     def __init__(self, frames: AbstractSet[str], tell: Callable[[str, str], None]) -> None:
-        """Begin without a topic.
+        """Set up; `look` finds the topics of markers.
 
         Args:
             frames: names of all frames that the simulator publishes.

@@ -153,11 +153,11 @@ class SimulatorNode:
         publishers, simulation = self._publishers, self._simulation
         self._watch_other_nodes()
         self._wait_for_other_nodes()
-        self._use_wall_time_if_not_simulated()
+        self._set_stamp_to_wall_time_if_used()
         if self._paused:
             # no step is made during the pause, so the scan and the transforms of the start are kept for RViz
             # and other new subscribers
-            publishers.keep(simulation.at_start())
+            publishers.keep_for_new_subscribers(simulation.at_start())
         begin = simulation.stamp
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
@@ -202,7 +202,7 @@ class SimulatorNode:
         # simulated time also waits for the subscribers of these topics, because a message that is lost at the
         # start changes the run
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
-        partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
+        partners = Partners(publishers.scan, others, self._commands.topic_names, self._commands.has_sender)
         if self._start.wait_for_rviz and not self._paused and not publishers.is_graded:
             # RViz also subscribes to these topics, so its window must open before the wait for `partners`
             # begins
@@ -213,10 +213,10 @@ class SimulatorNode:
         elif self._start.has_unlimited_speed and not self._paused:
             self._wait_for_launch(partners)
 
-    def _use_wall_time_if_not_simulated(self) -> None:
+    def _set_stamp_to_wall_time_if_used(self) -> None:
         """Set the stamp of the simulation to the wall time if the nodes do not use simulated time.
 
-        The reason is that such nodes ask TF for transforms at the present wall time.
+        Such nodes ask TF for transforms at the present wall time.
         """
         if self._publishers.uses_simulated_time:
             return
@@ -251,7 +251,8 @@ class SimulatorNode:
     def _wait_for_rviz(self) -> None:
         """Wait for the RViz that a launch file opens, because it shows the begin of a run."""
         master_uri, caller = rosgraph.get_master_uri(), rospy.get_name()
-        begin, has_rviz = time.monotonic(), False
+        begin = time.monotonic()
+        has_rviz = False  # true if the launch has an RViz; without one, nothing is logged
 
         def missing() -> str:
             """Return a sentence on the RViz nodes without an open window; empty if there are none."""
@@ -291,8 +292,8 @@ class SimulatorNode:
     def _advance(self) -> bool:
         """Advance the physics by one step and publish its messages. Return whether /clock was published.
 
-        Commands come first, so that the step obeys them. In lockstep the step ends when its scan is answered,
-        and each tick of /clock waits for controllers that sleep by simulated time.
+        Commands come first, so that the step obeys them. In lockstep, a step with a scan ends when the scan
+        is answered, and a tick of /clock waits until the controllers have done the work of this tick.
         """
         for topic, twist in self._commands.take(self._simulation.stamp):
             try:
@@ -373,8 +374,8 @@ class SimulatorNode:
         pillars = (pillar_of(body, *pose.position[:2]) for body, pose in places)
         return [pillar for pillar in pillars if pillar]
 
-    def _forget_touches(self) -> None:
-        """Begin again with touches and arrivals, because the robot was put elsewhere."""
+    def _forget_touches_and_arrivals(self) -> None:
+        """Let touches and arrivals be logged again, because the robot was put elsewhere."""
         self._touched.clear()
         self._arrival.forget()
 
@@ -410,8 +411,8 @@ class SimulatorNode:
         if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
         # Each service has a name of this node and the name from Gazebo. The last value of a row is true if
-        # the service changes the world. Then lockstep finishes the present step first, and the program that
-        # records a run for grading gets a line about the call.
+        # the service changes the world. Such a call waits for the end of the present step, and the program
+        # that records a run for grading gets a line about it.
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),
@@ -427,15 +428,15 @@ class SimulatorNode:
         """Pause or resume the world, and return a sentence with the time."""
         self._paused = paused
         self._paused_topic.publish(paused)
-        # without simulated time, the stamps are wall times, and wall time has passed during the pause
-        self._use_wall_time_if_not_simulated()
+        # nodes without simulated time expect wall times as stamps, and wall time has passed during the pause
+        self._set_stamp_to_wall_time_if_used()
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:
         """Reset robot and world, and return a sentence with the time."""
         self._simulation.reset()
         self._commands.forget_commands()
-        self._forget_touches()
+        self._forget_touches_and_arrivals()
         return f"the world is as at the start; time continues from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
@@ -446,7 +447,7 @@ class SimulatorNode:
         world = self._read_world(request.world_name)
         self._simulation.load_world(world)
         self._commands.forget_commands()
-        self._forget_touches()
+        self._forget_touches_and_arrivals()
         # the name of the world is a parameter, so that other nodes can read it
         rospy.set_param("~world_name", request.world_name)
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
@@ -454,7 +455,7 @@ class SimulatorNode:
     def _reset_poses(self, _request: Any) -> str:
         """Put robot and objects back to their first poses, and return a sentence about it."""
         self._simulation.reset_poses()
-        self._forget_touches()
+        self._forget_touches_and_arrivals()
         return "the robot and every object are back at their first poses"
 
     def _step(self, request: srv.StepWorldRequest) -> str:

@@ -1,4 +1,4 @@
-"""Node from a point cloud on cloud_in to a scan, if pointcloud_to_laserscan is not installed.
+"""Node that makes a scan of a point cloud on cloud_in, if pointcloud_to_laserscan is not installed.
 
 `simulator/sensors/points_to_scan.py` names the original, and the test that compares the two.
 """

@@ -156,8 +156,8 @@ class Publishers:
         odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
         is_tick = odometry is not None or snapshot.scan is not None  # true if this step publishes /clock
         if odometry is not None:
-            # The program that records a run for grading takes the time of other nodes' messages from the true
-            # state. So the true state is written before /clock, because nodes react to /clock.
+            # Nodes react to /clock. The program that records a run for grading gives their messages the time
+            # of the last true state, so the true state is written before /clock.
             self.truth_log.write(snapshot)
         if is_tick:
             self.publish_clock(snapshot.stamp)
@@ -167,7 +167,7 @@ class Publishers:
             # if a robot_state_publisher runs, it makes the transforms of the wheels from joint_states, so
             # this node leaves them out
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
-            # without a transform of the wheels or of odom, the message would be empty
+            # other nodes may publish the transforms of both wheels and odom; then nothing is left to send
             if with_wheels or not self.has_other_filter:
                 publish_if_subscribed(
                     self.transforms, self._moving_tree_to_msg, snapshot.stamp, odometry, with_wheels
@@ -207,6 +207,7 @@ class Publishers:
         # a robot_state_publisher sends no transforms at time 0, so this node sends the transforms of the
         # wheels
         with_wheels = stamp == 0.0 or not self._has_state_publisher()
+        # other nodes may publish the transforms of both wheels and odom; then nothing is left to send
         if with_wheels or not self.has_other_filter:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
 
@@ -220,8 +221,8 @@ class Publishers:
             if connection.stat_num_msg == 0:
                 publish(publisher, message, connection_override=connection)
 
-    def keep(self, snapshot: Snapshot) -> None:
-        """Keep a snapshot, which new subscribers get while time has not begun."""
+    def keep_for_new_subscribers(self, snapshot: Snapshot) -> None:
+        """Keep the snapshot of the start, which new subscribers get while time has not begun."""
         if snapshot.odometry is not None:
             self._last_odometry = snapshot.stamp, snapshot.odometry
             if self._world_transforms:  # a latched topic, so new subscribers get this message later
@@ -305,7 +306,7 @@ class Publishers:
     def publish_clock(self, stamp: float) -> None:
         """Set the time [s] of this node, which does not subscribe to /clock, and publish the time.
 
-        New subscribers of /tf get the last transforms, because the time is published also during a pause.
+        During a pause this call is repeated, so it also sends the last transforms to new subscribers of /tf.
         """
         now = conversions.time_to_msg(stamp)
         self._set_time(rospy.Time(now.secs, now.nsecs))

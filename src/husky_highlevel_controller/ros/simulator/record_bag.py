@@ -1,7 +1,7 @@
 """The bag of exercise 4: a drive of the simulated robot, written by one process without a ROS master.
 
-In: robot, ground, seed, folder. Out: NAME_navigation.bag with the sensors, NAME_navigation_truth.bag with the
-true poses: the same arguments give the same bytes.
+In: robot, ground, seed, folder. Out: NAME_navigation.bag with the sensors, and NAME_navigation_truth.bag with
+the true poses. The same arguments give the same bytes.
 """
 
 from __future__ import annotations

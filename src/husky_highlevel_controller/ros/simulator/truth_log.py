@@ -28,7 +28,8 @@ POLL_PERIOD = 0.02  # [s] wall time between two checks whether the reader has le
 class TruthLog:
     """Log of a run for the program that grades it, over a socket: one JSON object with one key on each line.
 
-    The keys are "ready", "truth" (with `TrueState.to_numbers`), "changed", "asleep" and "unanswered".
+    The keys are "ready" (time may begin), "truth" (`TrueState.to_numbers`), "changed" (a sentence on a call
+    that changed the world), and "asleep" and "unanswered" (sentences on a controller, see `Lockstep`).
     """
 
     def __init__(self) -> None:
@@ -59,8 +60,8 @@ class TruthLog:
     def write(self, snapshot: Snapshot) -> None:
         """Write the true state, and wait until the reader has answered it.
 
-        The reader gives each message of other nodes the time of the last true state that it has read. Without
-        the wait, a busy reader would give messages that come later a time that is too early.
+        The reader gives each message of other nodes the time of the last true state that it has read. A busy
+        reader may read late. Without the wait, it would then give new messages an old time.
         """
         if self.is_open:
             self.write_line("truth", snapshot.true_state.to_numbers())

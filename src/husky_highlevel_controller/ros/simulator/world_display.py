@@ -1,8 +1,8 @@
 """Displays the world in RViz as interactive markers; RViz's tools change it.
 
-Bodies are drawn in odom, because the Husky's TF has no frame of the world. So they lie at the lidar's points,
-also when odom drifts. A body can be dragged and deleted. *Publish Point* drops a box, and *2D Pose Estimate*
-moves the robot.
+Bodies are drawn in odom, because the Husky's TF has no frame of the world. When odom drifts, the markers are
+sent again, so that they stay at the lidar's points. A body can be dragged and deleted. *Publish Point* drops
+a box, and *2D Pose Estimate* moves the robot.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
 # [rad] a body that has tipped by more than this gets a new marker, which can be dragged horizontally
 TIPPED_ANGLE = 0.1
 NOTICEABLE_MOVE = 0.001  # [m] the marker of a body that has moved by less than this is not sent again
-# [m] a turn of the frame odom counts as the motion of a point at this distance; farther away, the lidar's
-# noise hides the turn
+# [m] if odom turns so far that a point at this distance moves noticeably, all markers are sent again; farther
+# away, the lidar's noise hides the turn
 TURN_RADIUS = 2.0
 # [m] edges of a new box, which is high enough for the lidar's scan plane, 0.44 m above the ground
 BOX_SIZE = (0.4, 0.4, 0.8)
@@ -70,8 +70,8 @@ class _Server(InteractiveMarkerServer):
     def keepAlive(self, _event: Any) -> None:  # noqa: N802
         """End the library's own timer, which calls this; `send` sends the keep-alives.
 
-        A keep-alive of the timer could overtake an update, so that RViz would miss a number and ask for all
-        markers again. The timer would also wake at every tick of /clock.
+        RViz asks for all markers again if the numbers of the messages have a gap. A keep-alive of the timer
+        could overtake an update, which makes such a gap. The timer would also wake at every tick of /clock.
         """
         timer = threading.current_thread()
         if isinstance(timer, rospy.Timer):
@@ -85,7 +85,7 @@ class _Server(InteractiveMarkerServer):
         """Send changes and a keep-alive. The library's timer would send none while the clock stands still."""
         try:
             self.applyChanges()
-            super().keepAlive(None)
+            super().keepAlive(None)  # `keepAlive` of this class itself sends nothing
         except (rospy.ROSException, ValueError):  # the topics may already be closed at the end of the node
             if not rospy.core.is_shutdown_requested():
                 raise

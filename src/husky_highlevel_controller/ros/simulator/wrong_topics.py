@@ -181,9 +181,9 @@ def absent_services(master_uri: str) -> List[AbsentService]:
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Return the topics of a graph whose names are probably misspelt, with the names that are meant.
 
-    A topic is misspelt if it has only publishers or only subscribers, and if the missing side uses a topic of
-    the same type and almost the same name. Namespaces of other robots and the topics of TOOLS are not
-    mistakes.
+    A topic is misspelt in two cases: it has no subscriber, but a topic of the same type and almost the same
+    name has one; or it has no publisher, but such a topic has one. Namespaces of other robots and the topics
+    of TOOLS are not mistakes.
     """
     return [
         WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
@@ -285,10 +285,11 @@ def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, s
 def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
     """Return how far a topic's name is from another name, or None if it is probably not a typing error.
 
-    The distance is the number of missing namespaces, then the unlikeness from 0 to 1.
+    The distance is a pair: number of namespaces that the topic lacks, and unlikeness (0 to 1) of the names.
     """
+    # the same name with another number, or with more namespaces, belongs to another robot
     if re.sub(r"\d", "", topic) == re.sub(r"\d", "", other) or topic.endswith(other):
-        return None  # the topic belongs to another robot, with another number or namespace
+        return None
     if other.endswith(topic):  # only namespaces are missing, as in /scan for /front/scan
         return other.count("/") - topic.count("/"), 0.0
     unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), "/")

@@ -178,7 +178,7 @@ def test_a_guard_whose_sensor_is_silent_says_so_until_the_first_message(monkeypa
     monkeypatch.setattr(guard_module, "REPORT_PERIOD", 0.01)
     guard, heard = Guard(ServiceConfig(), load_robot(), 0.3), []
     guard.watch("/scan", object, heard.append)
-    guard._warn_of_silence()
+    guard._warn_until_sensor_sends()
     assert heard == ["message"]
     assert len(warnings) == (3 if warns else 0)
     assert all("guard inactive: no message on /scan yet" in warning for warning in warnings)
