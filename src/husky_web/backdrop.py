@@ -25,15 +25,15 @@ CHECKER, SECTION, LINE = 25, 5, 0.03
 # near the robot, a square of the checker pattern is brighter or darker than the ground's colour by this
 # fraction
 CONTRAST = 0.09
-# [m] length after which the pattern repeats; the ground follows the robot in steps of it, which nobody sees
+# [m] length after which the pattern repeats; nobody sees that the ground follows the robot by whole lengths
 PATTERN_LENGTH = 2 * SECTION
 SHADOW_HEIGHT = 0.004  # [m] height of the shadow above the ground
 # shadow of the robot or an object: width beyond its outline [m], side of the shadow's picture [px], largest
 # opacity (0 to 1)
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
 UNLIT = "KHR_materials_unlit"
-# linear red, green and blue; they may exceed 1, because the browser's tone mapping makes screen colours of
-# them
+# linear red, green and blue; they may exceed 1, because the browser's tone mapping reduces them to colours of
+# the screen
 Colour = Tuple[float, float, float]
 
 
@@ -75,7 +75,7 @@ class Backdrop:
         ]
 
     def update(self, ground: float, robot: Optional[Vector3]) -> None:
-        """Put the ground at a height [m], around the robot [m]."""
+        """Put the ground at a height [m], around the robot [m], without a visible shift of its pattern."""
         x, y = (0.0, 0.0) if robot is None else robot[:2]
         x, y = (PATTERN_LENGTH * round(value / PATTERN_LENGTH) for value in (x, y))
         for node in self._scenery:
@@ -98,9 +98,10 @@ def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], cent
 
 
 def _fade(length: float) -> np.ndarray:
-    """Return the opacity along a side of the shadow [m]; it grows from 0 at both ends to 1 in the middle.
+    """Return the opacity along a side of the shadow, from 0 at both ends to 1 in the middle.
 
-    It reaches 1 at a distance of twice SHADOW_BLUR from the ends.
+    `length` [m] is the length of the side. The opacity reaches 1 at a distance of twice SHADOW_BLUR from the
+    ends, or in the middle of a short side.
     """
     from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))  # [m]
     linear = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
@@ -189,7 +190,7 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def _quads_between(rings: np.ndarray) -> np.ndarray:
-    """Return the corners (N, 4, 3) of the quads between rings (R, P, 3); both are positions or colours."""
+    """Return the corners (N, 4, 3) of the quads between rings (R, P, 3), of either positions or colours."""
     # rings at the inner and at the outer side of each band of quads
     inner, outer = rings[:-1], rings[1:]
     corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]

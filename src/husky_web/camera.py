@@ -40,8 +40,8 @@ class Camera:
         self._name = FOLLOW  # chosen camera, one of CAMERAS
         # true if the camera has been moved to the position that belongs to the choice, such as FOLLOW
         self._is_placed = False
-        # true if the page has reported a position that was sent after the last jump; before that, its reports
-        # are too old
+        # true if the page has reported a position that was sent after the last jump of the camera; earlier
+        # reports are from before the jump, so they say nothing on the mouse
         self._has_jump_arrived = False
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
         # yaw [rad] of the frame that turns with the robot; offset [m] of the camera from its target, in this
@@ -86,7 +86,7 @@ class Camera:
         self._is_placed, self._target = True, target
 
     def _take_over(self, camera: Any) -> None:
-        """Take over the camera's offset from the target, if the page's mouse has changed it.
+        """Set `_offset` from the pose that the page has reported, if its mouse has moved the camera.
 
         The page reports the position of its camera late. A reported position that was sent to the page
         before does not come from the mouse. Position and rotation of a report belong together, but its target

@@ -50,7 +50,7 @@ def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose
     for piece in pieces:
         name = f"{parent}/{len(nodes)}"
         if isinstance(piece, MeshFile):
-            # a mesh file becomes several nodes, below a name that no other piece gets, because of its "m"
+            # a mesh file becomes several nodes below a name with "m"; other pieces have names without "m"
             nodes += add_pieces(scene, f"{name}m", solids_of(piece), pose)
         elif _is_visible(piece):
             add, _ = _KINDS[type(piece)]
@@ -132,7 +132,8 @@ def dashes(start: Vector3, end: Vector3) -> np.ndarray:
     """Return the dashes (N, 2, 3) of a line [m]; a dash stays in place if only the end of the line moves."""
     line = np.array(end) - np.array(start)
     length = float(np.linalg.norm(line))
-    count = int(min(length, LONGEST_DASHED) / DASH + 1.0) // 2  # number of dashes; the last one has no gap
+    # number of dashes, 0 if the line is shorter than a dash; the last dash needs no gap behind it
+    count = int(min(length, LONGEST_DASHED) / DASH + 1.0) // 2
     # [m] distances from `start` to both ends of each dash
     distances = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
     segments: np.ndarray = (np.array(start) + distances * line / max(length, DASH)).astype(np.float32)

@@ -85,7 +85,7 @@ class DriveTab:
         server: viser.ViserServer,
         actions: Actions,
         teleop: Teleop,
-        moves: Callable[[str], ContextManager[None]],
+        show_moving: Callable[[str], ContextManager[None]],
         controller: str,
         simulator: str,
     ) -> None:
@@ -95,11 +95,11 @@ class DriveTab:
             server: server of the page.
             actions: queue of service calls, except stops.
             teleop: driving by hand, whose speeds the sliders set, and the emergency stop.
-            moves: function of the name of an object; returns a context that lasts while this object is moved.
+            show_moving: function that returns a context; the state bar shows this name as moved meanwhile.
             controller: name of the controller's node.
             simulator: name of the simulator's node.
         """
-        self._actions, self._teleop, self._moves = actions, teleop, moves
+        self._actions, self._teleop, self._show_moving = actions, teleop, show_moving
         self._stops = Actions()  # a separate queue for stops, because a stop must not wait for other calls
         self._controller, self._simulator = controller, simulator
         # number of requests to stop the controller; a request to start that is older than the last stop is
@@ -110,7 +110,7 @@ class DriveTab:
         self._state = ""  # state of the controller, from its diagnostics
         # True if a page has requested to start the controller, False if it has requested to stop it; None as
         # soon as the controller's state agrees, or after STALE_STATUS
-        self._request: Optional[bool] = None
+        self._is_start_requested: Optional[bool] = None
         self._requested_at = -inf  # [s] wall time of the request
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
@@ -153,15 +153,16 @@ class DriveTab:
                     is_started = self._state != STOPPED
                     # the request is forgotten as soon as the state agrees with it; a state that contradicts
                     # the request may come from a message that was sent before the service answered
-                    if is_started is self._request or now - self._requested_at > STALE_STATUS:
-                        self._request = None
+                    is_old = now - self._requested_at > STALE_STATUS
+                    if is_started is self._is_start_requested or is_old:
+                        self._is_start_requested = None
         self._mark_stale(now, time)
 
     def _mark_stale(self, now: float, time: Optional[float]) -> None:
-        """Mark the lights without a message for STALE_LIGHT; the arguments are those of `take`.
+        """Mark the lights without a message for STALE_LIGHT.
 
-        A light is stale only if STALE_LIGHT has passed in both wall time and simulated time, because nodes
-        send their diagnostics by simulated time, which may be slow or stand still.
+        `now` is wall time, and `time` is simulated time [s]. A light is stale only if STALE_LIGHT has passed in
+        both, because nodes send their diagnostics by simulated time, which may be slow or stand still.
         """
         for name, light in list(self._lights.items()):
             # simulated time has become known, or the simulator was started again
@@ -198,7 +199,7 @@ class DriveTab:
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
         self._lights.clear()
-        self._state, self._request = "", None
+        self._state, self._is_start_requested = "", None
 
     def _on_start_stop(self, event: Any) -> None:
         if event.target.value == STOP:
@@ -221,10 +222,10 @@ class DriveTab:
 
         The result is shown in the page of `client`.
         """
-        stop_count = self._stop_count
+        stop_count = self._stop_count  # a stop that is requested later cancels this start
 
         def work() -> str:
-            with self._moves("robot and world"):
+            with self._show_moving("robot and world"):
                 sentence = call(f"{self._simulator}/reset", Trigger)
                 self._start_controller(stop_count)
             return sentence
@@ -240,11 +241,12 @@ class DriveTab:
             (light[:2] for name, light in self._lights.items() if self._is_of_controller(name)), (0, "")
         )
         # a request counts even before the diagnostics show its effect, so that the page changes at once
-        if self._request is False:
+        if self._is_start_requested is False:
             return STOPPED, 0, ""
-        if self._request and self._state == STOPPED:
+        if self._is_start_requested and self._state == STOPPED:
             return STARTED, 0, ""
         if level == STALE_LEVEL:
+            # the sentence says only that a node may have ended, so it gets the controller's name
             sentence = f"{self._controller.strip('/')}: {sentence}"
         return self._state, level, sentence if level > 0 else ""
 
@@ -280,7 +282,7 @@ class DriveTab:
         # node
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         sentence = call(service, SetBool, starts)
-        self._requested_at, self._request = monotonic(), starts
+        self._requested_at, self._is_start_requested = monotonic(), starts
         return sentence
 
     def _on_simulation(self, event: Any) -> None:
@@ -291,7 +293,7 @@ class DriveTab:
         def work() -> str:
             # the reset is the only service here that moves the robot and objects, so only the reset is shown
             # as a motion in the state bar
-            with self._moves("robot and world") if service.name == "reset" else nullcontext():
+            with self._show_moving("robot and world") if service.name == "reset" else nullcontext():
                 return call(full_name, service.kind, *service.arguments, timeout=service.timeout)
 
         self._actions.do(work, event.client, "Simulation")

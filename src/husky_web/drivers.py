@@ -24,8 +24,8 @@ class Command(NamedTuple):
 
     name: str  # input on which the command came, one of INPUTS
     sender: str
-    time: Optional[float]  # [s] simulated time; None if unknown
-    now: float  # [s] wall time
+    time: Optional[float]  # [s] simulated time at which it came; None if unknown
+    now: float  # [s] wall time at which it came
 
     @property
     def is_by_hand(self) -> bool:
@@ -52,9 +52,10 @@ class Drivers:
         self._last_commands: Dict[Tuple[str, str], Command] = {}
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:
-        """Take in commands, each with its input, which came at `time` and `now`, see `Command`."""
+        """Take in commands of the inputs, which came at `time` (simulated) and `now` (wall) [s]."""
         for name, msg in received:
             sender = msg._connection_header["callerid"]
+            # the earlier command is removed, so that the newest command is the last one in the dictionary
             self._last_commands.pop((name, sender), None)
             if msg.linear.x != 0.0 or msg.angular.z != 0.0:
                 self._last_commands[name, sender] = Command(name, sender, time, now)
@@ -62,7 +63,10 @@ class Drivers:
             self._last_commands.pop(next(iter(self._last_commands)))
 
     def command(self, time: Optional[float], now: float) -> Optional[Command]:
-        """Return the newest command of the strongest input that counts at `time` and `now`, if any."""
+        """Return the command that the robot obeys at `time` (simulated) and `now` (wall) [s], or None.
+
+        Of all commands that still count, it is the newest one on the input with the highest priority.
+        """
         obeyed = [command for command in self._last_commands.values() if command.counts(time, now)]
         # if several commands have the same input, `min` returns the first one, so the newest command must
         # come first

@@ -64,8 +64,10 @@ class Frames:
     def _climb(self, frame: str, stamp: Optional[float], stop_at: str) -> Tuple[str, Pose]:
         """Climb the tree from a frame to `stop_at`, or to the root if `stop_at` is not above the frame.
 
+        The poses on the way are those nearest to `stamp` [s], or the latest ones if `stamp` is None.
+
         Returns:
-            Frame at which the climb has ended, and the pose of the first frame in it.
+            Frame at which the climb ended, and the pose, in that frame, of the frame at which it began.
         """
         pose = IDENTITY
         for _ in range(MAX_DEPTH):

@@ -46,7 +46,7 @@ class Counted(NamedTuple):
 
 
 class Filter(NamedTuple):
-    """Conditions of a shown line, which must all be met; every line has an empty text."""
+    """Conditions of a shown line, which must all be met; every line meets an empty condition."""
 
     level: int = LEVELS["info"]  # lowest level
     node: str = ""  # text that the node's name must contain
@@ -78,7 +78,7 @@ class LogBuffer:
         self.count += 1
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
-        """Put the last EARLIER lines of a file before the lines of messages, each line once."""
+        """Put the last EARLIER lines of a file before the lines that came as messages; drop doubled lines."""
         # the stamps in the file have six digits after the point, so stamps are rounded before they are
         # compared
         received = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
@@ -112,7 +112,7 @@ class LogBuffer:
 
 
 def lines_of_rosout(text: str) -> List[Line]:
-    """Return the lines of the rosout node's file; a line without a stamp continues the one before."""
+    """Return the lines of the rosout node's file; a row without a stamp belongs to the line above it."""
     lines: List[Line] = []
     for row in text.splitlines():
         found = _ROSOUT.match(row)

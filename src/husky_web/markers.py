@@ -108,7 +108,7 @@ def points_of(marker: Marker) -> np.ndarray:
 
 
 def markers_of(msg: Any) -> Sequence[Marker]:
-    """Return the markers of a Marker, a MarkerArray or a Path; a path is a line, an empty path deletes it."""
+    """Return the markers of a Marker, a MarkerArray or a Path; a path is a line, or deletes it if empty."""
     if isinstance(msg, Marker):
         return [msg]
     if not isinstance(msg, Path):
@@ -154,7 +154,7 @@ class Markers:
         self._ends: Dict[Key, float] = {}  # [s] end of the lifetime, for markers that have one
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:
-        """Apply a message; `now` [s] is the time of the same clock as in `expire`."""
+        """Apply a message that came at the wall time `now` [s]."""
         key = (topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
             # the new marker replaces the old one with the same key, so the cost of the old one no longer
@@ -178,7 +178,7 @@ class Markers:
                 self._remove(other)
 
     def expire(self, now: float) -> None:
-        """Remove markers whose lifetime has ended at `now` [s]."""
+        """Remove markers whose lifetime has ended at the wall time `now` [s]."""
         for key in [key for key, end in self._ends.items() if now >= end]:
             self._remove(key)
 

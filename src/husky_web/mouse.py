@@ -63,6 +63,7 @@ class Mouse:
             self._objects.dragged.pop(key, None)
 
     def _is_used(self, tool: str) -> bool:
+        """Return whether at least one open page has this tool."""
         return any(page.tool == tool for page in list(self._pages.values()))
 
     def _tool(self, event: Any) -> str:
@@ -70,6 +71,7 @@ class Mouse:
         return LOOK if page is None else page.tool
 
     def _bind_object(self, key: Key, shown: Object) -> None:
+        """Bind the tools that the open pages have now to an object, in place of earlier bindings."""
         for node in shown.shapes:
             node.remove_click_callback("all")
             node.remove_drag_callback("all")

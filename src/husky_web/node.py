@@ -216,7 +216,7 @@ class WebNode:
             self._scene.forget()
             self._drive.forget()
             self._drivers.forget()
-        # the last connection may end later than the last page, and only then is its memory free
+        # the last connection may end later than the last page, and the process keeps its memory until then
         if self._server.gate.last_has_gone():
             give_memory_back()
 
@@ -262,11 +262,11 @@ class WebNode:
             self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
             return None
-        # `is_lost` stays true until the node ends, and the page asks for a restart, because a new master
-        # never learns of the publishers of this node
+        # a new master never learns of the publishers of this node, so `is_lost` stays true until the node
+        # ends, and the page asks for a restart
         is_lost = self._registration.is_lost
-        # a master that answers after a silence may be a new master; a master that does not know this node is
-        # a new master
+        # the master may be a new one if it did not answer before, and is a new one if it does not know this
+        # node
         if self._was_master_silent or (is_lost and not was_lost):
             self._topics.close()  # `_follow_network` opens them again
         self._is_master_gone, self._was_master_silent = is_lost, False

@@ -24,10 +24,10 @@ class Numbers:
     def __init__(self, curves: Dict[str, Curve]) -> None:
         """Begin without numbers; `curves` has the names of `plots.CHARTS`."""
         self._curves = curves
-        # these two curves are not drawn; only their rates are used.
-        # number of scans so far over their stamps, for the rate of the scans
+        # curves that are not drawn; their rates are the scans per second and the real-time factor
+        # number of scans so far, at the stamp of the newest scan
         self.scans = Curve(series=1, window=RATE_WINDOW)
-        # [s] simulated time over wall time, for the real-time factor
+        # [s] simulated time, at the wall time
         self.clock = Curve(series=1, window=RATE_WINDOW)
         self._heard_at = -inf  # [s] wall time of the last odometry
         # [m/s], [rad/s] forward and turning speed, for "commanded" and for "measured"

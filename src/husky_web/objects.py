@@ -115,9 +115,9 @@ class Objects:
         if shown is None or frame is None:
             return
         pose = compose(inverse(frame), pose_in_fixed)  # pose in the marker's own frame
-        # the new pose, and the end of the drag, as from RViz
+        # RViz, too, sends two events: the new pose, and the end of the drag
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
-            self._send(key, shown, pose, event, 0)
+            self._send(key, shown, pose, event, entry=0)
 
     def delete(self, key: Key) -> bool:
         """Choose *Delete* in a marker's menu, and return whether it has such an entry."""

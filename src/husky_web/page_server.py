@@ -52,7 +52,7 @@ OnLeave = Callable[[int], None]
 
 
 class PageServer(viser.ViserServer):
-    """Server of viser, without the offer to share the page through a host of viser's makers."""
+    """Server of viser that refuses to share the page through another host."""
 
     gate: Gate
 
@@ -179,7 +179,7 @@ class Gate:
     def __init__(
         self, is_loopback: bool, token: Optional[str], on_message: OnMessage, on_leave: OnLeave
     ) -> None:
-        """See `refusal` and `serve` for the arguments."""
+        """Begin without connections; `is_loopback` and `token` decide in `refusal`, see also `serve`."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
         self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind

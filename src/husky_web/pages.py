@@ -83,7 +83,7 @@ class Page:
     def _make_tools(self, tab: Any) -> None:
         """Add the fields of the mouse's tools at the top of a tab."""
         with tab:
-            # this element marks the first button of the next field, LOOK, as chosen; fields with a negative
+            # this element marks LOOK, the first button of the group below, as chosen; fields with a negative
             # `order` come before the fields that all pages share
             self._chosen_tool = self.client.gui.add_html(choice_html(0), order=-1.5)
             tool = self.client.gui.add_button_group(
@@ -119,7 +119,7 @@ class Page:
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
-        # the hint changes last, because the tool does not work before
+        # the hint changes last, so that the tool already works when a person reads its hint
         self._hint.content = _HINTS[self.tool]
 
 
@@ -177,7 +177,7 @@ def wants_dark(client: viser.ClientHandle) -> bool:
 
 
 def theme(gui: viser.GuiApi, is_dark: bool) -> None:
-    """Set the colours of a page, and hide the button that would share it through another host."""
+    """Set the colours of a page, and hide viser's button that shares a page through another host."""
     gui.configure_theme(
         dark_mode=is_dark,
         show_logo=False,

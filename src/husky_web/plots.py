@@ -81,9 +81,10 @@ class Curve:
 
     @property
     def rate(self) -> Optional[float]:
-        """Return the growth of the first series per second.
+        """Return how much the first value of the samples grows per second.
 
-        None if there are fewer than two samples, or if the series shrinks.
+        None if there are fewer than two samples, or if the value has become smaller, for example because the
+        simulator was started again.
         """
         if len(self._samples) < 2:
             return None
@@ -197,7 +198,10 @@ def _mark_lines(axes: _Axes, marks: Sequence[Mark]) -> List[str]:
 
 
 def nice_ticks(low: float, high: float) -> List[float]:
-    """Return three to six round numbers around `low` and `high`, which may exceed them by SLACK of a step."""
+    """Return three to six round numbers from `low` to `high`.
+
+    The first number may be above `low`, and the last one below `high`, by SLACK of a step.
+    """
     least_step = (high - low) / 3.0
     power = 10.0 ** floor(log10(least_step))
     # smallest round step that is not less than `least_step`, except for rounding errors
@@ -208,7 +212,7 @@ def nice_ticks(low: float, high: float) -> List[float]:
 
 
 def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
-    """Return a curve as the data of an SVG path, with one point for each RESOLUTION and the newest one.
+    """Return a curve as the data of an SVG path: the last point in each RESOLUTION, and the newest point.
 
     Args:
         times: times (N,) [s].

@@ -57,9 +57,10 @@ def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
 
 
 def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, Pose]:
-    """Return the frame with which a link moves, see `rigid_groups`, and the pose of the link in this frame.
+    """Return the frame with which a link moves, and the pose of the link in this frame.
 
-    `joint_above` has the joint to its parent for each link except the root.
+    The frame is the link itself, or the nearest link above it that no fixed joint holds. `joint_above` has
+    the joint between each link and its parent link.
     """
     pose = IDENTITY
     # the loop has at most one round for each joint of the robot, so it also ends if the joints form a circle

@@ -104,8 +104,8 @@ class Scene:
         # name of each layer, and true if the layer is shown; the boxes of the page change this
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s] stamp of the newest scan
-        # [s] stamp of the drawn scan, for which the robot is drawn; None if the robot is drawn at its newest
-        # pose
+        # [s] the robot is drawn at its pose at this time, the stamp of the drawn scan; None if the robot is
+        # drawn at its newest pose
         self.moment: Optional[float] = None
         self._robot: Dict[str, Any] = {}  # viser's node of each frame of the robot
         self.robot_name = ""  # name of the robot in its URDF; empty before the first URDF
@@ -126,7 +126,8 @@ class Scene:
         # with a single colour
         self._trail_line = self._add_lines("/trail", np.zeros((0, 2, 3), np.uint8), thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
-        self._looks_due = 0.0  # [s] wall time of the next update of the appearance of markers and plan
+        # [s] wall time at which the markers' colours and shapes, and the plan, are drawn again
+        self._looks_due = 0.0
         box = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         # transparent box at the pose to which the mouse drags the robot
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
@@ -212,7 +213,7 @@ class Scene:
         self._update_shadow()
 
     def _update_shadow(self) -> None:
-        """Put the shadow on the ground below the robot; it is a child of the base, so it moves with it."""
+        """Put the shadow on the ground below the robot; its position is relative to the base."""
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()
@@ -223,7 +224,7 @@ class Scene:
         self._show(self._ghost, pose)
 
     def forget(self) -> None:
-        """Remove the trail and all markers, because no messages are read until the next page opens."""
+        """Remove the trail and all markers, because they would be old when the next page opens."""
         self._trail.clear()
         self.markers.clear()
         for drawing in self._drawn.values():

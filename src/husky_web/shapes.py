@@ -22,8 +22,8 @@ MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box that replaces an unrea
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
 # a part of a mesh file with more than MANY triangles is simplified, because a browser without a graphics card
-# spends a third of its time on the Husky's triangles; details larger than 1 / CELLS of the part's length
-# remain
+# spends a third of its time on the Husky's triangles; the part keeps details larger than 1 / CELLS of its
+# length
 MANY, CELLS = 500, 25.0
 
 
@@ -93,7 +93,7 @@ def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
 
 @lru_cache(maxsize=None)
 def cube() -> Mesh:
-    """Return a cube of edge length 1 around the origin; it shares no corners, so its edges look sharp."""
+    """Return a cube of edge length 1 around the origin; faces share no corners, so the edges look sharp."""
     box = creation.box()
     box.unmerge_vertices()
     return _mesh(box)
@@ -119,7 +119,7 @@ def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_d
     shaft_radius, head_radius = shaft_diameter / 2.0, head_diameter / 2.0
     shaft_rim, head_rim = (shaft_radius, 0.0), (head_radius, shaft_length)
     tip = (0.0, shaft_length + head_length)
-    # the rims are in the profile twice, so that they look sharp
+    # each corner is (radius, distance along the arrow); the rims are there twice, so that they look sharp
     profile = [(0.0, 0.0), shaft_rim, shaft_rim, (shaft_radius, shaft_length), head_rim, head_rim, tip]
     along_z = _turned(profile)
     # z becomes x, x becomes y, and y becomes z
@@ -150,9 +150,8 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
 def solids_of(file: MeshFile) -> List[Solid]:
     """Return the triangles of a mesh file, or a box with a warning if it cannot be read."""
     try:
-        # CELL is in metres, so it is divided by the scale, which gives the file's unit; if the scale is 0, it
-        # is divided by 1
-        parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))
+        metres_per_unit = max(map(abs, file.scale)) or 1.0  # 1 in place of 0, by which CELL cannot be divided
+        parts = _read(file.uri, CELL / metres_per_unit)  # CELL [m], in the unit of the file
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")
         return [Solid(cube(), MISSING, MISSING_SIZE)]
@@ -188,8 +187,9 @@ def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
 
 
 def _mesh_of(part: trimesh.Trimesh, cell: float) -> Mesh:
-    """Return the triangles of a part of a mesh file, simplified if there are many; for `cell` see `_read`."""
+    """Return the triangles of a part of a mesh file; if there are many, details up to `cell` are lost."""
     if len(part.faces) > MANY:
+        # a small part keeps details that are larger than 1 / CELLS of its length
         cell = min(cell, float(part.extents.max()) / CELLS)
         return triangles(coarser(part.triangles, cell).reshape(-1, 3))
     return Mesh(part.vertices.astype(np.float32), part.faces.astype(np.uint32))

@@ -113,13 +113,14 @@ class Moving:
             if self._seen_from is None or time < self._seen_from:
                 self._seen_from = time
             simulated_seconds = time - self._seen_from
+        # the wall time decides if simulated time is unknown, slow or paused
         if simulated_seconds >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
             self._text, self._ended_at = "", None
         return self._text
 
 
 class StopReason:
-    """Warning that came near the time at which the controller stopped; later warnings have other reasons."""
+    """Warning that came at most REASON_TIME before or after the time at which the controller stopped."""
 
     def __init__(self) -> None:
         self.text = ""
@@ -167,7 +168,10 @@ class StateBar:
 
 
 def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
-    """Return HTML of the button of the emergency stop; the page's script sends its clicks."""
+    """Return HTML of the button of the emergency stop; the page's script sends its clicks.
+
+    `has_listener` is true if a node subscribes to the emergency stop.
+    """
     state = "STOPPED" if has_listener else "NOT HEARD"
     text, style = (f"{state} &mdash; RELEASE", "locked") if is_locked else ("EMERGENCY STOP", "")
     locks = "false" if is_locked else "true"

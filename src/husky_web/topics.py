@@ -23,8 +23,8 @@ from husky_highlevel_controller.robot import load_robot
 # [s] after a message, the thread that has read it pauses, so that the next messages are read together;
 # NUMBERS_PAUSE is for messages that are only shown as numbers
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1
-# messages that came during a pause are read right after it; a message that is read within this share of the
-# pause's length after the pause is one of them, and causes no pause of its own
+# a message that came during a pause is read right after the pause, and causes no pause of its own; "right
+# after" means within this fraction of the pause's length
 BURST_SHARE = 0.2
 # largest number of messages of a topic that are kept until they are read; if there are more, the oldest are
 # lost
@@ -44,15 +44,15 @@ class Topics:
         """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
         self.scan_count = 0  # number of scans that have come so far
-        # the attribute `at` has, in each thread, the time [s] at which the thread's last pause in `_push`
-        # ended; rospy has a thread for each publisher
+        # [s] end of the last pause in `_push`, in the attribute `at`; rospy has a thread for each publisher,
+        # and each thread has pauses of its own
         self._pause_ended = threading.local()
-        # messages that wait for the thread that draws: the newest one of each topic in `names`, because an
-        # older one is of no use, and all messages of these other uses
+        # messages that wait for the thread that draws; a topic in `names` keeps only the newest message,
+        # because an older one is of no use, but the five uses below need every message
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
-        # subscriber for each use, such as "scan"; if a topic has no such use, the key is its name
+        # subscribers; the key is the use for a topic in `names`, such as "scan", otherwise the topic's name
         self._subscribers: Dict[str, rospy.Subscriber] = {}
 
     @property
@@ -95,7 +95,8 @@ class Topics:
             is_wanted: true to subscribe, false to unsubscribe.
         """
         if is_wanted and use not in self._subscribers:
-            # scan and cloud are drawn in the view, and the other topics are only shown as numbers
+            # scan and cloud are drawn in the view; the other topics are only shown as numbers, which may come
+            # a little later
             pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
             self._subscribers[use] = self._subscriber(self.names[use], kind, use, pause)
         elif not is_wanted and use in self._subscribers:
@@ -127,8 +128,8 @@ class Topics:
     def _push(self, use: str, topic: str, pause: float, msg: Any) -> None:
         """Keep a message, and sleep `pause` [s] so that the next messages are read together.
 
-        A message that came during the last pause causes no pause of its own, see BURST_SHARE. Without pauses,
-        the messages of a run would wake this process 475 times per second.
+        A message that came during the last pause is read right after it, and causes no pause of its own.
+        Without pauses, the messages of a run would wake this process 475 times per second.
         """
         self._queues[use].append((topic, msg))
         if use == "scan":

@@ -30,7 +30,7 @@ SMALL = '<i class="husky-small" hidden></i>'  # invisible element; viser.css mak
 
 
 class Tuning:
-    """Keeps fields and servers equal, in both directions."""
+    """Shows the values of the servers in fields, and sends the values of changed fields to the servers."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions, tab: Any) -> None:
         self._gui, self._actions, self._tab = server.gui, actions, tab
@@ -46,10 +46,10 @@ class Tuning:
         upload.on_upload(self._on_upload)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
-        """Add folders of new servers, and remove folders of servers that have gone.
+        """Add the fields of new servers to the tab, and remove the fields of servers that have gone.
 
         `published` has the name and the message type of each topic that the ROS master knows; an empty list
-        removes all folders. A server publishes its description on SERVER/parameter_descriptions.
+        removes all fields. A server publishes its description on SERVER/parameter_descriptions.
         """
         names = {topic[: -len(SUFFIX)] for topic, kind in published if kind == DESCRIPTION}
         for name in set(self._servers) - names:
@@ -104,10 +104,10 @@ class _Server:
         self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}  # field of each parameter in the page
         # requested value of each parameter; removed as soon as the value is sent
-        self._waiting: Dict[str, Any] = {}
+        self._unsent: Dict[str, Any] = {}
         self._is_closed = False  # true as soon as the fields are removed, because the server has gone
         # lock of the values and fields, because callbacks of ROS and of viser come in several threads
-        self._turn = threading.RLock()
+        self._lock = threading.RLock()
         self._folder = gui.add_folder(name.strip("/"))
         self._subscribers = (
             rospy.Subscriber(name + SUFFIX, ConfigDescription, self._on_description),
@@ -118,17 +118,17 @@ class _Server:
         for subscriber in self._subscribers:
             subscriber.unregister()
         # the lock is held, so that a late message does not change fields that are removed here
-        with self._turn:
+        with self._lock:
             self._is_closed = True
             self._fields.clear()
             self._folder.remove()
 
     def request(self, values: Dict[str, Any], client: Optional[viser.ClientHandle]) -> None:
         """Request values; if several requests for one parameter wait, only the last one is sent."""
-        with self._turn:
-            is_first = not self._waiting
-            self._waiting.update(values)
-        if is_first:
+        with self._lock:
+            is_first = not self._unsent
+            self._unsent.update(values)
+        if is_first:  # otherwise the queued call of `_send` sends these values, too
             self._actions.do(self._send, client, self._name)
 
     def _send(self) -> Optional[str]:
@@ -137,8 +137,8 @@ class _Server:
         Raises:
             HuskyError: the server does not answer.
         """
-        with self._turn:
-            request, self._waiting = self._waiting, {}  # values that are sent now, by name
+        with self._lock:
+            request, self._unsent = self._unsent, {}  # values that are sent now, by name
         # the call is made without the lock, so that updates of the server can be shown meanwhile
         try:
             answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(request))
@@ -154,7 +154,7 @@ class _Server:
 
     def _on_description(self, msg: ConfigDescription) -> None:
         """Make the fields of the server's parameters; they are made once."""
-        with self._turn:
+        with self._lock:
             if self._fields or self._is_closed:
                 return
             self._description = decode_description(msg)
@@ -166,11 +166,12 @@ class _Server:
             self._show(self.values)
 
     def _on_update(self, msg: Config) -> None:
-        with self._turn:
+        with self._lock:
             self._show(self._decoded(msg))
 
     def _decoded(self, msg: Config) -> Dict[str, Any]:
         """Return the value of each parameter in a message of the server."""
+        # decode_config does without a description if it gets None, but not if it gets an empty one
         values: Dict[str, Any] = decode_config(msg, self._description or None)
         # the message also has the state of each group of parameters, which is not a parameter
         values.pop("groups", None)
@@ -178,14 +179,14 @@ class _Server:
 
     def _show(self, values: Dict[str, Any]) -> None:
         """Keep new values of the server, and show them, except in fields whose request waits to be sent."""
-        with self._turn:
+        with self._lock:
             for name, value in values.items():
                 if self.values.get(name, value) != value:  # a first value is not a change
                     self._on_change(change_text(name, self.values[name], value))
             self.values = {**self.values, **values}
             for parameter in self.parameters:
                 name, field = parameter.name, self._fields.get(parameter.name)
-                if field is None or name not in self.values or name in self._waiting:
+                if field is None or name not in self.values or name in self._unsent:
                     continue
                 field.value = shown_value(parameter, self.values[name])
 

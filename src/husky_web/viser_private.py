@@ -23,13 +23,13 @@ INVISIBLE = 5e-4
 class LoopEvent(asyncio.Event):
     """Event that only its loop's thread sets.
 
-    viser sets the event of a message buffer twice for each message: at once, in the thread of the message,
-    and again in its loop. The first one races with the loop, and can end the caller with "deque mutated
-    during iteration", which was seen within a minute on a busy machine. The second one is enough.
+    viser calls `set` twice for each message: at once, in the thread of the message, and again in its loop.
+    The call in the thread races with the loop, and can raise "deque mutated during iteration", which was seen
+    within a minute on a busy machine. The call in the loop is enough.
     """
 
     def set(self) -> None:
-        """Set the event, if this thread runs a loop; otherwise the loop sets it later."""
+        """Set the event, if this thread runs a loop; ignore the call of any other thread."""
         try:
             asyncio.get_running_loop()
         except RuntimeError:
@@ -98,9 +98,10 @@ def place(node: Any, pose: Pose) -> None:
 
 
 def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
-    """Move a page's camera. `camera` does not change, so it still has the last report of the page.
+    """Move a page's camera. `camera` keeps the position that the page has last reported.
 
-    viser's setters are not used, because they also calculate the rotation, in a seventh of the thread's time.
+    viser's setters are not used, because they also calculate the rotation. This calculation took a seventh of
+    the time of the thread that draws.
     """
     queue = camera._state.client._websock_connection.queue_message
     queue(_messages.SetCameraPositionMessage(position))
