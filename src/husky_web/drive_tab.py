@@ -161,8 +161,8 @@ class DriveTab:
     def _mark_stale(self, now: float, time: Optional[float]) -> None:
         """Mark the lights without a message for STALE_LIGHT.
 
-        `now` is wall time, and `time` is simulated time [s]. A light is stale only if STALE_LIGHT has passed in
-        both, because nodes send their diagnostics by simulated time, which may be slow or stand still.
+        `now` is wall time, and `time` is simulated time [s]. STALE_LIGHT must pass in both, because nodes
+        send their diagnostics by simulated time, which may be slow or stand still.
         """
         for name, light in list(self._lights.items()):
             # simulated time has become known, or the simulator was started again

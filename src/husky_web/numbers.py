@@ -24,10 +24,9 @@ class Numbers:
     def __init__(self, curves: Dict[str, Curve]) -> None:
         """Begin without numbers; `curves` has the names of `plots.CHARTS`."""
         self._curves = curves
-        # curves that are not drawn; their rates are the scans per second and the real-time factor
-        # number of scans so far, at the stamp of the newest scan
+        # number of scans so far, at the stamp of the newest scan; only the rate of this curve is shown
         self.scans = Curve(series=1, window=RATE_WINDOW)
-        # [s] simulated time, at the wall time
+        # [s] simulated time, at the wall time; the rate of this curve is the real-time factor
         self.clock = Curve(series=1, window=RATE_WINDOW)
         self._heard_at = -inf  # [s] wall time of the last odometry
         # [m/s], [rad/s] forward and turning speed, for "commanded" and for "measured"

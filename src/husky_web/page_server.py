@@ -179,7 +179,7 @@ class Gate:
     def __init__(
         self, is_loopback: bool, token: Optional[str], on_message: OnMessage, on_leave: OnLeave
     ) -> None:
-        """Begin without connections; `is_loopback` and `token` decide in `refusal`, see also `serve`."""
+        """Begin without connections; `refusal` describes the first two arguments, `serve` the others."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
         self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind
