@@ -1,6 +1,7 @@
 """Arrival of the robot at a pillar, whatever node drives it.
 
-In: true motion of the robot, pillars. Out: an arrival, only once as long as the robot stays near the pillar.
+In: true motion of the robot, pillars. Out: an arrival, but no second one before the
+robot has left the pillar.
 """
 
 from __future__ import annotations

@@ -22,8 +22,7 @@ LOAD_SMOOTHING = 0.02
 # into an object
 SUPPORT_SLOPE = 0.5
 CONTACT_DEPTH = 0.003  # [m] a contact point farther than this from the surface of a tyre is not on the tyre
-# coefficient of friction of contacts on the hull, equal to the coefficient of two bodies with Bullet's
-# defaults
+# coefficient of friction of contacts on the hull; two bodies with Bullet's defaults have the same coefficient
 HULL_FRICTION = 0.25
 # [m/s] below this speed, friction grows with the speed (viscous), so that steps of 5 ms are stable
 HULL_SLIP_SPEED = 0.1
@@ -240,7 +239,7 @@ class Chassis:
         return tuple(sorted(bumped_bodies))
 
     def _wheel_at(self, point: Vector3) -> Optional[int]:
-        """Return the index of the wheel whose tyre has a point in base_link; None if the hull has it."""
+        """Return the index of the wheel whose tyre a contact in base_link lies on; None if on the hull."""
         x, y, z = point
         for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
             if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:

@@ -70,7 +70,8 @@ class CommandHabits:
 
         Args:
             timeout: time after which a command expires [s].
-            may_stand: function that says whether a node, by its name, may hold the robot on purpose.
+            may_stand: function that takes the name of a node, and returns whether this node may send only
+                zero commands, because it stops the robot on purpose.
         """
         self._timeout, self._may_stand = timeout, may_stand
         self._senders: Dict[Tuple[str, str], _Sender] = {}  # memory by topic and name of the sender
@@ -125,9 +126,9 @@ class CommandHabits:
             stronger_topic: topic that is obeyed instead of `topic`; None if this command is obeyed.
         """
         stamp = memory.last
-        # DRIVES: the rate is counted from the first command that moves the robot, because it is not zero and
-        # no stronger topic overrules it. The count also starts after a long gap, with a command that is not
-        # zero, even if a stronger topic overrules this command.
+        # DRIVES: the rate is counted from the first command that moves the robot. This command is not zero,
+        # and no stronger topic overrules it. After a long gap, any command that is not zero starts a new
+        # count.
         begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
         if begins_to_move or gap > LONGEST_GAP:
             memory.moves_since, memory.moves_count = (None if is_zero else stamp), 0
@@ -137,15 +138,16 @@ class CommandHabits:
             if duration >= RATE_TIME:
                 yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
 
-        # SLOW: in many gaps in a row, the last command expired. A command in time, or after a long pause,
-        # starts the count again.
+        # SLOW: before each of the last SLOW_GAPS commands, the command before it had expired. A command that
+        # comes in time, or after a long pause, starts the count again.
         is_gap_long = self._timeout < gap <= LONGEST_GAP
         memory.gaps = (*memory.gaps, gap) if is_gap_long else ()
         if len(memory.gaps) >= SLOW_GAPS:
             yield Finding(Habit.SLOW, sender, topic, len(memory.gaps) / sum(memory.gaps), self._timeout)
             memory.gaps = ()
 
-        # ZEROS: the sender has sent commands for some time, and each of them was zero
+        # ZEROS: the sender has sent commands for some time, each of them was zero, and the sender is not a
+        # node that stops the robot on purpose
         lasts = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
         if lasts and not memory.has_commanded_motion and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)

@@ -88,17 +88,19 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     # a drop of 0 (inside a body) or of inf (no body below) means that there is no floor; then the robot stays
     # at the pose
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)
+    # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
     return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
-    """Return a height over the pose that is above the floor [m], and the drops from there at the wheels.
+    """Return a height from which the floor is below, and the drops from there to the floor at the wheels [m].
 
-    The height is MAX_SLAB, or more if the pose is inside a wide body. If the top of this body is not found up
-    to MAX_RISE, the drops are 0.
+    The height is relative to the pose. It is MAX_SLAB, or more if the pose is inside a wide body. If the top
+    of this body is not found up to MAX_RISE, the drops are 0.
     """
     drops = _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
-    # a wide body also contains the corners of the larger square with _FLOOR_REACH
+    # a drop is 0 if it begins inside a body; a wide body also contains the corners of the larger square with
+    # _FLOOR_REACH
     is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
     if is_in_wide_body:
         for step in range(1, round(MAX_RISE / _RISE_STEP)):

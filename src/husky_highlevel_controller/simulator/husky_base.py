@@ -48,7 +48,7 @@ class HuskyBase(Drive):
         """`dt`: duration of a physics step [s]; a period of the control loop is a whole number of steps."""
         self._base = config
         self.steps = round(1.0 / (config.control_rate * dt))
-        # fraction of the way to the target speed that a wheel's speed goes in one step
+        # in one step, the difference between a wheel's speed and its target speed shrinks by this fraction
         self._lag_fraction = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0
         super().__init__(drive_config)  # calls `reset`
 

@@ -2,8 +2,9 @@
 
 In: the wheels' angles, the gyro's yaw rate. Out: poses in odom and twists in base_link.
 
-The wheel odometry takes both speeds from the wheels, as the Husky's diff_drive_controller does; wheels that
-skid make it drift. The filtered odometry takes the yaw rate from the gyro instead.
+The wheel odometry takes the forward speed and the yaw rate from the wheels, as the Husky's
+diff_drive_controller does; wheels that skid make it drift. The filtered odometry takes the yaw rate from the
+gyro instead.
 
 The filtered odometry stands in for ekf_localization_node of robot_localization 2.7 (Noetic). On the Husky,
 this node takes the forward speed from the wheels and the heading mostly from the IMU, in two dimensions, so

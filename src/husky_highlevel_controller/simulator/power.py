@@ -2,9 +2,13 @@
 
 In: the torque on each side's wheels, the time. Out: a `PowerState`.
 
-Measured (BorealTC, two motors together, at about 24 V): 3.9 A straight on at 0.3 m/s and 3.8 A at 1.0 m/s on
-hard ground, 7.5 A on loam and 10 A on snow, whatever the speed; 18 A turning in place on flooring, 23 A on
-loam. So each side draws one current for rolling and another for the torque that drags its wheels sideways.
+Measured currents of both motors together, at about 24 V (BorealTC):
+
+    straight on, hard ground: 3.9 A at 0.3 m/s, 3.8 A at 1.0 m/s
+    straight on, at any speed: 7.5 A on loam, 10 A on snow
+    turning in place: 18 A on flooring, 23 A on loam
+
+So each side draws one current for rolling and another for the torque that drags its wheels sideways.
 `torque_per_ampere` is fitted to the 18 A on hard ground; with it, the model is within 10 % of the 23 A on
 loam.
 

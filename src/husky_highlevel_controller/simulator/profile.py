@@ -5,10 +5,10 @@ In: nothing. Out: `RobotProfile`, `Ground`.
 `SimulatorConfig` describes Gazebo's Husky. A simulation with a profile publishes the same messages as the
 real robot's drivers. config/robot_profile.yaml has the same numbers, and a test compares them.
 
-Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE). The effective track follows
-from the geometry of four skidding wheels and from the ratio of sideways to lengthwise grip, but not from the
-strength of the grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. In place, chi was
-measured as 1.74 on flooring, so the ratio is 0.92, and as 2.13 on sandy loam, so the ratio is 1.40, because
+Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE). A robot that turns in place
+has an effective track of chi times its track. chi is 1 + ratio (wheelbase / track)^2, with the ratio of
+sideways to lengthwise grip (see `traction.py`); it does not depend on the strength of the grip. On flooring,
+chi was measured as 1.74, so the ratio is 0.92. On sandy loam, chi was measured as 2.13, so the ratio is 1.40:
 sunken wheels push soil aside. Both grounds have the friction of the URDF, because no measurement contradicts
 it.
 """

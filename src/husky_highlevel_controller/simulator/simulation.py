@@ -120,8 +120,8 @@ class Simulation:
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
             devices.append((self._equipment.points, POINTS_STREAM))
-        # The stream of a device is its spawn key, so each device has random numbers of its own. The planar
-        # lidar's stream is None: it has no key. A negative seed raises ValueError here, before any change.
+        # Each device has random numbers of its own: its spawn key is the number of its stream. The lidar has
+        # no number, see LIDAR_STREAM. A negative seed raises ValueError here, before any change.
         spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
         seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
         self._seed = seed
@@ -143,7 +143,7 @@ class Simulation:
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
     def _pose_on_or_above_floor(self, requested: Pose) -> Pose:
-        """Return base_link's pose: at the requested height up to MAX_DROP over the floor, or on the floor."""
+        """Return base_link's pose on the floor, but keep a requested height of up to MAX_DROP above it."""
         on_floor, height = self._pose_on_floor(requested), requested.position[2]
         x, y, floor = on_floor.position
         is_above_floor = floor < height <= floor + MAX_DROP
@@ -220,7 +220,7 @@ class Simulation:
 
         Copies of the odometer and the lidar make these measurements, so that later results do not change.
         """
-        odometry = copy(self._odometer).sample(None, yaw_rate=0.0, step=0)
+        odometry = copy(self._odometer).sample(wheels=None, yaw_rate=0.0, step=0)
         samples = {}
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
@@ -272,9 +272,10 @@ class Simulation:
         self._objects.delete(name)
 
     def move(self, name: str, pose_in_world: Pose) -> None:
-        """Put a body, or the robot with its wheels on the floor, somewhere else, at rest.
+        """Put a body, or the robot, somewhere else, at rest.
 
-        The odometry of the robot jumps, too, so that the frame odom stays where it is in the world.
+        The robot is put with its wheels on the floor. Its odometry jumps by the same move, so that the frame
+        odom stays where it is in the world.
 
         Raises:
             PlacementError: no object has this name, or another object is in the way; then nothing changes.
@@ -312,7 +313,7 @@ class Simulation:
         self._chassis.set_velocity(motion_in_world.velocity, motion_in_world.angular_velocity)
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
-        """Put base_link at a pose, at rest; the odometry jumps, too, so that odom stays in the world."""
+        """Put base_link at a pose, at rest; the odometry jumps, too, so that odom keeps its pose."""
         world_in_odom = self.pose_world_in_odom
         self._chassis.move(pose_base_in_world)
         self._equipment.imu.restart()
@@ -328,7 +329,7 @@ class Simulation:
         # the bodies return to their first poses together with the robot, so these poses must leave room for
         # the robot
         first_poses = {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}
-        self._bullet.check_moves(first_poses, name=ROBOT)
+        self._bullet.check_moves(first_poses, checked=ROBOT)
         self._objects.reset_poses()
         # the floor is searched again, because another body may be the floor when the bodies are back
         self._move_robot(self._pose_on_floor(self._start_pose))

@@ -12,14 +12,14 @@ viscous below the slip speed vs and dry friction above it. N0 is a quarter of th
 the load sensitivity of rubber (Schallamach, Proc. Phys. Soc. B 65, 1952: a contact area grows with N^(2/3)).
 It has an effect, because the published centre of mass puts 62 % of the Husky's weight on its right wheels.
 
-The velocity u+ after the step is computed for all wheels together (implicitly), which is stable for any vs
+The velocity u+ after the step is solved for all wheels together. This implicit method is stable for any vs
 and dt. base_link turns by w dt during the step, so a velocity that is constant in the world turns back in
 base_link (the term M w x u):
 
     (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u),   F = -k s(u+).
 
-k also depends on the slip after the step, so a few rounds find it; at steady speed, the first round is
-enough. If k came from the slip before the step, a mixed drive of 60 s at 200 Hz would end 0.10 m from the
+k also depends on the slip after the step, so it is improved in a few rounds; at steady speed, the first round
+is enough. If k came from the slip before the step, a mixed drive of 60 s at 200 Hz would end 0.10 m from the
 same drive at 2000 Hz; now the distance is 0.01 m.
 
 This model gives the published wheel_separation_multiplier of 1.875, which was found on real ground, to within
@@ -92,7 +92,7 @@ def ground_forces(
         dt: duration of the step [s].
         config: the tyres.
     """
-    vx, vy, yaw_rate = last = velocity  # `last` is the velocity after the last round
+    vx, vy, yaw_rate = last = velocity  # `last` is the velocity that the round before has found
     grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
     # position of each contact, its largest friction force [N], and the speed of the wheel's tread; as with
     # rubber, the coefficient of friction falls with the load
@@ -124,8 +124,8 @@ def ground_forces(
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
             # the wheel's impulse in the step is -k dt (slip ahead, grip * slip to the left), with the slips
-            # vx - yaw_rate y - speed and vy + yaw_rate x. Its terms with the unknown velocity are added to
-            # the matrix (a to e), and its terms with the speed to the right side (px, pw)
+            # vx - yaw_rate y - speed and vy + yaw_rate x. The terms with the unknown velocity are added to
+            # the matrix (a to e). The terms with the known `speed` are added to the right side (px, pw).
             kdt = k * dt
             a += kdt
             b -= kdt * y
@@ -135,9 +135,8 @@ def ground_forces(
             px += kdt * speed
             pw -= kdt * speed * y
         # put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the equation of the spin, solve
-        # it for the yaw rate, and compute vx and vy from the yaw rate. c / e is used as `c_a_by_e` / a, so
-        # that both terms are divided by a. If the grip is equal in all directions, a == e, and `c_a_by_e` is
-        # exactly c.
+        # it for the yaw rate, and compute vx and vy from the yaw rate. The quotient c / e is written as
+        # `c_a_by_e` / a. If the grip is equal in all directions, a == e, so `c_a_by_e` is exactly c.
         c_a_by_e = c * (a / e)
         yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e

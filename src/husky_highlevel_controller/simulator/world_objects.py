@@ -104,7 +104,7 @@ class WorldObjects:
         if not self._bodies[name].collisions:
             raise PlacementError(f"'{name}' has no collision shape, so it cannot be moved")
         self._bullet.check_movable(name)
-        self._bullet.check_moves({name: pose_in_world}, name)  # only this body moves
+        self._bullet.check_moves({name: pose_in_world}, checked=name)  # only this body moves
         self._bullet.move_body(name, pose_in_world)
         self._scene_is_stale = True
 
@@ -149,7 +149,7 @@ class WorldObjects:
         # all bodies are checked before the first one moves, so that an error changes nothing
         for name in solid:
             self._bullet.check_movable(name)
-            self._bullet.check_moves(poses, name)
+            self._bullet.check_moves(poses, checked=name)
         for name, pose in poses.items():
             self._bullet.move_body(name, pose)
             if self._bodies[name].mass > 0.0:

@@ -33,7 +33,8 @@ class RobotWorld(BulletWorld):
         self._model = model
         self._robot = self._load(pose)
         self._name_by_id[self._robot], self._ids_by_name[ROBOT] = ROBOT, [self._robot]
-        # Bullet's friction is switched off, because traction.py computes it, and so is Bullet's damping
+        # Bullet's friction is switched off, because traction.py computes it. Bullet's damping, which slows
+        # every moving body down, is switched off, too.
         self._engine.changeDynamics(
             self._robot, BASE_INDEX, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0
         )
@@ -58,7 +59,7 @@ class RobotWorld(BulletWorld):
 
     def move_robot(self, pose: Pose) -> None:
         """Move base_link to a pose, at rest. Raises PlacementError, and moves nothing, without room."""
-        self.check_moves({ROBOT: pose}, ROBOT)
+        self.check_moves({ROBOT: pose}, checked=ROBOT)
         self._set_pose(self._robot, pose)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:

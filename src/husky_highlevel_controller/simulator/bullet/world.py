@@ -241,7 +241,7 @@ class BulletWorld:
         self._engine.resetBasePositionAndOrientation(body_id, pose.position, pose.quat_xyzw)
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
-    def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
+    def check_moves(self, poses: Mapping[str, Pose], checked: str) -> None:
         """Check that a body has room at its new pose, when other bodies move to new poses together with it.
 
         The check uses copies of the bodies, because a body that is moved there and back would lose its
@@ -249,7 +249,7 @@ class BulletWorld:
 
         Args:
             poses: new poses in the world of all bodies that move together, by name.
-            name: name of the body that is checked, one of the names in `poses`.
+            checked: name of the body that is checked, one of the names in `poses`.
 
         Raises:
             PlacementError: the body would reach into another body.
@@ -261,13 +261,13 @@ class BulletWorld:
                 copies[other] = self._copy(other, pose)
             # the bodies leave their present poses, so only their copies at the new poses count
             present_ids = [body_id for other in poses for body_id in self._ids_by_name[other]]
-            self.check_room(name, copy=copies[name], ignored=present_ids)
+            self.check_room(checked, copy=copies[checked], ignored=present_ids)
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
-        """Create a copy of a body without planes at a pose, and return its id."""
+        """Create a copy of a body at a pose, for `check_moves`, and return its id; the body has no planes."""
         body_id = self._ids_by_name[name][-1]
         parts = self._parts[body_id]
         copy = self._create(parts, pose_in_world)
@@ -287,7 +287,7 @@ class BulletWorld:
 
         Args:
             name: name of the body, or of the robot.
-            copy: id of a copy that is checked instead of the body; None for the body itself.
+            copy: id of a copy at a new pose, which is checked instead of the body; None for the body itself.
             ignored: ids of bodies that the body may also overlap with.
 
         Raises:
@@ -337,9 +337,10 @@ class BulletWorld:
         return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
     def _add_plane(self, body: Body, normal: Vector3, pose_in_body: Pose) -> None:
-        """Add a plane of a body, as stiff as the ground. Raises PlacementError if the body can move.
+        """Add a plane of a body. Raises PlacementError if the body can move.
 
-        The plane gets an id of its own, because a compound shape of Bullet cannot contain a plane.
+        Contacts with the plane act like a spring, see _GROUND_STIFFNESS. The plane gets an id of its own,
+        because a compound shape of Bullet cannot contain a plane.
         """
         if body.mass > 0.0:
             raise PlacementError(f"'{body.name}' is a plane that can move ({body.mass} kg); make it static")
@@ -395,12 +396,15 @@ class BulletWorld:
         return body_id
 
     def _parts_of(self, solids: Sequence[Geometry], mass: float) -> List[_Part]:
-        """Return the parts of a body of solid shapes; the mass [kg] is distributed by volume."""
+        """Return the parts of a body of solid shapes, at most MAX_SHAPES shapes in each part.
+
+        The mass [kg] is distributed by volume.
+        """
         groups = [solids[first : first + MAX_SHAPES] for first in range(0, len(solids), MAX_SHAPES)]
         volumes_and_centers = [volume_and_center(group) for group in groups]
         total_volume = sum(volume for volume, _ in volumes_and_centers)
         return [
-            _Part(self._shape_of(group, mass > 0.0), mass * (volume / total_volume), center)
+            _Part(self._shape_of(group, is_movable=mass > 0.0), mass * (volume / total_volume), center)
             for group, (volume, center) in zip(groups, volumes_and_centers)
         ]
 

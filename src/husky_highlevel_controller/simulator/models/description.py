@@ -25,8 +25,8 @@ _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
 # environment variables of the Husky's launch files that cause no warning: variables that have an effect in
 # this simulator, and variables of drivers, which are not simulated
-_WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
-_OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
+_SUPPORTED_VARIABLES = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
+_DRIVER_VARIABLES = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
 # for each argument, the pattern of its values, and the text that tells the user these values; no value may
 # contain a `$`, because xacro would expand it
 ARGUMENTS = {
@@ -43,8 +43,11 @@ ARGUMENTS = {
 
 
 def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
-    """Return NAME=VALUE of each HUSKY_ variable that is set (and not to false), but has no effect here."""
-    without_warning = re.compile(f"(?!HUSKY_).*|{_WITH_EFFECT}|{_OF_DRIVERS}")
+    """Return NAME=VALUE of each HUSKY_ variable that is set (and not to false), but has no effect here.
+
+    Variables of drivers are not returned, because drivers are not simulated.
+    """
+    without_warning = re.compile(f"(?!HUSKY_).*|{_SUPPORTED_VARIABLES}|{_DRIVER_VARIABLES}")
     return [
         f"{name}={value}"
         for name, value in sorted(environment.items())
@@ -95,7 +98,7 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
         arguments: arguments of the command line by name, see ARGUMENTS.
 
     Raises:
-        DescriptionError: the parameter that VARIABLE names holds no text.
+        DescriptionError: the user's own description is not a text.
     """
     # imported only here, to save time: every launch waits for this program, but few launches need `ask`
     from husky_highlevel_controller.xml_rpc import ask
@@ -115,7 +118,7 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
         frames.append(robot.lidar_mount.frame if name == "smb" else husky_frame)
     if _is_true(arguments.get("kinect_enabled", "false")):
         frames.append(CAMERA_FRAME)
-    # one description with meshes and one with plain shapes, because the user's description may come from
+    # one description with meshes (None) and one with plain shapes (empty), because the user may have changed
     # either of them
     fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
     text, warning = choose_description(own, given, fully_equipped, robot, frames)
@@ -131,7 +134,8 @@ def _is_true(flag: str) -> bool:
 def main() -> None:
     """Print the URDF for `name:=value` arguments; exit with 2 if an argument is wrong.
 
-    If HUSKY_SIMULATOR_DESCRIPTION is set (by spawn_model), a user's own description has priority.
+    If HUSKY_SIMULATOR_DESCRIPTION is set (by spawn_model), print the user's own description instead of the
+    URDF for the arguments, if the simulator can use it.
     """
     # the text before the first := is the name, and the text behind it is the value
     arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])

@@ -91,8 +91,8 @@ class RobotModel:
     def world_in_odom(self, base_in_world: Pose, base_in_odom: Pose2D) -> Pose:
         """Return the pose of the world in odom, from the true and the estimated pose of base_link.
 
-        The estimate is planar, with base_link at z = 0. So odom is level, as high as base_link over the
-        ground.
+        The estimate is planar, with base_link at z = 0 in odom. So odom is level, and its origin is
+        `base_height` above the ground.
         """
         level_base_in_world = pose_from_2d(pose_to_2d(base_in_world), self.base_height)
         return compose(pose_from_2d(base_in_odom), inverse(level_base_in_world))
@@ -103,8 +103,8 @@ def robot_model(
 ) -> RobotModel:
     """Read a URDF of base_link, four wheels and the links fixed to base_link.
 
-    `physics_urdf` has only one link, base_link, with the mass and the collision shapes of all links. PyBullet
-    would give 1 kg to each link without <inertial>; here such links weigh nothing.
+    `physics_urdf` has only one link, base_link, with the mass and the collision shapes of all links. A link
+    without <inertial> weighs nothing, although PyBullet would give it 1 kg.
 
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
@@ -133,7 +133,7 @@ def robot_model(
     fixed_links = [(links[name], pose) for name, pose in poses.items()]  # `poses` also has base_link itself
     # `_merge` computes the mass, the centre of mass and the inertia of all parts together
     body = _merge([_inertial(link, pose) for link, pose in fixed_links])
-    _require_solid(body, "base_link's rigid body")
+    _require_solid(body, "base_link's rigid body")  # without the wheels, which `_write_wheel` checks
     base = ET.SubElement(physics, "link", name="base_link")
     _write_collisions(base, fixed_links)
     wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
@@ -199,12 +199,12 @@ def _write_wheel(
     _require_solid(_inertial(link, Pose()), link_label)  # the result is the same for any pose of the link
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
-    # the flanks are smaller by FLANK_DEPTH, and must keep more than half of the wheel's radius
+    # `_make_tread_and_flanks` takes FLANK_DEPTH from the radius; more than half of the radius must be left
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
     for collision in collisions:
-        _crown(base, collision)
+        _make_tread_and_flanks(base, collision)
     inertial = _inertial(link, pose)
     width = urdf.number_of(cylinder, "length", link_label)
     mass, _, inertia = inertial
@@ -248,7 +248,7 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> None:
-    """Raise DescriptionError if no solid body has this inertial, or if the engine cannot compute its numbers.
+    """Raise DescriptionError if no solid body has this mass and inertia, or if the engine cannot use them.
 
     `what` is the name of the body in the message.
     """
@@ -314,7 +314,7 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
     return copies
 
 
-def _crown(link: ET.Element, collision: ET.Element) -> None:
+def _make_tread_and_flanks(link: ET.Element, collision: ET.Element) -> None:
     """Replace a wheel's cylinder by a narrow tread and by flanks, as on a tyre with a crown.
 
     So the wheel stands on its middle, the tread, and not on one of its edges. The flanks have the wheel's

@@ -25,7 +25,7 @@ class FrameScope:
     holder: Node  # element <world> or <model> that contains these frames
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
-    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if `outer` must still compute it
+    pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if it is not known yet
     _resolved: Dict[str, Pose] = field(default_factory=dict)  # poses of members that are known so far
     # names of the members whose poses are being computed, outermost first; a name that comes twice is an
     # error
@@ -38,10 +38,10 @@ class FrameScope:
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:
-        """For each member, by its name: its <pose>, or None, and the name of its default frame.
+        """Return the <pose> of each member (None if it has none) and the name of its default frame.
 
-        The default frame is the frame of the member if no <pose> names another frame. It is `attached_to` of
-        a <frame>, and otherwise empty, which means this world or model.
+        The <pose> is relative to the default frame if it names no other frame. The default frame of a <frame>
+        is its `attached_to`; otherwise the name is empty, which means this world or model.
         """
         members = {name: (model.child("pose"), "") for name, model in self._models.items()}
         for node in (*self.holder.children("link"), *self.holder.children("frame")):
@@ -77,8 +77,13 @@ class FrameScope:
     def _find(self, name: str) -> Optional[Pose]:
         """Return the pose of a frame in this world or model; None if no frame has the name.
 
-        A name means, in this order: this world or model (empty or `__model__`), a member, this world or model
-        by its own name, the world (`world`), or `MODEL::NAME`, the frame NAME of the member MODEL.
+        The first of these meanings counts:
+
+        - empty or `__model__`: this world or model
+        - name of a link, model or <frame> in this world or model
+        - name of this world or model: this world or model
+        - `world`: the world
+        - `MODEL::NAME`: the frame NAME of the model MODEL in this world or model
         """
         if name in ("", "__model__"):
             return IDENTITY
@@ -95,7 +100,8 @@ class FrameScope:
     def _resolve(self, name: str) -> Pose:
         """Return the pose of a member in this world or model; WorldError if it depends on itself."""
         pose, default_frame = self._members[name]
-        # `pose_of` below calls this method for the frame of a member; so an unfinished one depends on itself
+        # `pose_of` below calls this method again for the frame of the member; if such calls come back to a
+        # member that is not finished, the member depends on itself
         if name in self._unfinished:
             circle = " > ".join((*self._unfinished[self._unfinished.index(name) :], name))
             element = pose or self.holder  # element whose line the error names

@@ -60,7 +60,7 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        # a <visual> is counted, too, although the lidar would not see it; only a count of 0 has an effect
+        # a <visual> counts, too, although the lidar would not see it; the warning only asks if the count is 0
         node.load.missed_by_lidar += 1
     return None
 

@@ -46,7 +46,8 @@ class Assembly:
     def _rigid_bodies(self) -> Iterator[Body]:
         """Yield one body for each group of links that joints connect.
 
-        A group with the world is static. If a body has `model`, it passes through other bodies of this model.
+        A group with the world is static. Bodies that have the same text in `Body.model` pass through one
+        another.
         """
         # links that never move need no joints, so each of them stays a body of its own; as in Gazebo, they
         # may overlap

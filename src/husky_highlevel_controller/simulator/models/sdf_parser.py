@@ -1,4 +1,4 @@
-"""SDF parser: XML elements with the file, line and trail that messages name.
+"""SDF parser: XML elements, and the place of each element in its file, for messages.
 
 In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
 """
@@ -42,8 +42,8 @@ Value = TypeVar("Value")
 class Load:
     """State while one world or model is read: files, names that are in use, and notes for warnings."""
 
-    # Keys are the sentence of a warning, then the id of an element; the value is the place of the element.
-    # Because of the id, an element that is read twice is named only once.
+    # for each sentence of a warning, the places of the elements that it is about, by the id of the element;
+    # because of the id, an element that is read twice is named only once
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # names of models and bodies that are already used
     files: Dict[str, Node] = field(default_factory=dict)  # element <sdf> of each model file, by path
@@ -61,7 +61,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Node:
-    """An XML element with its file, line and trail."""
+    """An XML element, and its place for messages: file, line, and the elements around it."""
 
     element: ElementTree.Element
     load: Load  # state of the world or model that is read
@@ -96,9 +96,10 @@ class Node:
         self.load.notes.setdefault(sentence, {})[id(self.element)] = place
 
     def unless_broken(self, read: Callable[[], Value], default: Value, sentence: str) -> Value:
-        """Return the value of `read`; if `read` raises WorldError, note the error and return the default.
+        """Return the value of `read`; if `read` raises WorldError, note it and return the default.
 
-        This is for elements that the simulation can do without, such as a colour.
+        This is for elements that the simulation can do without, such as a colour. The note is `sentence`,
+        which says what is done instead, with the error's text behind it.
         """
         try:
             return read()

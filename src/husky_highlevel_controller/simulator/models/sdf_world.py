@@ -66,7 +66,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
         model = root.required("model")
         model.element.set("name", name)
         place = _Place(FrameScope(root), pose_in_world=pose_in_world)
-        bodies = list(_whole_model(Model(model), place, _read_model))
+        bodies = list(_whole_model(Model(model), place, read=_read_model))  # no <include> holds this model
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
     _log_notes(load)
@@ -123,7 +123,7 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
 
 
 def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
-    """Warn if the world has models, something of them was left out, and nothing is left for the lidar."""
+    """Warn if the world has models, but no shape is left for the lidar, because some were left out."""
     solids = [part for body in world.bodies for part in body.collisions if not isinstance(part.shape, Plane)]
     if load.model_count and load.missed_by_lidar and not solids:
         log.warning(
@@ -171,8 +171,8 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
         read = _read_included if model.include else _read_model
-        # a model in the world gets a new assembly, which yields its bodies; a model inside a model only adds
-        # its links to the assembly of the outer model
+        # An assembly collects the links of a model and of the models inside it, and makes bodies of them. A
+        # model in the world gets a new assembly; a model inside a model adds its links to that assembly.
         if place.assembly is None:
             yield from _whole_model(model, place, read)
         else:
@@ -191,7 +191,8 @@ def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], No
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
     shapes = [part.shape for body in bodies for part in body.collisions]
-    # a model that has only planes is a ground, which `model_count` does not count
+    # a model of planes only is a ground; it does not count, so that a world with only a ground gets no
+    # warning that the lidar sees nothing
     is_ground = bool(shapes) and all(isinstance(shape, Plane) for shape in shapes)
     if not is_ground:
         model.node.load.model_count += 1
@@ -253,10 +254,10 @@ def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
         node.note("a <model> without a <link> is left out")
     has_one_link = len(links) == 1
     for link in links:
-        # if a model has only one link, its body has the name of the model, because users know this name
+        # a lone link gets the name of its model, because users call the model by its name
         body_name = model.full_name if has_one_link else _claim_link(link, model)
         body = _read_link(link, model, body_name)
-        # name by which joints and frames refer to the link
+        # full name by which joints and frames refer to the link; for a lone link it is not the body's name
         link_name = model.scoped(link.named()) if has_one_link else body_name
         if body:
             assembly.links[link_name] = body
@@ -266,7 +267,11 @@ def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
 
 
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
-    """Return the place of a model in its parent; `name` is its name there, maybe with a number."""
+    """Return the place of a model in its parent.
+
+    `name` is the name that the model gets there; `_free_name` may have added a number to its name in the
+    file.
+    """
     # if the saved state of the world has a pose for the model, this pose replaces the <pose>
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")

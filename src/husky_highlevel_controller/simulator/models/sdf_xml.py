@@ -54,7 +54,7 @@ def read_bytes(path: Path) -> bytes:
     """Return the bytes of a file. Raises WorldError if the file cannot be read."""
     try:
         return path.read_bytes()
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError) as error:  # ValueError: no file can have this name
         reason = getattr(error, "strerror", None) or error
         raise WorldError(f"{path}: cannot be read ({reason}); check the path") from error
 
@@ -98,7 +98,10 @@ def _strict(data: bytes) -> bytes:
 
 
 def _strict_part(part: Match[bytes]) -> bytes:
-    """Return the replacement for a match of _LOOSE, with the same number of line breaks."""
+    """Return the replacement for a part that _LOOSE matches: a comment, <?...>, CDATA section, or single &.
+
+    The replacement has the same number of line breaks.
+    """
     text = part.group()
     is_comment = text.startswith(b"<!--") and text.endswith(b"-->")
     is_instruction = text.startswith(b"<?") and text.endswith(b">")

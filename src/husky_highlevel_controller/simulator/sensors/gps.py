@@ -61,7 +61,7 @@ class Gps:
         vx, vy, vz = rotate(state.pose_in_world.quat_xyzw, state.velocity_in_base)
         return GpsFix(
             stamp,
-            # a distance divided by the radius of its circle on the earth is an angle
+            # the angle is the distance divided by the earth's radius for motion in this direction
             latitude=self._config.latitude + degrees(north / self._north_radius),
             longitude=self._config.longitude + degrees(east / self._east_radius),
             altitude=up,

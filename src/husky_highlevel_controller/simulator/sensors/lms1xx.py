@@ -3,11 +3,11 @@
 In: the robot's true pose and motion, a function that casts rays, a random generator. Out: a `Scan`.
 
 Sources: the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees give range_min,
-range_max, beams, whole millimetres, misses of 0.0, and 0.5 / 360 / 50 s between beams. The operating
-instructions (SICK 8012471, 3.6.2) give the spot, 8 mm + 15 mrad x distance. The data sheet gives 12 mm of
-statistical error, and 18 m of range on a surface of 10 % remission. No source gives the remission of
-surfaces, the distance below which two echoes become one, and the scale of the intensities, so these three
-values are assumed.
+range_max, beams, ranges in whole millimetres, the range 0.0 of a miss, and 0.5 / 360 / 50 s between beams.
+The operating instructions (SICK 8012471, 3.6.2) give the spot, 8 mm + 15 mrad x distance. The data sheet
+gives 12 mm of statistical error, and 18 m of range on a surface of 10 % remission. No source gives the
+remission of surfaces, the distance below which two echoes become one, and the scale of the intensities, so
+these three values are assumed.
 
 A beam is a round spot of light. Rays sample the spot across its width, in the scan plane only, and each ray
 returns a fraction of the light. The rays of one echo are averaged, so an edge gives ranges between near and
@@ -30,7 +30,8 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
 RAYS_PER_BEAM = 5  # number of steps from one beam to the next; a ray is cast at each step
-# [rad] rays are cast up to this angle on either side of a beam; it is half the light spot's angle at 0.3 m
+# [rad] rays are cast up to this angle on either side of a beam. This is half the light spot's angle at 0.3 m;
+# nearer spots have a larger angle, and get no rays at their edges.
 WIDEST_SPOT = 0.0208
 # number of pieces of a scan if the robot moves; all rays of a piece start at the pose in the middle of the
 # piece, so ranges are wrong by less than 1.5 mm at 1 m/s
@@ -99,7 +100,8 @@ class Lms1xx:
         is_moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING_SPEED
         echoes = []
         for piece in _pieces(config, SWEEP_PIECES if is_moving else 1):
-            base_in_world = _pose_before(state, piece.age) if is_moving else state.pose_in_world
+            base_in_world = _pose_before(state, piece.time_to_end) if is_moving else state.pose_in_world
+            # a ray may reach beyond `range_max`; below, the noisy range decides whether an echo is valid
             depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
             echoes.append(_echoes(depths, piece, config))
         # range [m] and fraction of the light of the echo of each beam; 0 if there is no echo
@@ -138,7 +140,7 @@ class _Piece(NamedTuple):
     """Neighbouring beams that are cast from one pose."""
 
     beams: int  # number of beams
-    age: float  # [s] time from the middle beam of this piece to the end of the scan
+    time_to_end: float  # [s] time from the middle beam of this piece to the end of the scan
     rays: Beams  # rays that sample the light spots of these beams
     offsets: np.ndarray  # (S,) [rad] angles of the rays of a spot, relative to the beam
 
@@ -156,10 +158,11 @@ def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
     pieces = []
     for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
         middle_beam = (beams[0] + beams[-1]) / 2.0
-        age = (config.beams - 1 - middle_beam) * config.time_increment  # the scan ends with the last beam
+        # the scan ends with the last beam
+        time_to_end = (config.beams - 1 - middle_beam) * config.time_increment
         # rays from `half` before the first beam of the piece to `half` behind its last beam
         rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * RAYS_PER_BEAM + half + 1)
-        pieces.append(_Piece(len(beams), age, beams_at(rays), offsets))
+        pieces.append(_Piece(len(beams), time_to_end, beams_at(rays), offsets))
     return pieces
 
 
@@ -180,18 +183,19 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
     # distances of the S rays that sample the spot of each beam, (N, S); the spot of the next beam begins
     # RAYS_PER_BEAM rays later
-    spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
+    depths_of_beams = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
     # the loop keeps the beams that have no strong echo yet: `beams` has their indices, and `depth` and
     # `weights` have one row for each of them
-    (beams,) = np.isfinite(spots).any(axis=1).nonzero()
-    depth, weights = spots[beams], _weights(spots[beams], piece.offsets, config)
+    (beams,) = np.isfinite(depths_of_beams).any(axis=1).nonzero()
+    depth = depths_of_beams[beams]
+    weights = _weights(depth, piece.offsets, config)
     depth[weights <= 0.0] = inf  # a ray outside of the round spot carries no light
     for _ in range(MAX_ECHOES):
         if not len(beams):
             break
         # true for the rays of each beam's nearest echo: the shortest ray of the beam, and its other rays that
-        # are longer by at most `echo_length`. A ray that misses is inf, and FARTHEST keeps it out of the
-        # echo, even if the beam has only such rays left
+        # are longer by at most `echo_length`. A ray without a surface is inf. FARTHEST keeps such rays out of
+        # the echo, also if the beam has no other rays left
         in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
         light = np.where(in_echo, weights, 0.0)
         fraction = light.sum(axis=1)
@@ -211,16 +215,16 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     return ranges, fractions
 
 
-def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
-    """Return the fraction of a spot's light that each ray carries, (N, S), also a ray that meets nothing.
+def _weights(depths: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
+    """Return the fraction of its spot's light that each ray carries, (N, S); a ray may meet nothing.
 
     Args:
-        spots: distances of the rays (N, S) [m].
+        depths: distances at which the rays meet a surface (N, S) [m], inf for a miss.
         offsets: angles of the rays relative to the beam (S,) [rad].
         config: size and divergence of the spot.
     """
     # half the angle [rad] of the spot at each distance
-    half_angle = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))
+    half_angle = 0.5 * (config.divergence + config.spot / np.maximum(depths, 1e-3))
     # a ray stands for a strip of the round spot; its fraction of the light is the area of the strip (chord
     # times step), divided by the area of the spot
     from_centre = offsets / half_angle  # position of the ray across the spot, from -1 to 1 inside the spot

@@ -51,14 +51,15 @@ class PointLidar:
             pose_in_base: pose of the lidar in base_link.
         """
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
-        # each upright plane contains a column of beams in the first half turn, and the opposite column
+        # Each upright plane contains a column of beams in the first half turn, and the opposite column. The x
+        # axis of the plane's frame points along the azimuth of the first column, and its y axis upwards.
         half = config.columns // 2
         azimuths = 2.0 * pi / config.columns * np.arange(half)
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # angles of the beams in a plane: first the elevations of the column, then the opposite column, where
-        # the elevation e has the angle pi - e, or -pi - e if this would be more than pi
+        # angles of the beams in a plane, within +-pi: first the elevations of the column, then the opposite
+        # column, where the elevation e has the angle pi - e if e is positive, and otherwise -pi - e
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
         self._order = np.argsort(bearings)  # ray casting needs ascending angles
@@ -87,8 +88,8 @@ class PointLidar:
         """
         config, rings = self._config, self._config.rings
         pose = compose(state.pose_in_world, self._pose_in_base)
-        # one column of this array for each plane: first the ranges of a column of beams, then the ranges of
-        # the opposite column
+        # For each plane, this array has the ranges of both columns of beams below one another: in the first
+        # half of the rows those of the first half turn, in the second half those of the opposite column.
         ranges = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
             # the beams are cast in the order of their angles, and `_order` puts their ranges back in place

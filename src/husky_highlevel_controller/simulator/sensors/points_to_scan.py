@@ -2,7 +2,7 @@
 
 Stands in for pointcloud_to_laserscan 1.4 (Noetic), together with `ros/simulator/points_to_scan.py`, the
 script points_to_scan and `compat/pointcloud_to_laserscan`. `test_points_to_scan.py` compares the ranges with
-the original's rules, a point at a time. No test runs the original, which Debian does not have.
+the original's rules, point by point. No test runs the original, which Debian does not have.
 """
 
 from __future__ import annotations
@@ -61,7 +61,11 @@ class FlattenConfig:
 
 
 def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
-    """Return all parameters of a FlattenConfig; a missing value, or a text for a number, is the default."""
+    """Return all parameters of a FlattenConfig, with defaults for missing values.
+
+    A text instead of a number becomes the default, too: an argument that roslaunch has not replaced, such as
+    `$(arg min)`.
+    """
     defaults = asdict(FlattenConfig())
     values = {name: given.get(name, default) for name, default in defaults.items()}
     return {
@@ -71,7 +75,10 @@ def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
-    """Shortest horizontal distance in each direction, (M,) [m], of points (N, 3) in the scan's frame."""
+    """Return the distance of the nearest point in each direction, seen from above, (M,) [m].
+
+    `points` are (N, 3) [m] in the scan's frame.
+    """
     count = config.directions
     # value of a direction without a point: inf, or a range that is too long to be valid
     ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)

@@ -38,9 +38,14 @@ def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:
     """Return a mesh at a pose, with the ball around the mesh."""
     low, high = mesh.bounds
     x, y, z = ((low + high) / 2.0).tolist()
-    faces = np.ascontiguousarray(mesh.faces.T)
-    axes = axes_from_quat(pose_in_world.quat_xyzw)
-    return RayMesh(mesh.vertices, faces, (x, y, z), hypot(*mesh.size) / 2.0, pose_in_world.position, axes)
+    return RayMesh(
+        vertices=mesh.vertices,
+        faces=np.ascontiguousarray(mesh.faces.T),
+        centre=(x, y, z),
+        bound=hypot(*mesh.size) / 2.0,
+        position=pose_in_world.position,
+        axes=axes_from_quat(pose_in_world.quat_xyzw),
+    )
 
 
 def meet_mesh(
@@ -57,7 +62,8 @@ def meet_mesh(
         distances: distances of the beams.
 
     Returns:
-        An upper bound of the distances to the mesh [m]: 0 if no beam can meet the mesh, otherwise inf.
+        0 if no beam can meet the mesh, otherwise inf. `cast_rays` takes the result as the largest distance
+        [m] that this mesh can have put into `distances`.
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre

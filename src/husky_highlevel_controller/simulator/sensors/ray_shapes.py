@@ -2,10 +2,14 @@
 
 In: numbers of one shape, or arrays of many shapes; the formulas are the same. Out: distances along the beams.
 
-`prepare` takes the centre, the axes and the size of a shape in the laser's frame: numbers, or arrays (K,) for
-K shapes. It returns rows (F, 2[, K]), to be multiplied by the direction of each beam, and numbers (G[, K]),
-which are the same for all beams. `enter` takes these products (F, P) and the numbers (G, 1 or P), and returns
-the distance at which each beam enters the shape, (P,) [m]; inf or nan if the beam misses the shape.
+The beam with the direction d = (d_x, d_y, 0) has the points t d, with the distance t >= 0 from the laser. A
+formula finds the t at which the beam enters a shape. It has two functions:
+
+- `prepare` computes once what does not depend on the beam. It takes the centre, the axes and the size of a
+  shape in the laser's frame: numbers, or arrays (K,) for K shapes. It returns rows (F, 2[, K]) and numbers
+  (G[, K]). The caller multiplies each row by the d of each beam.
+- `enter` takes these products (F, P) and the numbers (G, 1 or P), and returns the distance at which each beam
+  enters the shape, (P,) [m]; inf or nan if the beam misses the shape.
 """
 
 from __future__ import annotations
@@ -25,9 +29,10 @@ Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
 
 def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Rows and numbers of a box for `_enter_box`, three of each kind, one for each axis of the box.
+    """Return the rows and numbers of a box.
 
-    A box is the intersection of three slabs. The rows are the x and y of the axes. The numbers are the centre
+    A box is the intersection of three slabs, one across each axis. There are three rows, the x and y of each
+    axis; d times a row is the component of d along the axis. There are three numbers of each kind: the centre
     along each axis, half of each edge, and how deep the laser is inside each slab (negative outside).
     """
     x, y, z = axes
@@ -43,11 +48,14 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Rows and numbers of a cylinder for `_enter_cylinder`, with the centre c and the axis e = (u, v, w).
+    """Return the rows and numbers of a cylinder with the centre c and the axis e = (u, v, w).
 
-    A beam d meets the side of the cylinder at the distances t with |(t d - c) x e| = radius. With m = c x e =
-    (i, j, k) and s = d x e, this is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. `_flank` solves it as
-    t = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s. Each row gives a number for each d = (d_x, d_y, 0).
+    A beam meets the side of the cylinder if its point t d is `radius` away from the axis. With m = c x e =
+    (i, j, k) and s = d x e, this is an equation for t, which `_flank` solves::
+
+        |(t d - c) x e| = radius
+        (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0
+        t = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
     """
     (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size  # `half` is half the length
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # m
@@ -59,14 +67,16 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
         (u, v),  # d.e, for the ends
     )
     depth = square - i * i - j * j - k * k  # negative if the laser is outside of the endless cylinder
-    # the last three numbers are for the ends: centre along the axis, and depth of the laser between the ends
+    # `_flank` needs the first two numbers. The last three describe the slab between the ends: its middle and
+    # half of its thickness along the axis, and how deep the laser is inside it.
     return rows, (w * w, square, depth, middle, half, half - abs(middle))
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter the part of the endless cylinder (see `_flank`) between its ends."""
     a, ahead, root = _flank(along, numbers)
-    # the numbers from 2 on are depth, middle, half, and depth between the ends, see `_prepare_cylinder`
+    # a beam parallel to the axis has a = 0; number 2 is the laser's depth in the endless cylinder, and
+    # numbers 3 to 5 describe the slab between the ends, see `_prepare_cylinder`
     enter, leave = _span((ahead - root) / a, (ahead + root) / a, a < 1e-18, numbers[2])
     near, far = _slab(along[3], numbers[3], numbers[4], numbers[5])
     return _entries(np.maximum(enter, near), np.minimum(leave, far))
@@ -75,39 +85,42 @@ def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter a cylinder that is ahead of them, if no beam can meet its ends.
 
-    This is `_enter_cylinder` without the steps that have no effect in this case. The case is an upright
-    pillar and a level lidar, as in each scan of the course, where these steps would take a fifth of the time.
+    The result is the same as of `_enter_cylinder`, which also checks the ends, parallel beams and a laser
+    inside the cylinder. An upright pillar and a level lidar, as in each scan of the course, do not need these
+    checks, which would take a fifth of the time.
     """
     a, ahead, root = _flank(along, numbers)
     return (ahead - root) / a
 
 
 def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (a, ahead, root) of the cylinder without ends, which beams cross at t = (ahead -+ root) / a.
+    """Return (a, ahead, root): beams cross the cylinder without ends at the distances (ahead -+ root) / a.
 
-    The square of the root is ahead^2 - a (m.m - radius^2), computed as radius^2 a - (d.m)^2, because this is
-    precise for a cylinder far away, too.
+    In the last equation of `_prepare_cylinder`, a is s.s, ahead is s.m, and root is the square root. This
+    form of the root is precise for a cylinder far away, too; the usual ahead^2 - a (m.m - radius^2) is not.
     """
-    aside, ahead, cross, _ = along
+    aside, ahead, cross, _ = along  # products of the rows: d.m, s.m, z of s, d.e
     a = numbers[0] + cross * cross  # squared sine of the angle between beam and axis
     return a, ahead, np.sqrt(numbers[1] * a - aside * aside)
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Terms of |t d - c| = radius, for a beam d = (d_x, d_y, 0) and the centre c = (x, y, z).
+    """Return the rows and the number of a sphere with the centre c = (x, y, z).
 
-    With ahead = d.c and aside = d_x y - d_y x, ahead^2 + aside^2 = x^2 + y^2, so the equation becomes
-    (t - ahead)^2 = radius^2 - z^2 - aside^2. The rows give aside and ahead, and the number is radius^2 - z^2.
+    A beam meets the sphere if its point t d is `radius` away from c. The rows give two distances of c in the
+    scan plane: `ahead` along the beam, and `aside` to the side of the beam. The number is radius^2 - z^2::
+
+        (t - ahead)^2 + aside^2 + z^2 = radius^2
     """
     x, y, z = center
     return ((y, -x), (x, y)), (size[0] * size[0] - z * z,)
 
 
 def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances t = ahead - root at which beams enter a sphere; they leave it at ahead + root.
+    """Distances at which beams enter a sphere, from the equation of `_prepare_sphere`.
 
-    The point of a beam that is nearest to the centre is at the distance `ahead`, and half of the beam's way
-    through the sphere is `root`, by the equation of `_prepare_sphere`. The root is nan if the beam misses.
+    A beam is nearest to the centre at the distance `ahead`. `root` is half of the beam's way through the
+    sphere; nan if the beam misses.
     """
     aside, ahead = along
     root = np.sqrt(numbers[0] - aside * aside)
@@ -136,11 +149,12 @@ Span = Tuple[np.ndarray, np.ndarray]
 def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:
     """Span in which a ray is inside a slab: the interval of t with |t direction - middle| <= half.
 
-    `depths` is half - |middle|, which is negative if the laser is outside the slab.
+    `directions` are the components of the rays along the slab's axis, and `middles` is its middle on this
+    axis. `depths` is half - |middle|, which is negative if the laser is outside the slab.
     """
-    steep = np.abs(directions)
-    middle, half = middles / directions, halves / steep
-    return _span(middle - half, middle + half, steep < 1e-9, depths)
+    speeds = np.abs(directions)  # way along the axis per distance t; 0 for a ray parallel to the slab
+    middle, half = middles / directions, halves / speeds
+    return _span(middle - half, middle + half, speeds < 1e-9, depths)
 
 
 def _span(near: np.ndarray, far: np.ndarray, is_parallel: np.ndarray, depths: np.ndarray) -> Span:

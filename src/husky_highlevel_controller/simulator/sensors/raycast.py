@@ -2,9 +2,9 @@
 
 In: shapes with poses, the pose of the laser, the bearings of its beams. Out: distances.
 
-Bullet's own rays meet the collision margin around a cylinder. So they see a pillar of 0.2 m at 20 m one beam
-too wide, and its flank 2 cm off. Here every shape is exact, and the time grows with the beams that may hit
-something, not with beams times shapes.
+Bullet's own rays stop at a margin around a cylinder. So a pillar of 0.2 m at a distance of 20 m would be one
+beam too wide, and its side would be 2 cm wrong. Here every shape is exact, and the time grows with the number
+of beams that may hit something, not with the number of beams times the number of shapes.
 
 A call of NumPy costs about the same for one number as for a hundred. So a few shapes are computed one by one,
 in plain numbers, each with the slice of the beams that may meet it. Many shapes are computed all at once.
@@ -103,8 +103,8 @@ class RayScene:
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
     """Build a scene of shapes and their poses in the world.
 
-    Solid shapes and meshes keep their order. `RayScene.move` counts only solid shapes, and `move_mesh` only
-    meshes.
+    Solid shapes and meshes keep their order. The index in `RayScene.move` counts only the solid shapes, and
+    the index in `move_mesh` counts only the meshes.
     """
     solids: List[RaySolid] = []
     meshes: List[RayMesh] = []
@@ -146,7 +146,8 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    # [m] upper bound of all distances; up to `max_range`, the end of this function need not search them
+    # [m] upper bound of all finite distances; only if it is above `max_range`, the end of this function
+    # searches for distances beyond `max_range`
     farthest = 0.0
     for point, normal in scene.planes:
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
@@ -197,8 +198,8 @@ def _meet_one(
     if square < 0.0 or flat - solid.bound > max_range:
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
-    # 3. terms that do not depend on the beam: `prepare` of the shape's formula computes them from the axes
-    # that it needs, and `enter` will compute the distances from them
+    # 3. `prepare` computes once the rows and numbers that are the same for all beams; for each beam, `enter`
+    # computes the distance from them. See the module `ray_shapes`
     needed_axes, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
     row_terms, number_terms = prepare(center, axes, solid.size)
@@ -256,7 +257,8 @@ def _meet_many(
     # each candidate is a solid, with the first beam and the number of beams that may meet it
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
-    # the formula of each kind of shape names the axes that it needs, and has two functions, see `ray_shapes`
+    # the formula of each kind of shape: indices of the axes that it needs, and the functions `prepare` and
+    # `enter`, see the module `ray_shapes`
     for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
@@ -269,8 +271,8 @@ def _meet_many(
             # the terms of each solid are repeated for each of its beams, from (..., K) to (..., P)
             rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)
             x, y = beams.directions[:, beam]
-            # nan means that the beam misses, and `fmin` ignores nan; `at` is needed because a beam may be in
-            # several pairs
+            # each row is multiplied by the direction (x, y) of its beam. nan means that the beam misses, and
+            # `fmin` ignores nan; `at` is needed because a beam may be in several pairs
             np.fmin.at(distances, beam, enter(rows[:, 0] * x + rows[:, 1] * y, numbers))
 
 

@@ -105,7 +105,10 @@ def _serve_requests(pipe: Connection) -> None:
 
 
 def _bodies_to_draw(bodies: Mapping[str, Body]) -> Dict[str, Body]:
-    """Return the bodies to draw, by name; a body without collision shapes gets its visuals as such shapes."""
+    """Return the bodies to draw, by name.
+
+    The renderer draws collision shapes, so the visuals of a body without such shapes become its collisions.
+    """
     to_draw = {}
     for name, body in bodies.items():
         if body.collisions:

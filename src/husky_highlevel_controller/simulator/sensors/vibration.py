@@ -2,9 +2,9 @@
 
 In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
 
-Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz, averaged over two
-samples each. The values are medians over the seconds of steady driving: standard deviations of ax, ay, az
-[m/s^2] and of the rates [rad/s] at a mean wheel speed v.
+Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz; the mean of each two
+samples is used. The table gives, for a ground and a mean wheel speed v, the standard deviations of ax, ay and
+az [m/s^2], and of the rates [rad/s]: medians over the seconds of steady driving.
 
     flooring 0.11 m/s: 0.5 0.5 0.2, 0.01      ice 0.30 m/s: 0.9 0.6 0.3, 0.01
     flooring 0.28 m/s: 0.9 0.8 0.4, 0.02      ice 0.60 m/s: 1.1 1.3 0.45, 0.02
@@ -32,7 +32,7 @@ from husky_highlevel_controller.simulator.sensors.imu import Imu
 
 # correlation between two samples that are one period and two periods apart, at 50 Hz
 CORRELATION_1, CORRELATION_2 = 0.15, -0.40
-# parameter of Student's distribution; with 7, a sample of 8 standard deviations comes once in 5 minutes
+# parameter of Student's distribution; with 7, a sample reaches 8 standard deviations once in 5 minutes
 DEGREES_OF_FREEDOM = 7
 # factors of noise x[n] = LAST x[n-1] + BEFORE_LAST x[n-2] + RANDOM draw that has these correlations and
 # variance 1 (Yule-Walker equations)
@@ -69,7 +69,7 @@ class VibratingImu:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the last samples, because the robot is at rest, for instance after a move."""
+        """Begin again with a robot at rest: forget the last samples."""
         self._imu.restart()
         self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
         self._last_noise: List[float] = [0.0] * 6
