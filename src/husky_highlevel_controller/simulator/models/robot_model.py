@@ -133,7 +133,8 @@ def robot_model(
     fixed_links = [(links[name], pose) for name, pose in poses.items()]  # `poses` also has base_link itself
     # `_merge` computes the mass, the centre of mass and the inertia of all parts together
     body = _merge([_inertial(link, pose) for link, pose in fixed_links])
-    _require_solid(body, "base_link's rigid body")  # without the wheels, which `_write_wheel` checks
+    # only base_link's body is checked here; `_write_wheel` checks each wheel
+    _require_solid(body, "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
     _write_collisions(base, fixed_links)
     wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
