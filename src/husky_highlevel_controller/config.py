@@ -121,7 +121,7 @@ def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
 
 
 def to_plain(value: Any) -> Any:
-    """Convert a record to JSON's types: mappings, lists and plain values; arrays rounded to four digits."""
+    """Convert a record to JSON's types: mappings, lists and plain values; arrays rounded to four decimals."""
     if type(value) in _TYPE_NAMES:  # most values of a recording are plain, so they are tested first
         return value
     if is_dataclass(value):

@@ -1,7 +1,7 @@
 """Result of a command, in evaluation and in marking: tables and a verdict, as text, as Markdown or in a file.
 
 In: values. Out: text by `str`, Markdown, CSV, Parquet; by `config.to_json` a file that `config.load` reads.
-Results of the same values are equal.
+Results with the same values are equal, also if one has lists and the other tuples.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Robot description as data: names, topics, sizes, masses and limits, from config/robots/.
 
-The first section of the file, `robot`, is the record `Robot`; the other entries are the simulator's sensors
+The section `robot` of each file is the record `Robot`. The other sections are the simulator's sensors
 (`simulator/simulator_config.py`). docs/robots.md lists the steps for a further robot.
 """
 

@@ -18,6 +18,6 @@ def likeness(name: str, other: str, separator: str) -> float:
 
 
 def nearest(name: str, others: Iterable[str], separator: str, least: float) -> Optional[str]:
-    """Return the name that is most like another one, or None if none has the least likeness."""
+    """Return the other name that is most like `name`, or None if its likeness is below `least`."""
     best, likest = max(((likeness(name, other, separator), other) for other in others), default=(0.0, ""))
     return likest if best >= least else None

@@ -237,7 +237,7 @@ def _look(controller_state: ControllerState, observation: Observation, pillars: 
     laser_in_odom = observation.laser_in_odom
     if laser_in_odom is None:
         nearest = pillars[0] if pillars else None
-        return _Look(controller_state.track, nearest, None, Visibility.UNKNOWN)
+        return _Look(controller_state.track, nearest, pillar_in_odom=None, visibility=Visibility.UNKNOWN)
     # an arrived robot keeps a near pillar that something hides, so that the robot stays when somebody stands
     # in front of the pillar
     keep_hidden = controller_state.state is State.ARRIVED
@@ -245,7 +245,7 @@ def _look(controller_state: ControllerState, observation: Observation, pillars: 
         controller_state.track, pillars, observation.scan, laser_in_odom, keep_hidden
     )
     if sighting is None:
-        return _Look(track, None, None, visibility)
+        return _Look(track, pillar=None, pillar_in_odom=None, visibility=visibility)
     return _Look(track, sighting.pillar, sighting.center_in_odom, visibility)
 
 

@@ -248,8 +248,8 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 def line_sum_squared_error(segment: Segment) -> float:
     """Sum of the squared errors of the best line, measured along the beams [m^2]."""
     terms = _terms(segment)
-    u, v, w = (terms @ terms.T).tolist()
-    return float(line_squared_error(np.array((u[0], u[1], v[1], u[2], v[2], w[2]))))
+    (uu, uv, ur), (_, vv, vr), (_, _, rr) = (terms @ terms.T).tolist()
+    return float(line_squared_error(np.array((uu, uv, vv, ur, vr, rr))))
 
 
 def corner_sum_squared_error(segment: Segment) -> float:

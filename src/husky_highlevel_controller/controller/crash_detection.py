@@ -229,8 +229,8 @@ class CrashDetector:
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
         """Take a sample's velocity increment, and return the change of velocity [m/s] in a crash, or None.
 
-        The first sample, and one after a gap, only starts the detector again. A sample with the stamp of the
-        last one is averaged with it, and an older one is dropped.
+        The first sample, or a sample after a gap, only starts the detector again. A sample with the stamp of
+        the last sample is averaged with the last sample. An older sample is dropped.
         """
         duration = sample.stamp - self._last_stamp
         if self._vertical is None or abs(duration) > LONGEST_PERIOD:

@@ -248,7 +248,7 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
     # index of the beam that would point exactly to the circle's centre; it is usually not a whole number
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
-    # number of beams that are checked on either side of `centre`. The last beam lies beside the circle, and
+    # number of beams that are checked on either side of `centre`. The last beam may miss the circle, so it
     # only shows whether a nearer object hides the side of the circle.
     half_width = half_angle / step + 1.0
     # [m] a beam hits the circle if its range differs from the expected range by at most this

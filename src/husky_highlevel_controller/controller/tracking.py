@@ -321,5 +321,5 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
 
 
 def _deviation_at(estimate: Estimate, stamp: float) -> float:
-    """Standard deviation of the position, grown since it was seen [m]."""
+    """Standard deviation of the position, which has grown since the pillar was seen [m]."""
     return hypot(estimate.deviation, _DRIFT * sqrt(max(stamp - estimate.seen_at, 0.0)))

@@ -25,7 +25,7 @@ STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))
 def new_figure(
     width: float, height: float, layout: Optional[Literal["constrained"]] = "constrained"
 ) -> Figure:
-    """An empty figure of a size in inches; it is drawn only once, not twice, if the layout is None."""
+    """An empty figure of a size in inches; with a layout, matplotlib draws the figure twice."""
     return Figure(figsize=(width, height), dpi=DPI, layout=layout)
 
 

@@ -22,7 +22,7 @@ from husky_highlevel_controller.robot import Robot, load_robot
 PERIOD = 0.1  # [s] time between two poses that the page keeps; the page interpolates between them
 # largest number of poses in a page; the page of a longer run keeps a pose less often than every PERIOD
 MAX_POSES = 3000
-MAX_MARKS = 1000
+MAX_MARKS = 1000  # largest number of markers in a page
 
 
 @dataclass(frozen=True, eq=False)

@@ -65,7 +65,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
 
 
 def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
-    """Triangles with each corner moved to the middle of its cell, (M, 3, 3) [m], without flat triangles."""
+    """Triangles with each corner moved to the middle of its cell, (M, 3, 3) [m], none flat or repeated."""
     cells = np.round(triangles / cell)
     flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
     corners: np.ndarray = np.unique(cells[~flat], axis=0) * cell
@@ -74,6 +74,7 @@ def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
 
 def _mesh(path: Path) -> np.ndarray:
     """Triangles of a binary STL file, made coarser by cells."""
+    # the file begins with 80 bytes of text and 4 bytes for the number of triangles
     return coarser(np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float))
 
 

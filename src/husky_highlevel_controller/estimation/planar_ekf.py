@@ -60,7 +60,10 @@ class PlanarEkf:
         self.started = False
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
-        """Start again with a robot at rest at a pose, x, y [m], yaw [rad], with its covariance (3, 3)."""
+        """Start again with a robot at rest at a pose, x, y [m], yaw [rad], with its covariance (3, 3).
+
+        The variance of velocities and accelerations is 1e-6, as in robot_localization.
+        """
         state, full = np.zeros(STATES), 1e-6 * np.eye(STATES)
         state[:3], full[:3, :3] = pose, covariance
         self.estimate, self.started = MotionEstimate(stamp, state, full), True
