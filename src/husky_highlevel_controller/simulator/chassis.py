@@ -81,7 +81,7 @@ class Chassis:
         self._hull_contacts: List[HullContact] = []
         self._wheel_speeds: Sequence[float] = (0.0,) * len(wheels)  # [rad/s]
         self.torques = [0.0] * len(wheels)  # [N m] torques of the wheels' motors
-        self.observe()
+        self.observe()  # reads `state` at the new pose
 
     def wheels(self) -> WheelState:
         """Angles, speeds and torques of the wheels."""

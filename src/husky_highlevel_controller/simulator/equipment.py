@@ -97,7 +97,10 @@ def equip(
 def _lidar(
     config: SimulatorConfig, model: RobotModel, cast: CastRays, scan_time: float
 ) -> Union[Lidar, Lms1xx]:
-    """Return the planar lidar; HuskyError if its sweep takes longer than `scan_time` [s]."""
+    """Return the planar lidar of Gazebo's robot, or of the real Husky if `config.real` is set.
+
+    Raises HuskyError if the real lidar's sweep takes longer than `scan_time` [s], the time from scan to scan.
+    """
     frame = model.laser_frame
     pose = model.fixed_poses[frame]
     if config.real is None:

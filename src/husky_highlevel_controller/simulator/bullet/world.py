@@ -296,7 +296,7 @@ class BulletWorld:
         # a body with planes has several ids in Bullet
         checked_ids = self._ids_by_name[name] if copy is None else [copy]
         body_ids = set(self._ids_by_name[name])
-        links_of_model = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
+        same_model_ids = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
         self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
         for checked_id in checked_ids:
             # Bullet quickly finds the bodies whose bounding boxes overlap; only these bodies are checked
@@ -305,7 +305,7 @@ class BulletWorld:
             boxes = [self._engine.getAABB(checked_id, part) for part in parts]
             # `or ()`, because Bullet returns None if nothing overlaps
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(checked_ids, ignored, self._planes, *links_of_model)):
+            for other in sorted(near.difference(checked_ids, ignored, self._planes, *same_model_ids)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
                     # only the robot's start has the launch arguments x, y and z
@@ -364,7 +364,10 @@ class BulletWorld:
         return body_id
 
     def _create(self, parts: Sequence[_Part], pose: Pose) -> int:
-        """Create a body, and return its id, which is negative if Bullet refuses the body."""
+        """Create a body, and return its id, which is negative if Bullet refuses the body.
+
+        The first part is the base of the body; all other parts are links that are fixed to the base.
+        """
         base, links = parts[0], parts[1:]
         arguments: Dict[str, Any] = {}
         if links:

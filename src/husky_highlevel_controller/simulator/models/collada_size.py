@@ -39,7 +39,7 @@ class _Scene:
             if _tag(element) in ("node", "geometry"):
                 self._elements_by_id.setdefault(element.get("id", ""), []).append(element)
         self._sizes: Dict[ElementTree.Element, SceneSize] = {}  # sizes that are known so far
-        # elements whose sizes are being computed, each inside the one before
+        # elements whose sizes are being computed, each inside the element before it
         self._unfinished: Set[ElementTree.Element] = set()
 
     def size(self) -> SceneSize:

@@ -66,7 +66,7 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
 
     Args:
         robot: name of the robot.
-        meshes: URI of the folder of meshes; empty for plain shapes, None for the meshes of PyBullet.
+        meshes: URI of the folder of meshes; empty for plain shapes, None for the meshes from PyBullet.
         **arguments: any other ARGUMENTS; these arguments have an effect on the Husky only.
 
     Raises:

@@ -132,7 +132,7 @@ def _check_size(size: SceneSize) -> None:
 
 
 def _unit_of(document: ElementTree.Element) -> float:
-    """Length of a COLLADA file's unit [m]."""
+    """Return the length of a COLLADA file's unit [m]; 1 m if the file states no valid unit."""
     unit = document.find("{*}asset/{*}unit")
     length = float("nan" if unit is None else unit.get("meter", "nan"))
     return length if 0.0 < length < float("inf") else 1.0

@@ -58,7 +58,7 @@ class Imu:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the last sample, because the robot is at rest, for instance after a move."""
+        """Begin again with a robot at rest: forget the last sample."""
         self._last_velocity_in_world: Vector3 = (0.0, 0.0, 0.0)
         self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
 

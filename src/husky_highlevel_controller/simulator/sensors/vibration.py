@@ -60,6 +60,7 @@ class VibratingImu:
         """`track`: distance between the wheels, which gives their speeds when the robot turns [m]."""
         self._imu, self._track = imu, track
         self._saturation_speed = config.saturation
+        # standard deviations of ax, ay, az and the three rates, per speed of the wheels
         self._noise_per_speed = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
 
     def reset(self, rng: np.random.Generator) -> None:
