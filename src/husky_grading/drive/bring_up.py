@@ -61,7 +61,7 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
 def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
     """Set the parameters of the simulator's launch file, and return the simulator's command-line arguments.
 
-    A program of ours reads the launch file, once for all runs with the same launch arguments.
+    The program SIMULATOR_SETUP reads the launch file, once for all runs with the same launch arguments.
 
     Raises:
         MarkingError: the launch file cannot be read.
@@ -81,13 +81,13 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
             raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
         _SETUPS[launch_arguments] = setup["parameters"], setup["arguments"]
     parameters, arguments = _SETUPS[launch_arguments]
-    # roslaunch would set /run_id, too, but to a new name for each run
+    # roslaunch sets /run_id, too; its name there is new in each run
     set_parameters(network.uri, {"/run_id": "marking", **parameters})
     return arguments
 
 
 def once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
-    """Wait until the simulator, or the program in its place, is up, and return it.
+    """Wait until the simulator, or the bag player in its place, is up, and return it.
 
     Raises:
         MarkingError: the program does not start.

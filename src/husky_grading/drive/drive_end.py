@@ -21,19 +21,19 @@ STILL = 15.0  # [s] the robot has moved, and then has stood for this time
 NEVER = 12.0
 # A run also ends if the robot leaves the pillar for good. The robot is then PAST [m] farther from the pillar
 # than at its nearest point, and for LEAVING [s] it has driven away in a straight line, so its heading has
-# changed by less than STRAIGHT [rad]. At this rate, the robot would need 80 s to turn round.
+# changed by less than STRAIGHT [rad]. A robot that turns so slowly would need 80 s to turn round.
 PAST, LEAVING, STRAIGHT = 10.0, 5.0, 0.2
 NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
 NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")
 
 
 class DriveEnd:
-    """Follows one run of exercise 3, and decides when it is over."""
+    """Follows one run of exercise 3 by its true states, and decides when it is over."""
 
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         self._pillar = pillar  # x and y of the pillar in the world [m]
         self._robot = robot  # name of the robot, one of ROBOTS
-        # [s] simulated times
+        # [s] simulated times of states
         self._now = 0.0  # latest state
         self._drove_at = 0.0  # last state in which the robot drove
         self._moved_at = 0.0  # last state in which the robot drove or turned on the spot
@@ -44,7 +44,7 @@ class DriveEnd:
         self._gap, self._nearest = 0.0, inf
         # straight path away from the pillar: heading in the world [rad] and simulated time [s] at its begin
         self._heading = 0.0
-        self._left_at = 0.0
+        self._leaving_since = 0.0
 
     def update(self, state: TrueState) -> None:
         """Follow the next true state."""
@@ -56,9 +56,9 @@ class DriveEnd:
         pose = pose_to_2d(state.pose_in_world)
         # [m] gap between the robot's footprint and the pillar
         gap = float(hull_gaps(np.array([pose]), self._pillar, self._robot)[0])
-        # if the robot comes nearer or turns, a straight path away from the pillar can begin only now
+        # a robot that comes nearer or turns does not leave, so a straight path away can begin only now
         if gap <= self._gap or abs(wrap_angle(pose.yaw - self._heading)) > STRAIGHT:
-            self._heading, self._left_at = pose.yaw, now
+            self._heading, self._leaving_since = pose.yaw, now
         self._gap, self._nearest = gap, min(self._nearest, gap)
         # the time of arrival is forgotten if the robot leaves the pillar again; the time of a touch is kept
         self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf  # `min` keeps the first time
@@ -71,7 +71,7 @@ class DriveEnd:
         `abandoned` is true if no node of the submission runs any more.
         """
         still = self._now - self._moved_at  # [s] time for which the robot has been at rest
-        # after a touch the run goes on for AT_PILLAR seconds; without a touch, `_touched_at` is infinite
+        # never true without a touch, because `_touched_at` is inf then
         if self._now >= self._touched_at + AT_PILLAR:
             return Note(Kind.TOUCHES, "it reached the pillar and touched it")
         # the robot has been at the pillar for AT_PILLAR seconds without driving; turning on the spot is
@@ -84,7 +84,7 @@ class DriveEnd:
         if self._first_moved == inf and self._now >= NEVER:
             return Note(Kind.NEVER_MOVED, f"it did not move for {NEVER:g} s")
         has_passed = self._gap > self._nearest + PAST
-        drives_away = self._now >= self._left_at + LEAVING
+        drives_away = self._now >= self._leaving_since + LEAVING
         if has_passed and drives_away:
             far, near = f"{self._gap:.0f} m", f"{self._nearest:.0f} m"
             return Note(Kind.LEAVES, f"it was {far} from the pillar, {near} at its nearest, and drove on")

@@ -54,7 +54,8 @@ def draw(
         points: points of a list or an arrow, relative to the pose [m].
         axis: vertical axis of the pillar, x and y in the world [m].
     """
-    # points that can count as the marker's position; corners of the shape that the marker covers
+    # points that can count as the marker's position, of which the nearest to the pillar does; corners of the
+    # shape that the marker covers
     references, corners = _references_and_outline(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
     position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
@@ -67,10 +68,10 @@ def draw(
 def _references_and_outline(
     kind: int, scale: Sequence[float], points: Sequence[Sequence[float]]
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
-    """Return the reference points of a shape, and the points whose convex hull counts as covered.
+    """Return the reference points of a shape, and the corners of the space that it covers.
 
-    The reference point that is nearest to the pillar counts as the position of the marker. All points are in
-    the marker's frame [m].
+    The reference point that is nearest to the pillar counts as the position of the marker. The covered space
+    is the convex hull of the corners. All points are in the marker's frame [m].
     """
     origin = (0.0, 0.0, 0.0)  # origin of the marker's frame
     if kind == ARROW:
@@ -84,8 +85,8 @@ def _references_and_outline(
         # too
         ends = [measured[0], measured[-1]] if kind in LINES else []
         middle = _middle(np.array(measured, dtype=float))
-        # the hull of all points is not taken, because points far away on all sides of the pillar would then
-        # cover the pillar
+        # the other points are no corners, because points far away on all sides of a pillar would then cover
+        # it
         return [middle, *ends], [middle, *ends]
     # a text turns with the camera, and the size of a mesh is only in its file, so only their origin counts
     if kind in (TEXT, MESH):
@@ -95,9 +96,9 @@ def _references_and_outline(
 
 
 def _middle(points: np.ndarray) -> List[float]:
-    """Return the mean of points, (N, 3) [m], as the position of their marker.
+    """Return the middle of a marker's points, (N, 3) [m]: their mean, if most points are near it.
 
-    If most points are far from their mean, the result is the point with the median distance from the mean.
+    Otherwise the result is the point with the median distance from the mean.
     """
     mean = points.mean(axis=0)
     distances = np.linalg.norm(points - mean, axis=1)
@@ -108,17 +109,17 @@ def _middle(points: np.ndarray) -> List[float]:
 
 def hull_distance(points: np.ndarray) -> float:
     """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 inside."""
-    # the origin is inside if it sees points all around it, so that no gap between the directions to two
-    # neighbouring points is half a turn or more
+    # the origin is inside if it has points all around it; then the angle between two neighbouring directions
+    # is always less than half a turn
     bearings = sorted(atan2(y, x) for x, y in points)
     gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
     if len(points) > 2 and gaps.max() < pi - 1e-9:
         return 0.0
-    # otherwise the nearest point of the hull lies on a line between two of the points, so all pairs are tried
+    # the nearest point of the hull lies on a line between two of the points, so all pairs are tried
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
     squared_length = np.maximum((along**2).sum(axis=1), 1e-12)
     # nearest point of each line to the origin, as a fraction of the way from `first` (0) to `second` (1)
-    share = np.clip(-(first * along).sum(axis=1) / squared_length, 0.0, 1.0)
-    nearest = first + share[:, np.newaxis] * along
+    fraction = np.clip(-(first * along).sum(axis=1) / squared_length, 0.0, 1.0)
+    nearest = first + fraction[:, np.newaxis] * along
     return float(np.sqrt((nearest**2).sum(axis=1)).min())

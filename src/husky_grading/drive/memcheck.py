@@ -40,7 +40,7 @@ LOG = "memcheck."  # beginning of the name of valgrind's log; `nodes/submission.
 CPU_TIME, WALL_TIME = 2.0, 8.0
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
-MAX_NESTED = 20  # largest number of parentheses inside each other
+MAX_NESTED = 20  # largest depth of nested parentheses
 # character that replaces a pair of parentheses and everything in it, before C++ code is searched
 IN_PARENTHESES = "\0"
 # only the DEPTH innermost calls of a call stack are searched for a line of the submission
@@ -57,7 +57,7 @@ _DECLARED = re.compile(
     rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
 )
 # declaration of numbers, pointers, or classes such as tf::Vector3, which have no value unless the code gives
-# them one; `names` is the rest of the declaration, with the names of the variables and their values
+# them one; the group `names` has the names of the variables, and their values
 _VARIABLE = re.compile(
     rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
     r"(?P<names>.*)$",
@@ -117,7 +117,7 @@ def find_unwritten_variable(
         MarkingError: the network or the simulator does not start.
     """
     with Network(folder) as network:
-        # without a socket for true poses, the simulator runs without lockstep, so it does not wait for the
+        # the simulator gets no socket for true poses, so it runs without lockstep, and does not wait for the
         # submission, which is slow in valgrind
         simulator = simulate(network, trial, replace(robot.config, pace=PACE))
         process, _ = start_submission(network, submission, "memcheck")
@@ -132,12 +132,12 @@ def find_unwritten_variable(
         # true if the submission subscribes to the scans; false if it ends or becomes idle before that
         gets_scans = wait_while_active(
             process,
-            len(submission.nodes),
-            subscribes,
-            lambda: read_registrations(network.uri, SIMULATOR_NODES),
+            node_count=len(submission.nodes),
+            condition=subscribes,
+            read_graph=lambda: read_registrations(network.uri, SIMULATOR_NODES),
         )
         final_choice = robot
-        if robot.is_guess:  # the submission decides by the topic of scans to which it has subscribed
+        if robot.is_guess:  # the topic of scans to which the submission has subscribed decides
             listened_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
             final_choice = robot.after_hearing(listened_config)
         if final_choice.config != robot.config:
@@ -150,11 +150,16 @@ def find_unwritten_variable(
             wait(lambda: not process.running or cpu_seconds() - used_before > CPU_TIME, WALL_TIME)
         # the logs are read before the node is ended, because an interrupted `getParam` leaves its variable
         # without a value
-        logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
-        log = "\n".join(map(_text, logs))
+        log = _log_in(network.folder_of("submission"))
     # a submission without a root is never checked, see `is_worth_checking`; `or` tells this to mypy
     sources = (submission.root or folder) / "src"
     return sentence(reads_in(log, sources), sources), final_choice
+
+
+def _log_in(folder: Path) -> str:
+    """Return the text of valgrind's logs in a folder; each process has written one."""
+    logs = sorted(path for path in folder.iterdir() if path.name.startswith(LOG))
+    return "\n".join(map(_text, logs))
 
 
 def _is_compiled(path: Path) -> bool:
@@ -176,7 +181,7 @@ def _text(path: Path) -> str:
 def may_be_unwritten(text: str) -> bool:
     """Return whether C++ code declares, or may declare, a variable without a value."""
     text = _COMMENTS.sub("", text)
-    # each step replaces the innermost pairs of parentheses, so commas and "=" in arguments are not found
+    # the innermost parentheses are replaced first; then commas and "=" in parentheses are not found below
     for _ in range(MAX_NESTED):
         text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
     declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
@@ -190,7 +195,7 @@ def _texts(sources: Path) -> Dict[str, str]:
 
 
 def reads_in(log: str, sources: Path) -> List[Read]:
-    """Return the reads of values that were never written, by memcheck's log.
+    """Return the reads of values that were never written, from memcheck's log.
 
     Only lines of the submission's `sources` count. A value that is only printed does not count.
     """
@@ -207,15 +212,15 @@ def reads_in(log: str, sources: Path) -> List[Read]:
             if line is not None:
                 found.append(Read(line, origin))
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
-            # ROS has sent a value that was never written
+            # ROS reads the value to send it, so only the allocation is in a line of the submission
             found.append(Read(None, origin))
     return found
 
 
 def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
-    """Return the line of the submission that a stack comes from: its innermost call in one of `own_files`.
+    """Return the innermost line of a call stack that is in one of the submission's `own_files`.
 
-    None if none of the first DEPTH calls is in these files, or if the value is only printed.
+    It is None if none of the DEPTH innermost calls is in these files, or if the value is only printed.
     """
     for line in stack.splitlines()[: DEPTH + 1]:  # the line before the first call is a title
         frame = _FRAME.match(line.strip())
@@ -227,14 +232,14 @@ def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
 
 
 def sentence(reads: Sequence[Read], sources: Path) -> str:
-    """Return a sentence on one of the reads; empty if there are no reads.
+    """Return a sentence for the student on one of the reads; empty if there are no reads.
 
     The first read whose line names an unwritten variable is preferred, so that the sentence has this name.
     """
     if not reads:
         return ""
     texts = _texts(sources)
-    declarations = _declared(texts)  # file and line of declarations without a value, by the variable's name
+    declarations = _declared(texts)
     for read_at, _ in reads:
         if read_at is not None:
             # the line of code as a list, which is empty if the file has no such line
@@ -252,7 +257,7 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
 
 
 def _declared(texts: Dict[str, str]) -> Dict[str, Place]:
-    """Return the places of variables that are declared without a value, by their names."""
+    """Return the file and line of each variable that is declared without a value; the key is its name."""
     places: Dict[str, Place] = {}
     for file, text in texts.items():
         for declaration in _DECLARED.finditer(text):

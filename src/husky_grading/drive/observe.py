@@ -31,10 +31,9 @@ def observe(
 ) -> None:
     """Let a submission drive, and write drive_N/recording.json of each run.
 
-    Further runs follow only if the robot moves in the first one. A submission is started once for each run,
-    and once more for the check of its memory. If the robot is a guess, the check finds the robot to whose
-    scans the submission subscribes. If the node dies in the check, the first run finds this robot, and then
-    starts again with it.
+    Before the runs, the submission may be started once for a check of its memory. Further runs follow only if
+    the robot moves in the first one. If the robot is a guess, the check finds the robot to whose scans the
+    submission subscribes. If the node dies in the check, the first run finds this robot, and is repeated.
 
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.
@@ -63,7 +62,7 @@ def observe(
             )  # fmt: skip
             try:
                 driven = drive(robot=robot)
-                # no recording means that the submission listens to another robot's scans, `driven.robot`
+                # without a recording, the wrong robot was simulated; `driven.robot` is the right one
                 if driven.recording is None:
                     driven = drive(robot=driven.robot)
             finally:
@@ -82,8 +81,8 @@ def _write_no_run(submission: Submission, trial: Trial, robot: RobotChoice, out:
         notes.insert(0, Note(Kind.ROBOT, robot.why))
     folder = out / f"drive_{trial.number}"
     folder.mkdir(parents=True)
-    nothing = replace(not_begun(trial, robot.config), notes=tuple(notes))
-    write_whole(folder / RECORDING, recording_to_json(nothing))
+    recording = replace(not_begun(trial, robot.config), notes=tuple(notes))
+    write_whole(folder / RECORDING, recording_to_json(recording))
 
 
 def _advance(bar: Any, now: float) -> None:

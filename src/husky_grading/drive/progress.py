@@ -12,20 +12,20 @@ from husky_grading.isolation.process import Process, wait
 
 POLL_PERIOD = 0.1  # [s] wall time
 LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
-# [s] a program is idle if none of its threads has run for this wall time; IDLE applies after the program has
-# subscribed to a topic, IDLE_BEFORE applies before, because some controllers first sleep for 10 s
+# [s] a program is idle if none of its threads has run for the wall time IDLE; before it has subscribed to a
+# topic, IDLE_BEFORE counts, because some controllers first sleep for 10 s
 IDLE, IDLE_BEFORE = 2.0, 12.0
-# A program that publishes in a loop is never idle. It has settled, so nothing new is expected from it, if it
-# has computed or slept for SETTLED [s] since its last registration with the ROS master, and has computed for
-# SETTLED_CPU [s] of this time. Time in which the program waits for a CPU does not count. As long as one of
-# its nodes has not registered, both times are NODE_MISSING times as long.
+# A program that publishes in a loop is never idle, but it settles, and then no new registration is expected.
+# It has settled if, since its last registration with the ROS master, it has computed or slept for SETTLED
+# [s], and has computed for SETTLED_CPU [s] of this time. Time in which the program waits for a CPU does not
+# count. While one of its nodes has not registered, both times are NODE_MISSING times as long.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 # [s] a program that is neither idle nor settled is waited for until it has used this CPU time, but at most
 # for this wall time
 CPU_LIMIT, WALL_LIMIT = 50.0, 300.0
 _TICKS = os.sysconf("SC_CLK_TCK")
-# fields of /proc/PID/task/TID/stat, counted from the one behind the name of the program: state of the thread,
-# and its CPU time in its own code and in the kernel, each in _TICKS per second
+# indices of three fields of /proc/PID/task/TID/stat, after the program's name: state of the thread, and its
+# CPU time in its own code and in the kernel, in units of 1 / _TICKS [s]
 _STATE, _USER_TICKS, _SYSTEM_TICKS = 0, 11, 12
 _RUNNING = {"R", "D"}  # letters for the state of a thread: R runs or is ready to run, D waits for a disk
 
@@ -42,8 +42,8 @@ def wait_while_active(
         process: the program.
         node_count: number of the nodes that it starts; if some of them have not registered yet, the wait is
             longer.
-        condition: the condition.
-        read_graph: returns the registrations of its nodes.
+        condition: function that returns whether the condition holds.
+        read_graph: function that returns the registrations of its nodes.
     """
     activity = _Activity(process, node_count, read_graph)
 
@@ -58,16 +58,15 @@ def wait_while_active(
 
 
 class _Activity:
-    """CPU time, sleep and registrations of a program, by repeated measurements; for `wait_while_active`."""
+    """Activity of a program, by calls of `measure`: its CPU time, its sleep and its registrations."""
 
     def __init__(self, process: Process, node_count: int, read_graph: Callable[[], Registered]) -> None:
         self._process = process
         self._node_count = node_count  # number of the nodes that the program starts
         self._read_graph = read_graph  # returns the registrations of the program's nodes
         self.cpu_seconds = 0.0  # [s] CPU time that the program has used since its start
-        self._registered = Registered()  # registrations at the last query
-        # [s] wall time without a running thread, counted from the last change of the registrations with the
-        # ROS master
+        self._registered = Registered()  # registrations at the last query of the ROS graph
+        # [s] wall time in which no thread ran, since the last change of the registrations
         self._slept = 0.0
         # [s] CPU time that the program had used at the last change of its registrations
         self._cpu_at_change = 0.0
@@ -100,7 +99,7 @@ class _Activity:
     def has_settled(self) -> bool:
         """Return whether the program has registered nothing new for long, although it has computed.
 
-        It must have computed for some time, because `is_idle` is for a program that only sleeps.
+        A program that only sleeps has not settled; it becomes idle.
         """
         if not self._registered.advertised and not self._registered.subscribed:
             return False

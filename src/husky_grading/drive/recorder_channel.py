@@ -22,7 +22,7 @@ class Assignment:
     recording: Recording  # recording that has only facts from before the run, such as the start pose
     truth_socket: str  # path of the socket on which the simulator sends true poses
     exercise: int  # number of the exercise; its `Watch` decides when the run is over
-    ours: Tuple[str, ...]  # names of nodes that do not belong to the submission
+    ours: Tuple[str, ...]  # names of our nodes, such as the simulator; the recorder adds its own name
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, which may have meshes for markers
 
 
@@ -66,12 +66,12 @@ class Over:
 
 
 class RecorderChannel:
-    """Marking's end of the channel: the state of a recorder, by its messages up to the last `update`."""
+    """Marking's end of the channel; its attributes have the recorder's state at the last `update`."""
 
     def __init__(self, network: Network, assignment: Assignment) -> None:
         """Start the recorder of a run in its network."""
         self._connection, recorder_end = Pipe()
-        with recorder_end:  # the recorder gets a copy of its end, so this one is closed after the start
+        with recorder_end:  # the recorder gets a copy of its end, so ours is closed after its start
             self.process = network.start("recorder", [RECORDER], handed=(recorder_end,))
         self.is_open = True  # false if the recorder has ended, so that no more messages come
         # true if the message `Ready`, `Joined` or `Over` has come

@@ -24,14 +24,14 @@ class RobotChoice:
     # true if the submission's subscription to scans may still change the choice
     is_guess: bool = False
 
-    def after_hearing(self, listened: Optional[MarkingConfig]) -> RobotChoice:
+    def after_hearing(self, heard: Optional[MarkingConfig]) -> RobotChoice:
         """Return the choice after the submission has subscribed to scans; only a guess can change.
 
-        `listened` has the robot of these scans; None if that is unknown.
+        `heard` has the settings of the robot with these scans; None if the robot is unknown.
         """
-        if listened is None or not self.is_guess:
+        if heard is None or not self.is_guess:
             return self
-        return RobotChoice(listened, why=listens_to(listened))
+        return RobotChoice(heard, why=listens_to(heard))
 
     def settled(self) -> RobotChoice:
         """Return the choice for further runs, whose recordings need not repeat the reason."""

@@ -1,4 +1,4 @@
-"""ROS graph: requests to a ROS master over XML-RPC; topics that a submission uses in vain or must not use."""
+"""ROS graph: requests to a ROS master over XML-RPC, and findings on the topics that a submission uses."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ from husky_highlevel_controller.xml_rpc import ask
 # [s] longest wait for an answer of the ROS master; a submission may have replaced the master by a program
 # that never answers
 ANSWER_DEADLINE = 20.0
-CALLER = "/marking"  # name of the node that a request to the ROS master comes from
+CALLER = "/marking"  # name under which marking sends its requests to the ROS master
 MAX_CALLERS = 5  # largest number of nodes that are reported as callers of a service
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
 # topics with true positions, which a submission must not read; TRUTH has the robot's pose, and the topics of
 # all objects begin with WORLD
 TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"
+# topics of almost every node, which say nothing about the work of a submission
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # nodes by topic
 
@@ -39,11 +40,12 @@ def has_service(uri: str, name: str) -> bool:
 
 
 def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int]:
-    """Return how often nodes that are not ours have called a service, for the MAX_CALLERS that call it most.
+    """Return how often each node of the submission has called a service; at most MAX_CALLERS nodes.
 
-    Each call looks the service up at the master, and our master counts how often each node does this.
+    Each call looks the service up at the master, and our master counts how often each node does this. The
+    nodes with the most calls come first.
     """
-    # the answer is checked, because a submission may have ended the master and may answer in its place
+    # the answer is checked, because a submission may have replaced the master by its own program
     answer = _ask(uri, "countLookups", service)
     counts = answer if isinstance(answer, dict) else {}
     of_others = {
@@ -69,8 +71,8 @@ class Registered(NamedTuple):
 
 def read_registrations(uri: str, our_nodes: Collection[str]) -> Registered:
     """Return the registrations of the nodes that are not ours."""
-    # three dictionaries with nodes of the submission: by the topic that they publish, by the topic that they
-    # subscribe to, and by the service that they offer; empty if the master does not answer
+    # nodes of the submission: by the topic that they publish, by the topic to which they subscribe, and by
+    # the service that they offer; there are none if the master does not answer
     state = [
         {name: set(nodes) - set(our_nodes) for name, nodes in part}
         for part in _ask(uri, "getSystemState") or ((), (), ())
@@ -99,8 +101,8 @@ def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, .
 def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
     """Return settings with the robot to whose scans a submission subscribes, or None if unknown.
 
-    A known topic of scans names the robot. If the submission subscribes to exactly one topic of scans, and no
-    robot has this topic, a Husky sends its scans there. Otherwise the robot is unknown.
+    The robot of `config` is tried first. If no known robot has one of the topics, but the submission
+    subscribes to exactly one topic of scans, the robot is a Husky that sends its scans there.
     """
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:

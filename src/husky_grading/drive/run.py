@@ -45,7 +45,7 @@ RECORDER_NODE = "marking_recorder"
 class Driven:
     """Result of a run."""
 
-    # robot that was simulated; if `recording` is None, robot that must be simulated in the next attempt
+    # robot that was simulated; if `recording` is None, robot with which the run must be repeated
     robot: RobotChoice
     recording: Optional[Recording] = None  # None if the wrong robot was simulated
 
@@ -85,8 +85,8 @@ def drive_submission(
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         truth_socket = f"{private}/truth"
         packages = tuple(map(str, submission.workspace.packages))
-        # Recording without a run. `watched` already has the exercise's facts on the submission's files; the
-        # recorder adds the run, and the data that the exercise watches.
+        # Recording to which the recorder adds the run. It already has the facts that the exercise has found
+        # in the submission's files.
         initial = replace(
             not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
         )
@@ -97,18 +97,18 @@ def drive_submission(
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start_submission(network, submission)
-        # settings with the robot whose scans the submission reads
+        # settings of the run, with the robot whose scans the submission reads
         heard_config = _await_joining(network, recorder, submission, submitted, robot)
         if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
             return Driven(robot.after_hearing(heard_config))
         # reason why the run must be cut off; None if the recorder itself has ended the run
         cut_off = _follow(recorder, submitted, simulator, robot.config, on_time)
-        # if the robot was only a guess, the subscription to its scans becomes the reason for the choice
+        # if the robot was a guess, the subscription to its scans confirms the guess, and is named as the
+        # reason
         if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
         closing = _closing(submission, submitted, events_file, robot, cut_off)
-        # after a run that is cut off, the recorder must be asked for its recording; otherwise it sends the
-        # recording by itself
+        # the recorder sends its recording by itself only if it has ended the run
         if cut_off:
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
@@ -122,7 +122,7 @@ def drive_submission(
 def _closing(
     submission: Submission, submitted: Process, events_file: Path, robot: RobotChoice, cut_off: Optional[Note]
 ) -> Closing:
-    """Return the data of a run that only marking has, and that the recorder's recording lacks.
+    """Return the data of a run that the recorder does not know: notes, output, and the reason of a cut-off.
 
     Args:
         submission: submission that was started.
@@ -151,11 +151,11 @@ def _await_joining(
     submitted: Process,
     robot: RobotChoice,
 ) -> MarkingConfig:
-    """Wait until the submission takes part, and return the settings of the robot to whose scans it listens.
+    """Wait until the submission takes part in the run, and return the settings that fit it.
 
-    These are the settings of `robot`, unless the robot is a guess and the submission listens to another
-    robot's scans. Simulated time begins only when the submission takes part. If the submission is not active
-    any more before that, the recorder takes part in its place.
+    Simulated time begins only when the submission takes part. If the submission is not active any more before
+    that, the recorder takes part in its place. The result has another robot than `robot` only if `robot` is a
+    guess, and the submission subscribes to the scans of the other robot.
 
     Args:
         network: ROS network of the run.
@@ -168,9 +168,9 @@ def _await_joining(
     # true also if the recorder has ended; then `drive_submission` raises an error, because no recording comes
     has_joined = wait_while_active(
         submitted,
-        len(submission.nodes),
-        lambda: recorder.update().joined or not recorder.is_open,
-        lambda: read_registrations(network.uri, our_nodes),
+        node_count=len(submission.nodes),
+        condition=lambda: recorder.update().joined or not recorder.is_open,
+        read_graph=lambda: read_registrations(network.uri, our_nodes),
     )
     if has_joined:
         return robot.config
@@ -189,7 +189,7 @@ def _follow(
     config: MarkingConfig,
     on_time: Callable[[float], None],
 ) -> Optional[Note]:
-    """Wait until a run is over, and return why it has to be cut off, or None if the recorder has ended it.
+    """Wait until a run is over. Return why it must be cut off, or None if the recorder has ended the run.
 
     A run is cut off after its limit of wall time, if simulated time stands still for STALL_DEADLINE, or if
     the simulator ends. `on_time` gets the simulated times [s].

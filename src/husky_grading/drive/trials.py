@@ -51,8 +51,8 @@ def draw_trials(count: int, seed: int) -> List[Trial]:
 def trial_world(trial: Trial, robot: str) -> str:
     """Return the SDF world of a robot's exercise sheets with the trial's pillar; `robot` is one of ROBOTS."""
     text, size = course_world().read_text(), PILLARS[robot]
-    assert _POSE in text
+    assert _POSE in text  # otherwise `replace` would change nothing
     assert _SIZE in text
     text = text.replace(_SIZE, f"<radius>{size.radius:g}</radius> <length>{size.height:g}</length>")
-    # the centre of each pillar is as high as in the course's world, 0.5 m
+    # only x and y change; the centre stays 0.5 m above the ground
     return text.replace(_POSE, f"<pose>{trial.pillar[0]} {trial.pillar[1]} 0.5 0 0 0</pose>")

@@ -33,21 +33,22 @@ class TruthFeed:
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
         # first exception of a callback, after which reading goes on; None if there is none
         self.failure: Optional[Exception] = None
-        self._begins = threading.Event()  # set by `begin`
+        self._may_begin = threading.Event()  # set by `begin`
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
-        path.chmod(0o600)
+        path.chmod(0o600)  # only our own user can connect
         self._listener.listen(1)
         threading.Thread(target=self._read, daemon=True).start()
 
     def begin(self) -> None:
         """Let simulated time begin."""
-        self._begins.set()
+        self._may_begin.set()
 
     def _read(self) -> None:
         """Take the simulator's lines until it disconnects, in a thread of its own.
 
-        The simulator waits for an answer to each state, and to "ready", which is answered only after `begin`.
+        The simulator waits for an answer to each state. It also waits for an answer to "ready", so simulated
+        time begins only after a call of `begin`.
         Each callback runs before the answer, so that the simulated time does not advance meanwhile.
         """
         connection, _ = self._listener.accept()
@@ -65,7 +66,7 @@ class TruthFeed:
                     if state is not None:
                         self._on_truth(state)
                     elif key == "ready":
-                        self._begins.wait()
+                        self._may_begin.wait()
                     else:
                         self._on_event(key, str(value))
                 except Exception as error:
