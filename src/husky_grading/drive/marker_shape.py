@@ -85,7 +85,7 @@ def _references_and_outline(
         # too
         ends = [measured[0], measured[-1]] if kind in LINES else []
         middle = _middle(np.array(measured, dtype=float))
-        # the other points are no corners, because points far away on all sides of a pillar would then cover
+        # the other points do not count as corners; otherwise far points on all sides of a pillar would cover
         # it
         return [middle, *ends], [middle, *ends]
     # a text turns with the camera, and the size of a mesh is only in its file, so only their origin counts
