@@ -50,7 +50,7 @@ OTHER_USE = re.compile(
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")  # message types of scans
 # message types of scans and velocities; the code of a solution names at least one of them
-MOTION = re.compile(r"LaserScan|PointCloud2|Twist")
+SCAN_OR_VELOCITY = re.compile(r"LaserScan|PointCloud2|Twist")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 
 
@@ -95,7 +95,7 @@ def read_launch_files(
         public_copies: copies of public packages, whose launch files may start the student's nodes.
         workspace: workspace in which the launch files would be started.
         override: settings of the teacher, which may name one launch file and its arguments.
-        parts: packages of the robot whose nodes count instead of the submission's own, if there are any.
+        parts: packages of the robot whose nodes are graded instead of the submission's own, if there are any.
 
     Raises:
         NotMarkableError: no file, or more than one, fits the launch file that the teacher names.
@@ -117,11 +117,11 @@ def read_launch_files(
     ]
     planned = plans(launchables, workspace, own_copies.root.with_name("plan"), parts)
     launch_files = []
-    # only nodes of these packages count; in an exercise on packages of the robot, these are the packages of
-    # the robot, otherwise all packages of the submission
-    counted_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
+    # only nodes of these packages are graded: packages of the robot if the exercise has any, otherwise all
+    # packages of the submission
+    graded_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     for (path, place), containing, plan in zip(files, containing_packages, planned):
-        nodes = _nodes_of_packages(path, plan, counted_packages)
+        nodes = _nodes_of_packages(path, plan, graded_packages)
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
         possible_owners = [containing, *map(_package_of, nodes), *folders]
@@ -179,7 +179,7 @@ def _packages_by_messages(
     """
     # texts of source files that name messages of scans or velocities, by the name of the package
     texts = {
-        name: [text for _, text in texts_in(folder, SOURCES, MAX_TEXT_SIZE) if MOTION.search(text)]
+        name: [text for _, text in texts_in(folder, SOURCES, MAX_TEXT_SIZE) if SCAN_OR_VELOCITY.search(text)]
         for name, folder in folders.items()
     }
     scanning = {name for name in folders if any(map(SCAN.search, texts[name]))}
@@ -321,8 +321,8 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     # False is better than True: a solution starts the course's world and reads scans, and its path often has
     # a word such as controller
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
-    # The fit is negative, because a larger `Fit` is better. With `by_content`, the content comes first,
-    # because a launch file of this exercise names the world with the pillar.
+    # The fit is negative, because a larger `Fit` is better. With `by_content`, only launch files of this
+    # exercise name the world with the pillar, so the content comes first.
     fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
     has_other_use = bool(OTHER_USE.search(file.place.name))
     # in an exercise on a filter of the robot, words such as ekf are right, so the nodes decide instead of the

@@ -211,19 +211,25 @@ def named_robot(planned: Plan) -> NamedRobot:
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         version, reason = SMB, "its launch file starts the SMB's nodes"
     else:
-        version, mention = SMB, first_mention(planned, SMB_NAMES)
-        if mention is None:  # no file names the SMB, so the robot is a Husky
-            # front/scan comes first, because a package that names both topics may publish /scan itself, for
-            # example as the output of a filter
-            version, mention = DEFAULT_ROBOT, first_mention(planned, FRONT_SCAN)
-            if mention is None:
-                mention = first_mention(planned, PLAIN_SCAN)
-                version = DEFAULT_ROBOT if mention is None else "husky_melodic"
+        version, mention = _robot_in_files(planned)
         reason = "its package names no topic of scans"
         if mention is not None:
             reason = f"{mention.path.name} names {mention.match.group()}"
     sentence = f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
     return NamedRobot(version, sentence, is_certain=version == SMB)
+
+
+def _robot_in_files(planned: Plan) -> Tuple[str, Optional[Mention]]:
+    """Return the robot that the files of a package name, and the place; None if no file names a robot."""
+    if mention := first_mention(planned, SMB_NAMES):
+        return SMB, mention
+    # front/scan comes first, because a package that names both topics may publish /scan itself, for example
+    # as the output of a filter
+    if mention := first_mention(planned, FRONT_SCAN):
+        return DEFAULT_ROBOT, mention
+    if mention := first_mention(planned, PLAIN_SCAN):
+        return "husky_melodic", mention
+    return DEFAULT_ROBOT, None
 
 
 class Mention(NamedTuple):

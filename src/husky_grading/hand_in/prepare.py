@@ -232,12 +232,8 @@ def _prepare_choice(
     notes = [*contents.notes, *choice_notes]
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
-    folders, repair_notes = copy_packages(packages, out / "ws")
-    # launch files of the student may need files that the student has added to a public package, such as
-    # husky_gazebo
-    public = copies_of_public(contents.packages)
-    public_folders, _ = copy_packages(public, out / COPIES)
-    copies = _Copies(packages, folders, public, public_folders)
+    copies, repair_notes = _copy_into_workspaces(contents, packages, out)
+    folders = copies.own_folders
     candidates: List[LaunchFile] = []
     if not override.node:  # a node that the teacher names is started without a launch file
         try:
@@ -255,7 +251,7 @@ def _prepare_choice(
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration was found outside of the packages")
     # launch files find the student's packages and the copies of public packages
-    packages_seen = (*built.workspace.packages, *public_folders.packages.values())
+    packages_seen = (*built.workspace.packages, *copies.public_folders.packages.values())
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
     launchable = _launchable_of(launch, override)
     planned = launch.plan if launch else Plan()
@@ -269,6 +265,18 @@ def _prepare_choice(
         notes=all_notes, own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
+
+
+def _copy_into_workspaces(
+    contents: Contents, packages: List[Package], out: Path
+) -> Tuple[_Copies, List[str]]:
+    """Copy chosen packages, and public packages with files of the student, and return copies and notes."""
+    folders, notes = copy_packages(packages, out / "ws")
+    # launch files of the student may need files that the student has added to a public package, such as
+    # husky_gazebo; repairs of a public package are not reported
+    public = copies_of_public(contents.packages)
+    public_folders, _ = copy_packages(public, out / COPIES)
+    return _Copies(packages, folders, public, public_folders), notes
 
 
 def _build_problem(
@@ -303,10 +311,10 @@ def _explain_choice(
 
 
 class _Copies(NamedTuple):
-    """Copies of the packages of a submission."""
+    """Packages of a submission, and the folders of their copies."""
 
-    packages: List[Package]  # packages of the exercise
-    folders: Folders  # workspace in which copies of the packages of the exercise are built
+    own: List[Package]  # the student's packages for the exercise
+    own_folders: Folders  # workspace in which the copies of the packages in `own` are built
     public: List[Package]  # packages of a course or of the robot to which the student has added files
     # folders with copies of the packages in `public`; launch files can find these copies, but nothing builds
     # them
@@ -325,11 +333,11 @@ def _find_candidates(
     """
     public_paths = copies.public_folders.packages.values()
     # workspace as it is before the build; launch files find the packages in it
-    unbuilt = replace(underlay, packages=(*underlay.packages, copies.folders.root / "src", *public_paths))
+    unbuilt = replace(underlay, packages=(*underlay.packages, copies.own_folders.root / "src", *public_paths))
     files = read_launch_files(
         contents,
-        [*copies.packages, *copies.public],
-        own_copies=copies.folders,
+        [*copies.own, *copies.public],
+        own_copies=copies.own_folders,
         public_copies=copies.public_folders,
         workspace=_with_robot_packages(facts, unbuilt),
         override=override,
@@ -374,6 +382,7 @@ def _build_candidates(
         if _is_any_built(other, folders):
             note = f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built"
             return other, rebuilt, [note]
+    # the first build has the errors of the best launch file
     return best, built, []
 
 

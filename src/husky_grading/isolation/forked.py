@@ -99,7 +99,7 @@ class _Child:
         self._process.kill()
 
     def wait(self, timeout: float) -> None:
-        """Wait for its end.
+        """Wait for the end of the program.
 
         Raises:
             subprocess.TimeoutExpired: the program did not end within `timeout` [s].

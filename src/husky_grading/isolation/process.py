@@ -133,11 +133,11 @@ class Process:
 
     @property
     def problem(self) -> str:
-        """Return why it was ended by a limit, or an empty text if it was not."""
+        """Return the limit that ended the program, in a sentence; empty if no limit has ended it."""
         return self._watch.problem if self._watch else ""
 
     def interrupt(self) -> None:
-        """Ask it to end."""
+        """Ask the program to end."""
         with contextlib.suppress(ProcessLookupError):
             self.popen.send_signal(signal.SIGINT)
 

@@ -203,9 +203,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         folder: the only folder that the program may write.
         env: environment of the program; its search paths name further folders that the program reads.
     """
-    home_folders = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
-    # the sandbox has root and temporary folders of its own, so they need not be hidden
-    homes = {path.resolve() for path in home_folders} - {Path("/"), *map(Path, TEMPORARY)}
+    homes = _homes_to_hide(env)
     writable = folder.resolve()
     # files of the grader's package that the program may see, and folders in which it sees nothing else
     our_files = own_files(workspace.own)
@@ -233,6 +231,13 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     # other paths. The program must not write into these new folders.
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
     return [*_system(), *options, *read_only]
+
+
+def _homes_to_hide(env: Dict[str, str]) -> Set[Path]:
+    """Return the home folders of this user and of a program with the environment `env`."""
+    homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
+    # the sandbox has root and temporary folders of its own, so they need not be hidden
+    return {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
 
 
 def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -> List[Path]:
