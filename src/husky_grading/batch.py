@@ -126,8 +126,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     # results that are already known, and jobs of the submissions that must be marked now
     results, waiting = _look_up_results(hand_ins, overrides, config, batch)
     jobs = batch.jobs
-    # without a private network, a submission could disturb the ROS nodes of another one, so only one runs at
-    # a time
+    # without a private network, two submissions could disturb each other's ROS nodes, so only one runs at a
+    # time
     if jobs > 1 and not private_network.can_be_made():
         jobs = 1
         print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
@@ -195,7 +195,7 @@ def _look_up_results(
 
 
 def _report_progress(result: MarkingResult, number: int, count: int) -> None:
-    """Print a line on a new result, the n-th of `count`; a terminal shows a progress bar instead.
+    """Print a line on a new result, with its number of `count`; a terminal shows a progress bar instead.
 
     A submission that could not be marked has a line on a terminal, too.
     """

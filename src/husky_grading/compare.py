@@ -74,7 +74,7 @@ class LaunchContestant:
 
 @lru_cache(maxsize=4)
 def _check_starts_a_node(name: str, launch: Launchable) -> None:
-    """Raise a HuskyError for a launch file that starts no node; the cache checks each file only once."""
+    """Raise a HuskyError if a launch file starts no node; the cache saves reading a file again."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         # an empty `Workspace`, because the launch file is in a workspace that is sourced already
         planned = plan(launch, Workspace(), Path(folder))

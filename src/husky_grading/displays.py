@@ -52,7 +52,7 @@ class RvizView(RvizConfig):
     tf: bool = False  # true if frames are visible
     robot: bool = False  # true if the robot model is visible
     scan: bool = False  # true if the laser's points are visible
-    hidden: Tuple[Tuple[str, str], ...] = ()  # pairs of topic and marker namespace that RViz does not show
+    hidden: Tuple[Tuple[str, str], ...] = ()  # topic and namespace of markers that no display shows
 
     @property
     def clouds(self) -> Tuple[RvizDisplay, ...]:
@@ -74,8 +74,8 @@ class FrameTree:
         return self._root(frame) == self._root(BASE) and frame in {*self.parents, *self.parents.values()}
 
     def _root(self, frame: str) -> str:
-        """Return the top frame above a frame; `seen` ends the search in a circle of frames."""
-        seen = set()
+        """Return the top frame above a frame."""
+        seen = set()  # ends the search if a submission publishes a circle of frames
         while frame in self.parents and frame not in seen:
             seen.add(frame)
             frame = self.parents[frame]

@@ -79,8 +79,9 @@ def mark(job: Job) -> MarkingResult:
     # a fault that marking again would not repair, such as a broken archive
     except NotMarkableError as error:
         problem, fingerprint = _text_of(error), job.fingerprint
-    # A fault of this machine, before the fingerprint was set, or an error in the teacher's points, after it.
-    # So after an error in the points, the next `grade` keeps the runs, and judges them by the new points.
+    # This is a fault of this machine, before the fingerprint was set, or an error in the teacher's points,
+    # after it. After an error in the points, the next `grade` keeps the runs, and judges them by the new
+    # points.
     except HuskyError as error:
         problem = _text_of(error)
     except OSError as error:  # a fault of this machine, also while the pictures are written

@@ -24,8 +24,8 @@ DEFAULT_ROBOT, SMB = "husky", "smb"
 # with this value, `grade` chooses the robot itself: by the submission's files, or by the topic of scans to
 # which the submission subscribes
 AUTO = "auto"
-# longest wall time of a run: WALL_BASE [s], plus WALL_SLOWNESS times the wall time that the run needs at its
-# maximum real-time factor
+# longest wall time of a run [s]: WALL_BASE, plus WALL_SLOWNESS times the wall time of a run at its maximum
+# real-time factor
 WALL_BASE, WALL_SLOWNESS = (
     300.0,
     20.0,
@@ -278,8 +278,8 @@ def _printable(value: Any) -> Any:
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, Item):
-        texts = printable(value.name), printable(value.evidence), printable(value.hint)
-        return replace(value, name=texts[0], evidence=texts[1], hint=texts[2])
+        name, evidence, hint = printable(value.name), printable(value.evidence), printable(value.hint)
+        return replace(value, name=name, evidence=evidence, hint=hint)
     return tuple(map(_printable, value))
 
 

@@ -96,8 +96,8 @@ class OpenItem:
 
         A replay begins at the item's moment.
         """
-        # folder of the student's result, relative to the page; time at which a replay begins [s]
-        place, start = f"{HAND_INS}/{self.out.name}", moment_of(self.item)
+        place = f"{HAND_INS}/{self.out.name}"  # folder of the student's result, relative to the page
+        start = moment_of(self.item)  # [s] time at which a replay begins
         shown = [(f"replay of run {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)]
         if (self.out / RUNS_PICTURE).is_file():
             shown.insert(0, ("the runs from above", f"{place}/{RUNS_PICTURE}"))

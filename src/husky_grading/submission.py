@@ -269,6 +269,7 @@ def _note_on_loading(event: Event) -> Optional[Note]:
 
 def _last_error(output: str) -> str:
     """Return the last error that Python has printed, with its file and line; empty if there is none."""
+    # lines that begin with the class of an error, such as "rospy.exceptions.ROSException: ..."
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     lines = _LINE.findall(output)
     place = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""

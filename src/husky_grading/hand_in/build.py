@@ -475,7 +475,7 @@ def is_built(node: str, folders: Folders) -> bool:
 
 
 def build_error(output: str, root: Path) -> str:
-    """Return the compiler's first error, or the most informative line of a build's output."""
+    """Return the compiler's first error; if there is none, the most informative line of the output."""
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
     match = _ERROR.search(output)
     if match:

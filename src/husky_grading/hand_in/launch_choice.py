@@ -46,7 +46,7 @@ OTHER_USE = re.compile(
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
-# words in the path of a launch file that is probably the solution
+# launch files with such words in their path are probably the solution
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")  # message types of scans
 # message types of scans and velocities; the code of a solution names at least one of them
@@ -244,7 +244,7 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
     """Return whether a launch file and its node are as `./dev new` wrote them into a package of this name."""
 
     def is_written_by_us(path: Path, template: Path) -> bool:
-        """Return whether a file is a template of ours with the name of the package in place of our name."""
+        """Return whether a file is a template of ours, with the name of the package in place of its own."""
         if not (template.is_file() and path.is_file() and path.stat().st_size < MAX_TEXT_SIZE):
             return False
         return path.read_bytes() == template.read_bytes().replace(TEMPLATE.name.encode(), package.encode())
@@ -317,10 +317,10 @@ def _copy_launch_files_above(
 
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     """Return criteria for a launch file, the most important one first; smaller is better."""
-    fit, name = fit_of_path(file.place, exercise), str(file.place)
-    # False is better than True: a solution starts the course's world and reads scans, and its path often has
-    # a word such as controller
-    content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
+    fit = fit_of_path(file.place, exercise)
+    # a solution starts the course's world and reads scans, and its path often has a word such as controller;
+    # False is better than True
+    content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(str(file.place)))
     # The fit is negative, because a larger `Fit` is better. With `by_content`, only launch files of this
     # exercise name the world with the pillar, so the content comes first.
     fit_and_content = (content, -fit) if facts.by_content else (-fit, content)

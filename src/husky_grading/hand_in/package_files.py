@@ -182,8 +182,8 @@ def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> 
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):
-        # a number with hundreds of digits raises OverflowError. An empty file is not a configuration of RViz,
-        # so the result has a `problem`.
+        # a number with hundreds of digits raises OverflowError. The content {} is not a configuration of
+        # RViz, so the result has a `problem`.
         return read_rviz_config(source, {})
 
 

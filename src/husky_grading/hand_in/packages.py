@@ -47,8 +47,8 @@ _WORD = (
     r"(?:exc?er[cs]i[cs]es?|exo|exe?|course|session|uebung|\u00fcbung|aufgabe|task|homework|hw|lab|tp|sheet)"
 )
 _COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
-# pattern of names such as exercise_3, Ex3, 5th_ex, or a number alone. `session 2` does not match, because it
-# is the pillar session of the university ENSTA, which `grade` calls exercise 3.
+# pattern of names such as exercise_3, Ex3, 5th_ex, or a number alone. `session 2` does not match, because
+# this session of the university ENSTA is about the pillar, which is exercise 3 here.
 _EXERCISE = re.compile(
     rf"(?<![a-z])(?!session[ _.-]*0*2(?!\d)){_WORD}[ _.-]*(?:no|nr|n)?[ _.-]*{_COUNT}"
     rf"|(?<!\d)([1-9]\d?)(?:st|nd|rd|th)[ _.-]*{_WORD}(?![a-z])|\A{_COUNT}\Z"

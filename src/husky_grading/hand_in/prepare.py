@@ -49,7 +49,7 @@ from husky_highlevel_controller.config import to_json
 FILES = (WORKSPACE, "plan", "build.log")
 # folders that this stage makes for the files that a student has handed in
 FOLDERS = ("ws", COPIES, "stand_ins", "unpacked")
-# if no node builds, at most this number of copies of a package, or of launch files, is tried
+# at most this number of copies of a package, or of launch files, is tried, until a node can be built
 MAX_TRIED = 3
 Choice = Tuple[List[Package], List[str]]  # packages that are graded, and notes on the others
 
@@ -326,7 +326,7 @@ def _find_candidates(
 ) -> List[LaunchFile]:
     """Return the launch files that may be started, the best one first, before anything is built.
 
-    If the teacher names a launch file, it is the only one.
+    If the teacher names a launch file, only this file is returned.
 
     Raises:
         NotMarkableError: no launch file fits.
@@ -361,8 +361,9 @@ def _build_candidates(
 ) -> Tuple[Optional[LaunchFile], Build, List[str]]:
     """Build the packages that the best launch file needs, and return the launch file, the build and notes.
 
-    If none of its nodes is built, the next best launch files are tried, MAX_TRIED in all. If all of them
-    fail, the best one is returned. Without candidates all packages are built, and the launch file is None.
+    If none of its nodes is built, the next best launch files are tried, but not more than MAX_TRIED in all.
+    If all of them fail, the best one is returned. Without candidates, all packages are built, and the launch
+    file is None.
     """
     by_name = {package.name: package for package in packages}
     best = candidates[0] if candidates else None

@@ -88,8 +88,8 @@ class SizeWatch:
             # in the network of the machine, the sockets of all other programs would count, too
             if self._is_network_own and socket_count() > SOCKETS:
                 return f"it was ended: it opened more than {SOCKETS} sockets"
-            # [bytes] memory that the kernel does not count for any process: files in memory, and shared
-            # memory that no process uses any more
+            # [bytes] memory that belongs to no process: files in memory, and shared memory that no process
+            # uses any more
             unowned = temporary_files(processes) + detached_segments(processes)
             if memory_of(processes) + unowned > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"

@@ -79,7 +79,7 @@ def own_files(visible_code: VisibleCode) -> OwnFiles:
 
 
 def folders_on_python_path() -> List[Path]:
-    """Return the folders of PYTHONPATH that contain this package, and the folder from which it runs.
+    """Return the folders of PYTHONPATH that contain this package, and the folder that contains MODULES.
 
     A folder that contains only a student's package of the same name does not count.
     """

@@ -382,9 +382,10 @@ class DriveRecorder:
         states = list(self._truth)  # a copy, because another thread may append states during the loop
         rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
         table = np.array(rows).reshape(-1, 6)  # `reshape` gives the table six columns even if it has no rows
-        # columns: stamp [s]; x, y [m] and yaw [rad]; speed [m/s] and yaw rate [rad/s]
+        # columns: stamp [s], then x, y [m] and yaw [rad], then speed [m/s] and yaw rate [rad/s]
         times, poses, speeds = table[:, 0], table[:, 1:4], table[:, 4:6]
-        frames, notes = self._markers.frames, [*self._markers.notes]
+        frames = self._markers.frames
+        notes = [*self._markers.notes]
         # unanswered scans are reported only if the submission has sent commands at all
         if self._unanswered and self._command_count:
             notes.insert(0, Note(Kind.UNANSWERED_SCANS, self._unanswered))
