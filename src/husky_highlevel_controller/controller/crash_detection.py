@@ -159,9 +159,12 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf  # no IMU sample has come since this odometry
-        # [s] older wheel speeds are dropped. For the next sample, all speeds since MEMORY before the last
-        # judged sample are kept, except speeds that are older than LONGEST_DELAY + MEMORY.
-        oldest = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY) - MEMORY
+        # [s] age of the oldest wheel speed that the judgement of a sample uses
+        oldest_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
+        # Older wheel speeds are dropped. The next judged sample may be up to LONGEST_DELAY older than the
+        # newest odometry. A sample that is even older gets no wheel speeds.
+        next_sample = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY)
+        oldest = next_sample - max(oldest_age, MEMORY)
         while self._wheel_speeds[0][0] < oldest:
             self._wheel_speeds.popleft()
 

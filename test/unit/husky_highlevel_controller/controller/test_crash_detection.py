@@ -202,6 +202,16 @@ def test_messages_that_a_busy_machine_delivers_late_make_no_crash_of_braking(whe
     assert not driven(1.0, wheels_rate=wheels_rate, **late).go(*reversing(2.67))
 
 
+@pytest.mark.parametrize("seconds", [0.1, 0.3])
+@pytest.mark.parametrize("shift", [0.1, 0.3, 0.5])
+def test_short_braking_is_no_crash_however_long_window_and_shift_of_odometry_are(shift, seconds):
+    braking = np.concatenate([push(1.0), push(seconds, -3.0), push(1.5)])
+    speeds = 1.0 + np.cumsum(braking[:, 0]) / RATE
+    earlier = np.concatenate([speeds[round(shift * RATE) :], np.full(round(shift * RATE), speeds[-1])])
+    config = CrashConfig(window=shift, odometry_delay=shift)
+    assert not driven(1.0, wheels_rate=50, config=config).go(braking, earlier)
+
+
 @pytest.mark.parametrize("late", LATE)
 def test_with_late_messages_a_crash_is_felt_late(late):
     (first, _), *_ = bump(more=2.0, **late)
