@@ -224,7 +224,7 @@ def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
 
 
 def tree_to_msg(branches: Iterable[Tuple[str, str, Pose]], stamp: float) -> TFMessage:
-    """Branches of the TF tree: parent, child, pose_child_in_parent."""
+    """Message of transforms; each branch has the parent frame, the child frame, and the child's pose."""
     return TFMessage([transform_to_msg(pose, stamp, parent, child) for parent, child, pose in branches])
 
 

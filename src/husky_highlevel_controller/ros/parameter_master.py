@@ -103,29 +103,32 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
         """Answer as every master, and note the request."""
         answer = super().getParam(caller_id, key)
-        self._note(caller_id, key, answer[0] == 1)
+        self._note(caller_id, key, is_found=answer[0] == 1)
         return answer
 
     def hasParam(self, caller_id: str, key: str) -> Tuple[int, str, bool]:  # noqa: N802
         """Answer as every master, and note the request."""
         answer = super().hasParam(caller_id, key)
-        self._note(caller_id, key, bool(answer[2]))
+        self._note(caller_id, key, is_found=bool(answer[2]))
         return answer
 
     def searchParam(self, caller_id: str, key: str) -> Tuple[int, str, str]:  # noqa: N802
         """Answer as every master, and note the request."""
         code, message, found = super().searchParam(caller_id, key)
-        self._note(caller_id, found if code == 1 else key, code == 1)
+        self._note(caller_id, found if code == 1 else key, is_found=code == 1)
         return code, message, found
 
     def subscribeParam(self, caller_id: str, caller_api: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
         """Answer as every master, and note the request."""
         code, message, value = super().subscribeParam(caller_id, caller_api, key)
-        self._note(caller_id, key, value != {})
+        self._note(caller_id, key, is_found=value != {})
         return code, message, value
 
     def setParam(self, caller_id: str, key: str, value: Any) -> Tuple[int, str, int]:  # noqa: N802
-        """Answer as every master. A parameter that a node sets below its own name counts as read by it."""
+        """Answer as every master.
+
+        A parameter that a node sets below its own name counts as read, so it is not reported as misspelt.
+        """
         answer = super().setParam(caller_id, key, value)
         self._forget_unread()
         if answer[0] == 1 and resolve_name(key, caller_id).startswith(f"{caller_id}/"):

@@ -21,9 +21,8 @@ import sys
 from pathlib import Path
 from typing import Any, List, Optional, Sequence
 
-# option of RViz before its configuration file; beginning of the argument with the log file, which roslaunch
-# gives to every node
-CONFIG_OPTION, LOG = "-d", "__log:="
+CONFIG_OPTION = "-d"  # option of RViz, which is followed by the configuration file
+LOG = "__log:="  # beginning of the argument with the file of the log, which roslaunch gives to every node
 # exit codes of a crashed program, which are the negative numbers of signals
 CRASHES = {-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGBUS}
 DISPLAY_TIMEOUT = 2.0  # [s] longest wait for a connection to a display on another machine

@@ -57,15 +57,16 @@ class ArrivalExit:
         turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
         self._arrived = False  # true after an arrival, which ends `run`
-        # true if the robot has driven; stamp [s] of odometry at which the robot came to a stop, inf while it
-        # moves and before the first message of odometry
-        self._has_driven, self._standing_since = False, inf
+        self._has_driven = False  # true after the first motion of the robot
+        # [s] stamp of odometry at which the robot came to a stop; inf while it moves, and before the first
+        # message of odometry
+        self._standing_since = inf
         self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
         # subscriber of the scans; None until the robot has driven and stopped
         self._scans: Optional[rospy.Subscriber] = None
         # true if the controller drives from its start on, without a call of its start service
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
-        # state and message from the controller's last status on /diagnostics; empty before the first status
+        # parts of the controller's last status on /diagnostics; empty before the first status
         self._controller_state, self._controller_message = "", ""
         # a connection of this subscriber shows that the controller announces its arrival
         self._arrived_subscriber = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)

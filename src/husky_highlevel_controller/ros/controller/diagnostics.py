@@ -20,9 +20,8 @@ from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] ROS time between two messages on /diagnostics
 OUR_CLOCK = "this computer's clock"
-# [s] a scan, or the transform from odom, causes a warning if it is older than OLD, and an error if it is
-# older than TOO_OLD
-OLD, TOO_OLD = 0.5, 2.0
+OLD = 0.5  # [s] an older scan, or an older transform of odom, causes a warning
+TOO_OLD = 2.0  # [s] an older scan, or an older transform of odom, causes an error
 # simulated time counts as paused after this many calls of update() in a row without a change of ROS time
 STILL_POLLS = 5
 
@@ -118,12 +117,12 @@ class Diagnostics:
             "/diagnostics", DiagnosticArray, self._new_subscribers, queue_size=10
         )
         self._published_at = 0.0  # [s] ROS time of the last message on /diagnostics
-        # ROS time [s] at the last call of `update`; number of calls in a row without a change of ROS time
-        self._last_time, self._still_polls = 0.0, 0
+        self._last_time = 0.0  # [s] ROS time at the last call of `update`
+        self._still_polls = 0  # number of calls of `update` in a row without a change of ROS time
         self._has_changed = threading.Event()  # set by `hasten`, cleared by the next `update`
 
     def hasten(self) -> None:
-        """Let the next `update` publish the status, because it has changed. Any thread."""
+        """Let the next `update` publish the status, because it has changed; any thread may call this."""
         self._has_changed.set()
 
     def wait(self, period: float) -> None:

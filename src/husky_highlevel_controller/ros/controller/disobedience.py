@@ -30,7 +30,7 @@ class Disobedience:
         self._is_locked = message.data
 
     def sentence(self, twist: Twist2D, seconds: float) -> str:
-        """Return a sentence with the command, its duration [s], and the cause."""
+        """Return a sentence: the command, the `seconds` for which it was not obeyed, and the cause."""
         command = f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
         return f"commanded {command} for {seconds:.0f} s, but the robot stands; {self._cause()}"
 

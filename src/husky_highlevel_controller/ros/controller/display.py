@@ -230,8 +230,8 @@ def _pillar_markers(
     pillar, stamp = output.pillar, observation.scan.stamp
     if pillar is None:
         return []
-    # [m] diameter of the pillar, and height of its middle in base_link
-    width, middle = 2.0 * pillar.radius, ground + height / 2.0
+    width = 2.0 * pillar.radius  # [m]
+    middle = ground + height / 2.0  # [m] height of the pillar's middle in base_link
     # the cylinder in the frame of the lidar is slightly smaller, because two equal cylinders flicker in RViz
     size = (INNER_SCALE * width, INNER_SCALE * width, INNER_SCALE * height)
     center = Point(pillar.x, pillar.y, _height_in_laser(observation, middle))

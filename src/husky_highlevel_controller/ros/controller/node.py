@@ -86,18 +86,17 @@ class ControllerNode:
         # parameters
         namespace = rospy.get_name() + "/"
         values, robot = parameters_and_robot()
-        # `topic_config` is for the scans, `switch` for the start/stop service, `control` for gains and limits
-        topic_config, switch, control, detector_config = read_config(
+        topic_config, start_stop, control, detector_config = read_config(
             values, namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
         )
-        service = switch.start_stop_service_name
+        service = start_stop.start_stop_service_name
         if not rosgraph.names.is_legal_name(service):
             raise ConfigError(
                 f"{namespace}start_stop_service_name = {service!r} is not a valid ROS name; use '~start_stop'"
             )
 
         # memory of the controller
-        self._enabled = switch.start_enabled  # true while the robot may drive
+        self._enabled = start_stop.start_enabled  # true while the robot may drive
         self._controller_state = ControllerState()  # memory of `decide`, which computes the commands
         # lock that is held during a decision and during a stop, so that no command follows the zero command
         # of a stop
@@ -423,7 +422,7 @@ def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
 
 
 def _stage(controller_state: ControllerState) -> Tuple[State, bool]:
-    """State, and whether the search has begun to drive; a change of one of them is logged."""
+    """State, and whether the search drives already, after its first turn; a change of either is logged."""
     return controller_state.state, controller_state.search is not None and controller_state.search.leg > 0
 
 

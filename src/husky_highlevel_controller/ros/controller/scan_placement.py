@@ -98,7 +98,7 @@ class ScanPlacement:
         self._static_mount: Optional[Tuple[str, Pose]] = None
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
-        """Take a scan, and its stamp exact to the nanosecond. Any thread."""
+        """Take a scan, and its stamp exact to the nanosecond; any thread may call this."""
         with self._lock:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
             if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed

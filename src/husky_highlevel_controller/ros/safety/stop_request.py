@@ -51,7 +51,7 @@ class StopRequest:
         self.pending = False  # true from the request until the service has answered
 
     def start(self, danger: str) -> None:
-        """Request a stop because of a danger, as text; ignored while one is pending. Any thread."""
+        """Request a stop because of a danger, given as text, if none is pending; any thread may call this."""
         # the callbacks of the sensors run in several threads, one for each publisher
         with self._pending_lock:
             if not self.pending:

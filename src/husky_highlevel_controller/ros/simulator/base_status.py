@@ -19,7 +19,7 @@ from husky_highlevel_controller.ros.simulator.publishers import publish_if_subsc
 
 PERIOD = 1.0  # [s] simulated time between two messages on /status and on /diagnostics
 HARDWARE = "husky_base"
-# limits for a warning and for an error
+# each pair has the limit for a warning and the limit for an error
 LOW_VOLTAGE, HIGH_VOLTAGE = (19.0, 18.0), (29.0, 30.0)  # [V]
 DRIVER_TEMPERATURE, MOTOR_TEMPERATURE = (50.0, 60.0), (65.0, 80.0)  # [deg C]
 LOW_CHARGE = (0.3, 0.2)  # fractions of a full battery

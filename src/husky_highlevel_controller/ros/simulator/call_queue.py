@@ -76,7 +76,10 @@ class CallQueue:
         rospy.Service(name, kind, respond)
 
     def process(self, timeout: float = 0.0) -> None:
-        """Make all calls; if there is none, wait for one up to `timeout` s. Owner only, between two steps."""
+        """Make all calls; if there is none, wait for one up to `timeout` s.
+
+        Only the owner may call this, between two steps.
+        """
         if timeout > 0.0:
             self._arrived.wait(timeout)
             self._arrived.clear()
@@ -85,7 +88,7 @@ class CallQueue:
             _make(*self._calls_between_steps.popleft())
 
     def process_during_step(self) -> None:
-        """Make the calls that need not wait for a step's end. Owner only, also in the middle of a step."""
+        """Make the calls that need not wait for the end of a step; only the owner may call this."""
         while self._calls:
             _make(*self._calls.popleft())
 

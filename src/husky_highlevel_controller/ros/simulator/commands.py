@@ -152,7 +152,7 @@ class Commands:
         return self._mux.locked
 
     def refuse(self) -> None:
-        """Obey no command of any node from now on. Any thread."""
+        """Obey no command of any node from now on; any thread may call this."""
         self._is_refusing = True
 
     def forget_commands(self) -> None:

@@ -93,18 +93,18 @@ def _launches() -> Iterator[Set[str]]:
         yield {name.rsplit("-", 1)[0] for name, _ in running}
 
 
-def launched() -> Set[str]:
+def launched_nodes() -> Set[str]:
     """Names of the nodes that any roslaunch on this master has started, and that have not ended."""
     return set().union(*_launches())
 
 
-def launched_beside() -> Set[str]:
+def launched_nodes_of_others() -> Set[str]:
     """Names of the launched nodes except OWN_NODES; a controller may be among them."""
-    return launched() - OWN_NODES
+    return launched_nodes() - OWN_NODES
 
 
-def launched_together(name: str) -> Set[str]:
-    """Names of the nodes of the roslaunch that has started a node; `name` is without its leading slash."""
+def nodes_of_same_launch(name: str) -> Set[str]:
+    """Names of all nodes of the roslaunch that has started a node; `name` is without its leading slash."""
     return next((names for names in _launches() if name in names), set())
 
 
@@ -129,7 +129,7 @@ class SecondFilter:
         # `_seen_publishers` has this node from the beginning, so this node is never a new publisher
         for node in sorted(set(graph.publishers.get(self._filter_topic, ())) - self._seen_publishers):
             self._seen_publishers.add(node)
-            is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
+            is_launched = node.lstrip("/") in nodes_of_same_launch(rospy.get_name().lstrip("/"))
             # a node with publish_tf = false publishes no transform, so the simulator must continue its own
             if is_launched and rospy.get_param(f"{node}/publish_tf", True):
                 self.filter_node = node

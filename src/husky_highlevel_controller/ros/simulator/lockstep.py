@@ -110,7 +110,7 @@ class Lockstep:
         self._answered_in_a_row = 0  # number of scans in a row that were answered
 
     def drops(self, topic: str) -> bool:
-        """Return whether to drop a command on this topic, because the last scan has an answer. Any thread.
+        """Return whether to drop a command on a topic, because the last scan has an answer on this topic.
 
         It depends on the load of the machine whether such a command arrives before or after the next physics
         step. So a run that obeyed the command would not be repeatable.
@@ -118,7 +118,7 @@ class Lockstep:
         return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
 
     def command_arrived(self, topic: str) -> None:
-        """Take a command on any velocity topic for the answer to the last scan. Any thread."""
+        """Count a command on any velocity topic as an answer to the last scan; any thread may call this."""
         if self._answered_topics is not None:  # None means that there is no scan to answer yet
             self._answered_topics.add(topic)
         self._has_commanded = True
@@ -301,7 +301,7 @@ class LeadLimit:
         self._answered_in_a_row = 0  # number of scans in a row that were answered
 
     def command_arrived(self) -> None:
-        """Call for every velocity command. Any thread."""
+        """Take any velocity command as an answer to the scans so far; any thread may call this."""
         self._arrived.set()
 
     def before_scan(self) -> None:

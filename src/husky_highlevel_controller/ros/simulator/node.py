@@ -30,8 +30,8 @@ from husky_highlevel_controller.ros.simulator.graph import (
     GraphWatch,
     Partners,
     SecondFilter,
-    launched,
-    launched_beside,
+    launched_nodes,
+    launched_nodes_of_others,
 )
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, LeadLimit, Lockstep
@@ -80,10 +80,10 @@ class SimulatorNode:
         Raises:
             HuskyError: a parameter, the world or the robot description cannot be used.
         """
-        # `start` has the world, the start pose and the pace; `config` has rates, robot and sensors; `camera`
-        # is for the depth camera
-        start, config, camera = read_parameters()
-        self._start, self._paused = start, start.paused  # `_paused` is true while simulated time stands still
+        # `start` has the world, the start pose and the pace; `config` has rates, robot and sensors
+        start, config, depth_camera = read_parameters()
+        self._start = start
+        self._paused = start.paused  # true while simulated time stands still
         # this topic is latched, so a web page that is opened later also knows whether the world is paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
         self._paused_topic.publish(start.paused)
@@ -107,7 +107,7 @@ class SimulatorNode:
         self._has_arrival_exit = rospy.has_param("arrival_exit/deadline")
 
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start_height=start.z)
-        self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
+        self._camera = self._make_camera(depth_camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
             # shows whether the nodes that read the scans or the clock have finished their work
@@ -240,7 +240,7 @@ class SimulatorNode:
             """Return a sentence on the launched nodes that have not joined; empty if nothing is missing."""
             # nodes that roslaunch has started, without the simulator's own nodes; if there are none, no
             # controller is expected
-            other_nodes = () if partners.joined() else launched_beside()
+            other_nodes = () if partners.joined() else launched_nodes_of_others()
             if not other_nodes:
                 return ""
             topics = " and ".join(filter(None, (partners.scan_topic, partners.command_topics)))
@@ -257,7 +257,7 @@ class SimulatorNode:
         def missing() -> str:
             """Return a sentence on the RViz nodes without an open window; empty if there are none."""
             nonlocal has_rviz
-            rviz_nodes = sorted(filter(is_rviz, launched()))
+            rviz_nodes = sorted(filter(is_rviz, launched_nodes()))
             has_rviz = has_rviz or bool(rviz_nodes)
             loading_nodes = ", ".join(loading(master_uri, caller, rviz_nodes))
             return f"{loading_nodes} did not open its window" if loading_nodes else ""

@@ -314,7 +314,7 @@ class Publishers:
         self.send_last_transforms()
 
     def publish_clock_between_ticks(self, stamp: float) -> None:
-        """Publish a time between the last snapshot's stamp and the next tick of /clock [s]."""
+        """Publish a time shortly before the next tick of /clock; `stamp` [s] is the time of the last tick."""
         self.publish_clock(stamp + 0.95 * self._clock_period)
 
     def _set_time(self, now: rospy.Time) -> None:

@@ -36,9 +36,9 @@ MAX_SEED = 2**31 - 1  # largest seed that the simulator accepts
 STANDING_TIME = 3.0  # [s] time for which the robot stands before and after it drives
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
-# [Hz] rates in the bag; point clouds are rare, because one cloud is as large as all other messages of ten
-# seconds
-IMU_RATE, POINTS_RATE = 50, 1
+IMU_RATE = 50  # [Hz]
+# [Hz] point clouds are rare, because one cloud is as large as all other messages of ten seconds
+POINTS_RATE = 1
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
 # topics of the point cloud and the IMU, with the same names as in the bags of the ETH and ENSTA courses
@@ -74,7 +74,7 @@ def messages_of_drive(
         config = replace(config, real=RobotProfile().on(ground))
     # the description has no meshes, because nothing is drawn
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
-    # numbers of physics steps between two messages, or between two commands
+    # each of these is the number of physics steps between two messages, or between two commands
     rate = config.physics_rate
     truth_steps, points_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE
     wheel_steps = rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE)
