@@ -132,7 +132,7 @@ class Guard:
         moving = twist is None or is_moving(twist)  # a robot without odometry may be moving
         # the latch is tripped from a stop until the robot moves again; while it is tripped, no danger stops
         # the controller once more
-        latch, must_stop = advance_latch(self._latch, danger is not None, moving, stamp)
+        latch, must_stop = advance_latch(self._latch, danger=danger is not None, moving=moving, stamp=stamp)
         if self._latch.tripped_at is not None and latch.tripped_at is None:
             rospy.loginfo("guard active again: the robot moves")
         self._latch = latch

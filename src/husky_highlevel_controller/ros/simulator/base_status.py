@@ -41,6 +41,7 @@ class BaseStatus:
 
     def update(self, power: PowerState, e_stop: bool, stamp: float) -> None:
         """Publish status and diagnostics if they are due at `stamp` [s]. Call it several times a second."""
+        # slightly less than PERIOD, because of rounding errors
         if self._published_at is not None and stamp - self._published_at < PERIOD - 1e-6:
             return
         self._published_at = stamp

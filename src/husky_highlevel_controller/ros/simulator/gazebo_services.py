@@ -165,8 +165,16 @@ class GazeboServices:
         stamp, motion = result
         header = conversions.header(stamp, request.relative_entity_name)
         pose_msg, twist_msg = conversions.motion_to_msg(motion)
-        return GetModelStateResponse(header, pose_msg, twist_msg, True, sentence)
+        return GetModelStateResponse(
+            header=header, pose=pose_msg, twist=twist_msg, success=True, status_message=sentence
+        )
 
     def _on_get_properties(self, _request: Any) -> GetWorldPropertiesResponse:
         stamp, names = self._calls.call(lambda: (self._simulation.stamp, self._names()))
-        return GetWorldPropertiesResponse(stamp, names, False, True, f"{len(names)} models")
+        return GetWorldPropertiesResponse(
+            sim_time=stamp,
+            model_names=names,
+            rendering_enabled=False,
+            success=True,
+            status_message=f"{len(names)} models",
+        )

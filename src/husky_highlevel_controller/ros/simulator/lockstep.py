@@ -137,7 +137,7 @@ class Lockstep:
                 f"{partners.command_topics}"
             )
         missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
-        self._wait_or_end_lockstep(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
+        self._wait_or_end_lockstep(joined, PARTNER_TIMEOUT, missing, period=PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:
         """Call before a scan is published, so that earlier commands do not count as answers to it."""
@@ -236,7 +236,7 @@ class Lockstep:
 
         if self._answered.is_set():
             return
-        self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, "no command answers the scan")
+        self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
         # the command came only after a nudge, so the controller sleeps in simulated time; from now on, the

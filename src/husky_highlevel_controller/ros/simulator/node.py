@@ -158,18 +158,18 @@ class SimulatorNode:
             # no step is made during the pause, so the scan and the transforms of the start are kept for RViz
             # and other new subscribers
             publishers.keep_for_new_subscribers(simulation.at_start())
-        begin = simulation.stamp
+        start_stamp = simulation.stamp
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
                 # the clock is published during the pause, because nodes that start now need the time
                 publishers.publish_clock(simulation.stamp)
-                # in lockstep, this scan is not sent during the pause, because lockstep would need an answer
-                # to it
-                if simulation.stamp == begin and not self._start.lockstep:
+                # The kept scan is out of date after the first step. In lockstep it is not sent, because
+                # lockstep would need an answer to it.
+                if simulation.stamp == start_stamp and not self._start.lockstep:
                     publishers.send_kept_scan()
-                # the time of the pause is not made up for
+                # simulated time must not catch up with the wall time that passes during the pause
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
                     self._display.refresh()
@@ -188,7 +188,13 @@ class SimulatorNode:
         filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
         # while a student's program is graded, the program gets no hints about its markers
         markers = None if publishers.is_graded else MarkerFrames(publishers.frames, findings.tell)
-        GraphWatch(lambda: self._simulation.stamp, rospy.logwarn, filter_watch, markers, findings).start()
+        GraphWatch(
+            simulated_time=lambda: self._simulation.stamp,
+            warn=rospy.logwarn,
+            filter_watch=filter_watch,
+            markers=markers,
+            findings=findings,
+        ).start()
         self._registration.start()
 
     def _wait_for_other_nodes(self) -> None:
@@ -208,8 +214,8 @@ class SimulatorNode:
             # begins
             self._wait_for_rviz()
         if self._start.lockstep:
-            self._lockstep.wait_for_partners(partners, self._serve_while_time_waits)
-            publishers.truth_log.wait_to_begin(self._serve_while_time_waits)
+            self._lockstep.wait_for_partners(partners, meanwhile=self._serve_while_time_waits)
+            publishers.truth_log.wait_to_begin(meanwhile=self._serve_while_time_waits)
         elif self._start.has_unlimited_speed and not self._paused:
             self._wait_for_launch(partners)
 
@@ -234,7 +240,7 @@ class SimulatorNode:
         self._publishers.publish_clock(self._simulation.stamp)
 
     def _wait_for_launch(self, partners: Partners) -> None:
-        """Wait for the launched nodes; otherwise ten simulated seconds may pass while a controller starts."""
+        """Wait for the launched nodes, because ten simulated seconds may pass while a controller starts."""
 
         def missing() -> str:
             """Return a sentence on the launched nodes that have not joined; empty if nothing is missing."""
@@ -246,7 +252,7 @@ class SimulatorNode:
             topics = " and ".join(filter(None, (partners.scan_topic, partners.command_topics)))
             return f"{', '.join(sorted(other_nodes))} did not join on {topics}"
 
-        self._keep_time_waiting(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)
+        self._keep_time_waiting(missing, LAUNCH_TIMEOUT, period=PARTNERS_POLL_PERIOD)
 
     def _wait_for_rviz(self) -> None:
         """Wait for the RViz that a launch file opens, because it shows the begin of a run."""
@@ -262,7 +268,7 @@ class SimulatorNode:
             loading_nodes = ", ".join(loading(master_uri, caller, rviz_nodes))
             return f"{loading_nodes} did not open its window" if loading_nodes else ""
 
-        if self._keep_time_waiting(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and has_rviz:
+        if self._keep_time_waiting(missing, RVIZ_TIMEOUT, period=RVIZ_POLL_PERIOD) and has_rviz:
             rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begin:.1f} s of wall time")
 
     def _keep_time_waiting(self, missing: Callable[[], str], timeout: float, period: float) -> bool:

@@ -153,7 +153,7 @@ class WorldDisplay:
             if shown and shown.pose_in_world and not has_drifted:
                 last_pose = shown.pose_in_world
                 # a turn of the body counts as the motion of a point 1 m away from its origin
-                if last_pose == pose or not _noticeable(last_pose, pose, 1.0):
+                if last_pose == pose or not _noticeable(last_pose, pose, radius=1.0):
                     continue
             pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
             is_upright = shown is not None and dist(shown.up, up) < TIPPED_ANGLE

@@ -70,7 +70,9 @@ class WorldServices:
         to_frame = inverse(self._frame_in_world(frame))
         names = list(self._simulation.bodies)
         poses = [conversions.pose_to_msg(compose(to_frame, self._simulation.pose_of(name))) for name in names]
-        return srv.ListObjectsResponse(True, f"{len(names)} objects", names, poses)
+        return srv.ListObjectsResponse(
+            success=True, status_message=f"{len(names)} objects", model_names=names, poses=poses
+        )
 
     def _on_list(self, request: srv.ListObjectsRequest) -> srv.ListObjectsResponse:
         """Answer a request for the list of bodies; an unknown frame is a failure with a sentence."""
@@ -79,7 +81,7 @@ class WorldServices:
             self._calls.report("the true poses of all bodies were listed")
             return response
         except HuskyError as error:
-            return srv.ListObjectsResponse(False, str(error), [], [])
+            return srv.ListObjectsResponse(success=False, status_message=str(error))
 
 
 def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
