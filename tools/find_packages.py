@@ -55,7 +55,7 @@ def is_students(package: Path) -> bool:
 
 
 def dependency_sentences(folders: Iterable[Path]) -> List[str]:
-    """Return a sentence on each dependency, of a person's package, that is not a package here."""
+    """Return a sentence on each missing package on which a person's own package in `folders` depends."""
     own = [folder for folder in dict.fromkeys(folders) if is_students(folder)]
     if not own:
         return []
@@ -141,16 +141,18 @@ def places(*starts: Path) -> List[Path]:
 def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
     """Return the path of a file in any folder of a package, as roslaunch finds it; None if there is none.
 
-    If several packages have this name, the first one that has the file counts, see the order above.
+    If several packages have this name, the first one that has the file counts, in the order of the places in
+    this module's docstring.
     """
-    around = [(name, folder) for place in places(caller) for name, folder in packages_below(place)]
-    beside = packages_below(PACKAGE_FOLDER.parent)
+    around_caller = [(name, folder) for place in places(caller) for name, folder in packages_below(place)]
+    next_to_clone = packages_below(PACKAGE_FOLDER.parent)
     paths = gazebo_packages.package_paths()
     packages = rospkg.RosPack(paths)
-    known = [(package, Path(packages.get_path(package)))] if package in packages.list() else []
+    in_ros_path = [(package, Path(packages.get_path(package)))] if package in packages.list() else []
     if package == PACKAGE:  # this clone counts, and not another clone next to it, which has the same files
-        known, beside = [(PACKAGE, PACKAGE_FOLDER), *known], iter(())
-    for name, folder in (*around, *known, *beside, (package, gazebo_packages.COMPAT / package)):
+        in_ros_path, next_to_clone = [(PACKAGE, PACKAGE_FOLDER), *in_ros_path], iter(())
+    stand_in = (package, gazebo_packages.COMPAT / package)
+    for name, folder in (*around_caller, *in_ros_path, *next_to_clone, stand_in):
         if name == package:
             for path, folders, files in os.walk(folder, followlinks=True):
                 folders[:] = sorted(inner for inner in folders if inner[0] != ".")
@@ -186,7 +188,7 @@ def source_workspace(path: Path) -> None:
 
 
 def main() -> None:
-    """Print a sentence on each wrong dependency of the packages around the folder of the command line."""
+    """Print a sentence on each missing dependency of a person's packages around a folder, the argument."""
     caller = Path(sys.argv[1])
     os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(add_packages(gazebo_packages.package_paths(), caller))
     folders = [folder for place in places(caller) for _, folder in packages_below(place)]

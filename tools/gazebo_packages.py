@@ -48,7 +48,7 @@ def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
 def join_copies(paths: List[str]) -> Dict[str, Path]:
     """Join each copy of COURSE_PACKAGES in a ROS_PACKAGE_PATH with our package of the same name.
 
-    Without gazebo_ros, the launch files of a copy start nothing; if it is installed, nothing is joined.
+    The launch files of a copy need gazebo_ros, so nothing is joined if gazebo_ros is installed.
 
     Returns:
         Folders of the joined packages by name, ~/.ros/gazebo_packages/DIGEST/NAME. If the copy has gone, a
@@ -91,7 +91,7 @@ def digest(folder: Path) -> str:
 
 
 def join(copy: Path, ours: Path, target: Path) -> None:
-    """Make a package of links to the files of a copy, with our launch files and scripts in place of its own.
+    """Make a package of links to the files of a copy; launch files and scripts of our package replace its own.
 
     Our launch files keep the world, and the pose and sensors of the robot, that the copy's launch files give.
     """
@@ -119,8 +119,8 @@ def references(text: str, names: Set[str]) -> Set[str]:
 def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
     """Return the world, and the pose and sensors of the robot, that a launch file gives, by argument.
 
-    Includes in the same folder count, too, up to `depth` of them in each other. The file's own defaults are
-    stronger than an include's, and values that it gives to an include without an argument are the strongest.
+    The files of the same folder that it includes count, too, down to `depth` levels. A default of the file
+    replaces a value of an included file. A fixed value that the file passes to an include replaces both.
     """
     root = ElementTree.parse(file).getroot()
     names = {arg.get("name", "") for arg in root.findall("arg")}
@@ -136,7 +136,8 @@ def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
         }
         fixed.update({name: value for name, value in values.items() if not references(value, names)})
     defaults = {arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")}
-    # a default that needs another argument is left out, because our launch file may not have this argument
+    # a default that needs an argument outside of WORLD_AND_POSE is left out, because our launch file may not
+    # have this argument
     given.update({name: text for name, text in defaults.items() if references(text, names) <= WORLD_AND_POSE})
     given.update(fixed)
     return {name: value for name, value in given.items() if name in WORLD_AND_POSE and value}
@@ -149,8 +150,8 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     except (OSError, ParseError, ValueError, LookupError):
         return  # the copy has no such file, or it is not valid XML, has entities or an unknown encoding
     ours = world_and_pose(link)
-    # Noetic's launch file reads from the environment whether there is a lidar; our file does so, too, and
-    # keeps its own default
+    # Noetic's launch file reads from the environment whether there is a lidar; our file does so, too, so
+    # these values stay as they are in our file
     from_environment = {name for name in SENSORS if "$(" in given.get(name, "")}
     # only values that differ from a value of our file are kept
     given = {n: v for n, v in given.items() if n not in from_environment and v != ours.get(n, v)}
@@ -159,6 +160,7 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     tree = ElementTree.parse(link)
     for path, attribute in (("arg", "default"), (".//include/arg", "value")):
         for arg in tree.getroot().iterfind(path):
+            # a value that passes on an argument of the file stays
             if arg.get("name") in given and (attribute == "default" or "$(arg" not in arg.get(attribute, "")):
                 arg.set(attribute, given[arg.get("name", "")])
     link.unlink()

@@ -85,7 +85,10 @@ def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
 
 
 def check_master() -> None:
-    """Refuse a ROS_MASTER_URI that names another machine without a master; roslaunch would raise."""
+    """Refuse a ROS_MASTER_URI with a wrong form, an unknown host, or another machine without a master.
+
+    With such an address, roslaunch would raise an exception.
+    """
     uri = rosgraph.get_master_uri()
     address = re.fullmatch(r"http://([^:/]+):(\d+)/?", uri)
     if address is None:
@@ -126,7 +129,7 @@ def check_quotes(config: Any) -> None:
 
 
 def drop_missing_terminals(config: Any) -> None:
-    """Start nodes without a launch-prefix that is a terminal, if the terminal cannot open."""
+    """Drop a node's launch-prefix if its program is not installed, or is a terminal without a display."""
     for node in config.nodes:
         program = shlex.split(node.launch_prefix or "")[:1]
         if not program:
@@ -194,6 +197,12 @@ def find_packages_for(file: Path) -> Path:
         paths = find_packages.add_packages(paths, folder, Path.cwd())
     joined = gazebo_packages.join_copies(paths)
     os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(gazebo_packages.package_path(paths, joined.values()))
+    prefer_joined(joined)
+    return replacement_of(file, package, joined)
+
+
+def prefer_joined(joined: Dict[str, Path]) -> None:
+    """Let $(find ...) in launch files find a joined package, and not a built copy of the same name."""
     find_resource = substitution_args._find_resource
 
     def find(resolved: str, command: str, arguments: List[str], *others: Any, **named: Any) -> str:
@@ -204,17 +213,20 @@ def find_packages_for(file: Path) -> Path:
         return str(find_resource(resolved, command, arguments, *others, **named))
 
     substitution_args._find_resource = find
-    return replacement_of(file, package, joined)
 
 
 def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path]) -> Path:
-    """Return the stand-in of a launch file that needs Gazebo, otherwise the file itself."""
+    """Return the stand-in of a launch file that needs Gazebo, otherwise the file itself.
+
+    `joined` has the folders of the packages that were joined with ours, by name, see `join_copies`.
+    """
     if package is None:
         return file
     name = find_packages.name_of(package)
     if name not in joined:
         return file
     stand_in = joined[name] / file.resolve().relative_to(package)
+    # a link to the file itself is there because our package has no launch file of this name
     if not stand_in.is_file() or stand_in.resolve() == file.resolve():
         return file
     ours = gazebo_packages.COMPAT / name / file.resolve().relative_to(package)
@@ -230,7 +242,11 @@ def starts_robot(node: Any) -> bool:
 
 
 def adapt(config: Any, file: Path, arguments: Arguments) -> None:
-    """Make the nodes of a launch file for Gazebo and a desktop start here."""
+    """Change the nodes of a launch file that was written for Gazebo and a desktop, so that they start here.
+
+    Arguments for the simulator take effect. Programs that cannot run are left out. If the file has a view of
+    its own in RViz, this package's view is left out.
+    """
     check_integers(config)
     check_quotes(config)
     robots = [node for node in config.nodes if starts_robot(node)]
@@ -257,7 +273,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
 
 
 def warn_of_dependencies(config: Any, file: Path) -> None:
-    """Warn of each dependency, of a person's package in the launch, that is not a package here."""
+    """Warn if a person's package in the launch depends on a package that is missing here."""
     folder = find_packages.package_around(file.resolve().parent)
     packages = rospkg.RosPack()
     names = {node.package for node in config.nodes} & set(packages.list())
@@ -341,6 +357,8 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     """
     roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
     failures = Failures()
+    # state for the functions below: all nodes are started, a process is just being started, signal that came
+    # meanwhile; later also the id of the run and the names of the robots' nodes
     run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
     end = roslaunch.pmon.rl_signal
 

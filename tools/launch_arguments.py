@@ -23,8 +23,8 @@ from roslaunch import substitution_args
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 SIMULATOR = PACKAGE_FOLDER / "launch" / "simulator.launch"
-# arguments without effect in simulator.launch; it declares them, because controller.launch passes all on
-OF_CONTROLLER = {"naive", "parameters"}
+# arguments that simulator.launch declares, because controller.launch passes all on, but does not use
+UNUSED_BY_SIMULATOR = {"naive", "parameters"}
 VARIABLE = "HUSKY_SIMULATOR_ARGUMENTS"  # name:=value words, as on a command line, for stand-ins of compat/
 # variables of the Husky of ROS Melodic, for stand-ins; simulator.launch has the same for robot:=husky_melodic
 MELODIC = {"HUSKY_LMS1XX_TOPIC": "scan", "HUSKY_LMS1XX_PREFIX": "base"}
@@ -34,7 +34,9 @@ class Arguments(NamedTuple):
     """Checked arguments of a launch file."""
 
     options: List[str]  # words for roslaunch
-    for_simulator: Dict[str, str]  # arguments for a file that starts this package's simulator
+    for_simulator: Dict[
+        str, str
+    ]  # arguments for the stand-ins of compat/ that start this package's simulator
     known: Set[str]  # names that the file takes
 
 
@@ -46,7 +48,7 @@ def declared_arguments(file: Path) -> Optional[Set[str]]:
     try:
         names = set(roslaunch.arg_dump.get_args([str(file)]))
         if file.name == "simulator.launch" and PACKAGE_FOLDER in file.resolve().parents:
-            names -= OF_CONTROLLER
+            names -= UNUSED_BY_SIMULATOR
         for included, passes_all in included_files(file):
             inner = declared_arguments(included) if passes_all else set()
             if inner is None:
@@ -70,7 +72,7 @@ def included_files(file: Path) -> Iterator[Tuple[Path, bool]]:
 
 
 def own_arguments(file: Path) -> Set[str]:
-    """Return the arguments that a launch file's includes of this package take, at any depth of includes."""
+    """Return the arguments of all files of this package that a launch file includes, at any depth."""
     names: Set[str] = set()
     with contextlib.suppress(Exception):  # roslaunch reports the error, in more detail
         for included, _ in included_files(file):
@@ -98,9 +100,10 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
     """Check the arguments of a command line; refuse unknown ones, which roslaunch would ignore in silence.
 
     An argument that the launch file does not take itself is passed on to included files of this package that
-    take it. If no file does, the stand-ins get it for the simulator.
+    take it. If no file takes it, but the simulator does, the stand-ins of compat/ get it.
     """
     declared, of_included = declared_arguments(file), own_arguments(file)
+    # our own launch files start no stand-ins, so these arguments would be lost there
     of_simulator = set() if file.parent == SIMULATOR.parent else declared_arguments(SIMULATOR) or set()
     for_included: Dict[str, str] = {}
     for_simulator: Dict[str, str] = {}
@@ -127,14 +130,19 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
             check_yaml(name, value)
     if for_included:
         pass_on(for_included)
-    if for_simulator:
-        words = [f"{name}:={value}" for name, value in for_simulator.items()]
-        os.environ[VARIABLE] = shlex.join([*shlex.split(os.environ.get(VARIABLE, "")), *words])
-    if for_simulator.get("robot") == "husky_melodic":
-        os.environ.update(MELODIC)
+    give_to_stand_ins(for_simulator)
     taken = for_included.keys() | for_simulator.keys()
     options = [argument for argument in given if argument.partition(":=")[0] not in taken]
     return Arguments(options, for_simulator, declared or set())
+
+
+def give_to_stand_ins(values: Dict[str, str]) -> None:
+    """Put arguments of the simulator into the environment, where the stand-ins of compat/ read them."""
+    if values:
+        words = [f"{name}:={value}" for name, value in values.items()]
+        os.environ[VARIABLE] = shlex.join([*shlex.split(os.environ.get(VARIABLE, "")), *words])
+    if values.get("robot") == "husky_melodic":
+        os.environ.update(MELODIC)
 
 
 def refuse(file: Path, name: str, takes: Set[str], candidates: Set[str]) -> None:

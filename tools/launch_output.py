@@ -17,12 +17,13 @@ from typing import Callable, Dict, List, Tuple
 
 from husky_highlevel_controller.ros.refused_connection import shorten
 
-REPORT_PERIOD = 5.0  # [s] wall time between two lines that count
+REPORT_PERIOD = 5.0  # [s] wall time between two reports of repetitions
 MAX_LINES = 200  # longest traceback that is held back until its end
 CLOSE_TIMEOUT = 2.0  # [s] longest wait for programs that hold the output open
 TRACEBACK = "Traceback (most recent call last):"
 # first words of the lines that Python prints between the tracebacks of exceptions that caused each other
 BETWEEN = ("During handling of the above exception", "The above exception was the direct cause")
+# code of a terminal's colour, and the beginning of such a code at the end of the data
 _COLOUR = re.compile(rb"\x1b(\[([0-9;]*m|[0-9;]*$)|$)")
 
 
@@ -46,7 +47,7 @@ class Folder:
         """Take data, and return the part that passes."""
         *lines, self._line = (self._line + data).split(b"\n")
         passed = b"".join(self._take(line + b"\n") for line in lines)
-        # a line without an end passes at once if it can be, such as a question that waits for an answer
+        # the start of a line passes at once if it may, because it may be a question that waits for an answer
         if self._line and not self._held and not self._must_wait(self._line):
             passed, self._line, self._has_start_passed = passed + self._line, b"", True
         return passed + self.report_when_due()
@@ -62,7 +63,7 @@ class Folder:
 
     def _take(self, line: bytes) -> bytes:
         """Take a line with its end, and return what passes now."""
-        if self._has_start_passed:
+        if self._has_start_passed:  # `line` is only the rest of a line whose start has passed
             self._has_start_passed = False
             return line
         text = _plain(line)
@@ -73,7 +74,7 @@ class Folder:
             self._held = [line]
             return b""
         if self._is_dropping and (not text or text.startswith(BETWEEN)):
-            return b""
+            return b""  # the line between the dropped traceback and the next one is dropped, too
         self._is_dropping = False
         return os.fsencode(shorten(os.fsdecode(line)))
 
@@ -108,9 +109,9 @@ class Folder:
         self._counts = dict.fromkeys(self._counts, 0)
         return "".join(sentences).encode()
 
-    def _must_wait(self, line: bytes) -> bool:
-        """Return whether a line must wait for its end, because it may be dropped or shortened."""
-        text = _plain(line)
+    def _must_wait(self, start: bytes) -> bool:
+        """Return whether the start of a line must wait for its rest, because it may be dropped or shortened."""
+        text = _plain(start)
         begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._is_dropping else ()))
         return not self._has_start_passed and any(
             begin.startswith(text) or text.startswith(begin) for begin in begins
@@ -163,18 +164,18 @@ class FoldedOutput:
 
 def _copy(source: int, real: int) -> None:
     """Copy the output from `source` to `real` through a `Folder`, until nobody writes to it any more."""
-    folder = Folder()
+    tracebacks = Folder()
     # an OSError ends the copy: nobody writes to the terminal any more, or the real output is closed
     with contextlib.suppress(OSError):
         while True:
             while not select.select([source], [], [], REPORT_PERIOD)[0]:
-                _write(real, folder.report_when_due())
+                _write(real, tracebacks.report_when_due())
             data = os.read(source, 65536)
             if not data:
                 break
-            _write(real, folder.feed(data))
+            _write(real, tracebacks.feed(data))
     with contextlib.suppress(OSError):
-        _write(real, folder.close())
+        _write(real, tracebacks.close())
 
 
 def _write(target: int, data: bytes) -> None:

@@ -1,6 +1,7 @@
 """`./dev run`: a command in an environment in which ROS finds the packages that `./dev launch` finds.
 
-roslaunch and rostest run in this process, as `./dev launch` does: a launch file's own package comes first.
+roslaunch and rostest run in this process, so that they find a launch file's own package first, as `./dev
+launch` does.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ LAUNCHES = ("roslaunch", "rostest")
 def sees_neighbours(words: List[str]) -> bool:
     """Return whether a command finds the packages around the caller.
 
-    Programs of this package find them only with an option that takes a package. `grade --all` must not find
-    them, because a submission would find the packages of the other submissions.
+    A program of this package finds these packages only if an option names a package. `grade --all` must not
+    find them, because each submission would then find the packages of all other submissions.
     """
     names = [word for word in words[1:] if word[0:1] != "-"]
     is_own = words[0] == "rosrun" and names[0:1] == [find_packages.PACKAGE]
@@ -42,15 +43,17 @@ def with_path(words: List[str], caller: Path) -> List[str]:
 
 
 def launch_here(words: List[str], caller: Path) -> None:
-    """Run roslaunch or rostest, with the packages that the files in its command line need."""
+    """Run roslaunch or rostest, with the packages and stand-ins that the files in its command line need."""
     from launch import find_packages_for, start_own_master
 
     start_own_master()
 
     arguments = with_path(words[1:], caller)
     files = [word for word in arguments if Path(word).is_file()]
-    replaced = {word: str(find_packages_for(Path(word).absolute())) for word in files}
-    sys.argv = [words[0], *(replaced.get(word, word) for word in arguments)]
+    found = {
+        word: str(find_packages_for(Path(word).absolute())) for word in files
+    }  # files or their stand-ins
+    sys.argv = [words[0], *(found.get(word, word) for word in arguments)]
     if words[0] == "rostest":
         from rostest import rostestmain
 
@@ -62,7 +65,7 @@ def launch_here(words: List[str], caller: Path) -> None:
 
 
 def warn_of_dependencies(words: List[str]) -> None:
-    """Warn of each dependency of the package in a command line of rosrun that is not a package here."""
+    """Warn of the dependencies that are missing here, of the package in a command line of rosrun."""
     packages = rospkg.RosPack()
     # the package is the first word after rosrun, or the second one after an option
     found = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]
