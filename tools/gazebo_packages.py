@@ -91,7 +91,7 @@ def digest(folder: Path) -> str:
 
 
 def join(copy: Path, ours: Path, target: Path) -> None:
-    """Make a package of links to the files of a copy; launch files and scripts of our package replace its own.
+    """Make a package of links to the files of a copy; our launch files and scripts replace the copy's files.
 
     Our launch files keep the world, and the pose and sensors of the robot, that the copy's launch files give.
     """

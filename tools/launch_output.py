@@ -110,7 +110,7 @@ class Folder:
         return "".join(sentences).encode()
 
     def _must_wait(self, start: bytes) -> bool:
-        """Return whether the start of a line must wait for its rest, because it may be dropped or shortened."""
+        """Return whether the start of a line must wait for its rest, because the line may have to change."""
         text = _plain(start)
         begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._is_dropping else ()))
         return not self._has_start_passed and any(

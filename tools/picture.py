@@ -33,7 +33,7 @@ SOFTWARE_WEBGL = (
     "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing", "--no-sandbox"
 )  # fmt: skip
 TIME = "Number(document.querySelector('[data-time]').dataset.time)"
-# an observer acts before anything is drawn
+# script that hides the factor and the notifications; its observer is called before the browser draws a change
 HIDE = """() => {
 const hide = () => [...document.querySelectorAll("dt")]
   .filter(term => term.textContent === "real-time factor")
@@ -47,7 +47,7 @@ document.head.append(style);
 
 
 def main() -> None:
-    """Drive twice and save."""
+    """Save the picture of a first drive, and the animation of a second one."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -61,11 +61,12 @@ def main() -> None:
             browser = playwright.chromium.launch(executable_path=shell, args=list(SOFTWARE_WEBGL))
             url = address(Path(output.name))
             page = open_page(browser, url, STILL_SIZE, 1.0)
-            (DOCS / "page.png").write_bytes(frames(page, env, STILL_TIME)[0][1])
+            ((_, still),) = frames(page, env, only_at=STILL_TIME)
+            (DOCS / "page.png").write_bytes(still)
             page.close()
             page = open_page(browser, url, SIZE, WIDTH / SIZE["width"])
             pictures = frames(page, env)
-            page.close()  # an open page would go on drawing
+            page.close()  # an open page would go on drawing, and slow down `save`
             save(pictures)
         finally:
             launch.terminate()
@@ -84,7 +85,7 @@ def address(log: Path) -> str:
 
 
 def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> Page:
-    """Open the page at a scale, and wait until it shows the time."""
+    """Open the page, drawn larger or smaller by the factor `scale`, and wait until it shows the time."""
     page = browser.new_page(viewport=size, device_scale_factor=scale)
     page.set_default_timeout(1000.0 * TIMEOUT)
     page.goto(f"{url}/?antialias")
@@ -93,22 +94,22 @@ def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> P
     return page
 
 
-def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> List[Tuple[float, bytes]]:
-    """Return times [s] and PNGs of a run from its start, one per PERIOD or, if drawing takes longer, fewer.
+def frames(page: Page, env: Dict[str, str], only_at: Optional[float] = None) -> List[Tuple[float, bytes]]:
+    """Return times [s] and PNGs of a run from its start, one for each PERIOD, or fewer if drawing is slower.
 
-    With `last`, only the PNG at this time [s] is returned.
+    With `only_at`, only the PNG at this time [s] is returned.
     """
     reset = ["rosservice", "call", "/husky_simulator/reset"]
     subprocess.run(reset, check=True, env=env, stdout=subprocess.DEVNULL)
     begin = page.evaluate(TIME)
     pictures: List[Tuple[float, bytes]] = []
-    due, end = begin + (last or 0.0), None
+    due, end = begin + (only_at or 0.0), None
     while end is None or due < end:
         page.wait_for_function(f"{TIME} >= {due}")
         pictures.append((page.evaluate(TIME), page.screenshot()))
         due = max(due + PERIOD, pictures[-1][0])  # time of the next PNG; at once if it is late
         print(f"\r{pictures[-1][0] - begin:.1f} s", end="", file=sys.stderr, flush=True)
-        if last is not None:
+        if only_at is not None:
             break
         if end is None and "at the pillar" in page.inner_text(".husky-state"):
             end = due + STANDS

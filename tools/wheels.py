@@ -27,7 +27,7 @@ SYSTEMS = {
 
 
 def resolve(requirements: list[str], system: str, python: str) -> str | None:
-    """Return the versions that a resolver chooses if each package must have a wheel; None if it finds none."""
+    """Return the versions that a resolver chooses if all packages must have wheels; None if it fails."""
     command = [
         "uv",
         "pip",
@@ -52,7 +52,7 @@ def resolve(requirements: list[str], system: str, python: str) -> str | None:
 
 
 def cell(requirements: list[str], system: str, python: str) -> str:
-    """Return a cell: the name of PyBullet's package if all packages have wheels, otherwise what is compiled."""
+    """Return a cell: the name of PyBullet's package if all packages have wheels, or what pip compiles."""
     found = resolve(requirements, system, python)
     if found is not None:  # either pybullet or pybullet_arm64
         return re.search(r"^pybullet[\w-]*", found, re.MULTILINE)[0].replace("-", "_")  # type: ignore[index]

@@ -60,10 +60,9 @@ class Comparison:
 def dropped(pairs: int) -> Optional[int]:
     """Return how many ratios the spread leaves out at each end; None if the pairs are too few.
 
-    If nothing has changed, each ratio is above 1 or below 1 like a tossed coin. So the chance that at most k
-    of n ratios are below 1 is known, whatever the noise is. It is the sum of (n over i) for i = 0 ... k,
-    divided by 2^n. The result is the largest k with a chance of at most CHANCE: 0 for 7 pairs, 1 for 11, 2
-    for 14.
+    If nothing has changed, each ratio is below 1 with a chance of one half, whatever the noise is. So the
+    number of ratios below 1 has a binomial distribution. The result is the largest k with which the chance of
+    at most k ratios below 1 is not larger than CHANCE: 0 for 7 pairs, 1 for 11, 2 for 14.
     """
     chance, found = 0.0, None
     for k in range(pairs):
@@ -79,16 +78,23 @@ def compare_runs(
 ) -> Comparison:
     """Compare the paired runs (new, old) of one figure.
 
-    The two runs of a pair follow one another, so the machine's other work falls on both, and their ratio
-    says more than either run. The spread goes from the smallest ratio to the largest; with more pairs it
-    leaves out outliers, as `dropped` says.
+    The two runs of a pair follow one another, so other programs slow down both, and their ratio is more exact
+    than either run. The spread goes from the smallest ratio to the largest, without the outliers that
+    `dropped` counts.
     """
     new, old = zip(*runs)
     ratios = sorted(b / a if more_is_better else a / b for a, b in runs)
-    out = dropped(len(ratios))
-    spread = (ratios[out or 0], ratios[-1 - (out or 0)])
+    outliers = dropped(len(ratios))
+    spread = (ratios[outliers or 0], ratios[-1 - (outliers or 0)])
     return Comparison(
-        what, unit, median(new), median(old), median(ratios), spread, out is not None, list(runs)
+        what,
+        unit,
+        median(new),
+        median(old),
+        median(ratios),
+        spread,
+        judged=outliers is not None,
+        runs=list(runs),
     )
 
 
@@ -129,7 +135,7 @@ def compare_checkouts(
     """
     for folder in (OURS, old):
         print(f"setting up {folder}", file=sys.stderr)
-        run_in(folder, "setup", "grade")  # done before the clock runs
+        run_in(folder, "setup", "grade")  # the set-up must not be a part of a measured time
     found: List[Comparison] = []
     problems: List[str] = []
     for name in names:
@@ -156,9 +162,9 @@ def _measure_pair(old: Path, name: str, number: int, short: bool) -> Tuple[Readi
 
 
 def _measure(folder: Path, name: str, short: bool) -> Readings:
-    """Measure a figure once, by the checkout's own benchmark, because another one may not fit its modules."""
+    """Measure a figure once, with the checkout's own benchmark, because ours may not fit its modules."""
     if name == "marking":
-        return {key: Reading(value, False) for key, value in marking(folder).items()}
+        return {key: Reading(value, more_is_better=False) for key, value in marking(folder).items()}
     with tempfile.TemporaryDirectory() as temporary:
         file = Path(temporary) / "bench.json"
         effort = ["--short"] if short else ["--repeats", "1"]
@@ -167,7 +173,7 @@ def _measure(folder: Path, name: str, short: bool) -> Readings:
 
 
 def readings_of(file: Path, name: str, folder: Path) -> Readings:
-    """Return the value of each row that a checkout's benchmark has written for a figure, from its first run.
+    """Return the value of the first run in each row that a checkout's benchmark has written for a figure.
 
     A row appears twice, with equal values, if it is compared with two baselines.
 

@@ -34,7 +34,7 @@ OUTSIDE = 0.15  # [m] distance from the optical centre at which rays are out of 
 def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[str, float]:
     """Simulate the Husky in the course's world as in PyBullet's quick start.
 
-    240 steps and 50 batches of 720 rays per second. The robot drives all the time, whatever the rays hit.
+    A second has 240 steps and 50 batches of 720 rays. The robot drives all the time, whatever the rays hit.
 
     Args:
         seconds: simulated time [s].
@@ -61,7 +61,7 @@ def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[
     beams = np.column_stack([x, y, np.zeros(lidar.beams)])
     mount = model_of(load_robot()).fixed_poses[model_of(load_robot()).laser_frame]
     info = pybullet.getDynamicsInfo(robot, -1, physicsClientId=client)
-    # Bullet gives the pose of the robot's centre of mass, whose position and rotation in the base are these
+    # Bullet gives the pose of the robot's centre of mass; `info` has the centre's pose in the base
     base_in_inertial = pybullet.invertTransform(info[3], info[4])
     laser = pybullet.multiplyTransforms(*base_in_inertial, mount.position, mount.quat_xyzw)
     begin, cpu_begin = time.perf_counter(), time.process_time()

@@ -13,9 +13,10 @@ from defusedxml import DefusedXmlException, ElementTree
 
 PACKAGE = "husky_highlevel_controller"
 OURS = Path(__file__).resolve().parents[2]
+# PATH for another checkout's ./dev, without the folders that our ./dev has added
 PROGRAMS = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
-# variables that our ./dev has set and that would lead another ./dev into our workspace; and the display,
-# because no window belongs to a measurement
+# variables of our ./dev, which would lead another ./dev into our workspace; without DISPLAY, no window opens
+# during a measurement
 LEFT_OUT = {
     "CMAKE_PREFIX_PATH", "DISPLAY", "LD_LIBRARY_PATH", "PKG_CONFIG_PATH", "PYTHONPATH",
     "ROSLISP_PACKAGE_DIRECTORIES", "ROS_PACKAGE_PATH",

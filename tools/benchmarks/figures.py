@@ -31,7 +31,8 @@ ROLLOUT, FAST, LOCKSTEP = (7.5, 3.5, 2.5) if "AMD" in processor() else (5.5, 2.5
 SCAN_TO_COMMAND = 1.3  # largest ratio over the empty Twist
 ARRIVED = "/husky_highlevel_controller/arrived"
 # Gazebo 11.1 with the Noetic Husky stack, headless, this package's controller driving, on an Intel Xeon of
-# 2.1 GHz with 2 cores: how fast it goes, and roslaunch to arrival [s]. It steps at 1000 Hz, and loses scans.
+# 2.1 GHz with 2 cores: real-time factor, and time from roslaunch to arrival [s]. Gazebo steps at 1000 Hz, and
+# loses scans.
 GAZEBO, GAZEBO_FACTOR, GAZEBO_DRIVE = "Gazebo, measured elsewhere", 5.74, 7.49
 READY = (
     "<launch><node pkg='rostopic' type='rostopic' name='ready' "
@@ -136,9 +137,9 @@ def real_time(effort: Effort) -> List[Row]:
     for _ in range(effort.repeats):
         bare = _bare_process(effort.real)
         with network() as ros:
-            warm = ros.probe("scans", str(WARM_UP), str(2 * WARM_UP))
+            warm_up = ros.probe("scans", str(WARM_UP), str(2 * WARM_UP))
             ros.launch("controller.launch", "paused:=true", "real_time_factor:=1")
-            ros.read(warm)
+            ros.read(warm_up)  # waits until the probe ends; its figures do not count
             pids = {"simulator": ros.pid("husky_simulator"), "controller": ros.pid("husky_controller")}
             before, begin = {name: cpu_seconds(pid) for name, pid in pids.items()}, time.monotonic()
             time.sleep(effort.real)
@@ -146,6 +147,7 @@ def real_time(effort: Effort) -> List[Row]:
             took = time.monotonic() - begin
             for name, used in {**share, "both": sum(share.values())}.items():
                 runs[name].append((used / took, bare["cpu"]))
+            # both nodes again, against a bare loop that also runs at real time
             runs["paced"].append((runs["both"][-1][0], bare["paced"]))
             runs["memory"].append((peak_megabytes(pids["simulator"]), bare["memory"]))
     both, paced, memory = (runs.pop(name) for name in ("both", "paced", "memory"))
@@ -209,7 +211,7 @@ def drive(effort: Effort) -> List[Row]:
 
 
 def latency(effort: Effort) -> List[Row]:
-    """Measure the time from a scan to its command, against a node that answers with an empty command."""
+    """Measure the time from a scan to its command, against a node that always answers with a zero command."""
 
     def answered(join: Callable[[Network], None]) -> List[float]:
         with network() as ros:
@@ -243,7 +245,7 @@ def latency(effort: Effort) -> List[Row]:
 
 def clutter(effort: Effort) -> List[Row]:
     """Measure the time to find pillars in a scan of a hedge, against a scan of one pillar."""
-    config, pillar = PillarConfig(), pillar_scene(3, 5).scan
+    config, pillar = PillarConfig(), pillar_scene(number=3, seed=5).scan
     rows = []
     for beams, most_pillar_scans in ((720, 80.0), (16384, 800.0)):
         leaves = 3.0 + np.random.default_rng(0).normal(0.0, 0.3, beams)

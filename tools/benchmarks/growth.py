@@ -80,7 +80,7 @@ def _scan_cost(kind: str, count: int, beams: int, repeats: int) -> Row:
 
 
 def milliseconds(call: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the median time of some calls [ms], by a clock of wall or CPU time, after a first call."""
+    """Return the median time of some calls [ms], by a clock of wall or CPU time; the first does not count."""
     call()
     times: List[float] = []
     end = time.perf_counter() + 0.05

@@ -11,7 +11,7 @@ import os
 import tempfile
 import time
 from pathlib import Path
-from typing import Callable, List, Tuple
+from typing import Callable, List, NamedTuple, Tuple
 
 import numpy as np
 import psutil
@@ -74,23 +74,37 @@ def main() -> None:
     print_report()
 
 
+class Sample(NamedTuple):
+    """Resident memory after a short task [bytes]."""
+
+    number: int  # number of the task
+    process: int  # process of the worker
+    of_worker: int
+    of_client: int
+
+
 def print_memory(cluster: str) -> None:
     """Print the memory of client and workers after a tenth and after all of the short tasks."""
     with Workers(2, cluster) as workers:
-        # number of a task, process and memory of its worker, memory of this client
-        rows: List[Tuple[int, Tuple[int, int], int]] = []
+        samples: List[Sample] = []
         start = time.perf_counter()
-        for number, worker in workers.as_completed(memory, list(range(SHORT_TASKS)), chunk=GROUP):
+        for number, (process, used) in workers.as_completed(memory, list(range(SHORT_TASKS)), chunk=GROUP):
             if number % 100 == 0:  # a sample is enough
-                rows.append((number, worker, psutil.Process().memory_info().rss))
+                samples.append(Sample(number, process, used, psutil.Process().memory_info().rss))
         took = time.perf_counter() - start
     print(f"{SHORT_TASKS} short tasks: {1e3 * took / SHORT_TASKS:.2f} ms each")
-    early, late = rows[len(rows) // 10], rows[-1]
-    print(f"client: {early[2] / 1e6:.1f} MB after {early[0]}, {late[2] / 1e6:.1f} MB after {late[0]}")
-    for process in sorted({worker[0] for _, worker, _ in rows}):
-        own = [(number, worker[1]) for number, worker, _ in rows if worker[0] == process]
-        first, last = own[len(own) // 10], own[-1]
-        print(f"worker: {first[1] / 1e6:.1f} MB after {first[0]}, {last[1] / 1e6:.1f} MB after {last[0]}")
+    early, late = samples[len(samples) // 10], samples[-1]
+    print(
+        f"client: {early.of_client / 1e6:.1f} MB after {early.number}, "
+        f"{late.of_client / 1e6:.1f} MB after {late.number}"
+    )
+    for process in sorted({sample.process for sample in samples}):
+        own = [sample for sample in samples if sample.process == process]
+        early, late = own[len(own) // 10], own[-1]
+        print(
+            f"worker: {early.of_worker / 1e6:.1f} MB after {early.number}, "
+            f"{late.of_worker / 1e6:.1f} MB after {late.number}"
+        )
     if cluster:
         from distributed import Client
 

@@ -4,7 +4,7 @@ first            write the time of the first scan, by the machine's monotonic cl
 arrived          write the time of the controller's arrival, by the same clock
 scans FROM TO    start simulated time, and measure its real-time factor between two stamps [s]
 latency SCANS    send scans of a whole drive at 50 Hz, and measure the time from each scan to its command
-answer           answer every scan with an empty command, which is the least that a controller can do
+answer           answer every scan with a zero command, which is the least that a controller can do
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def recorded(count: int) -> List[Snapshot]:
 
 
 def answer() -> None:
-    """Answer every scan with an empty command."""
+    """Answer every scan with a zero command."""
     velocity = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
     rospy.Subscriber(
         "/front/scan", LaserScan, lambda _: velocity.publish(Twist()), queue_size=1, tcp_nodelay=True

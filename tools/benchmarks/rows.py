@@ -16,7 +16,8 @@ class Effort:
     repeats: int = 5
     simulated: float = 20.0  # [s] simulated time of the fast runs
     real: float = 10.0  # [s] duration of the run at real time
-    scans: int = 500  # number of scans to answer in each run; with fewer, p99 is a few outliers
+    # number of scans to answer in each run; with fewer scans, a few outliers would decide the 99 % quantile
+    scans: int = 500
     most_objects: int = 1000
     most_beams: int = 10000
 

@@ -31,13 +31,13 @@ def main(path: str) -> None:
     cast = partial(cast_rays, scene)
     lidars: Dict[str, Union[Lidar, Lms1xx]] = {
         "profile:=gazebo": Lidar(simulator_config().lidar, cast, "laser", Pose()),
-        "profile:=robot": Lms1xx(Lms1xxConfig(), cast, "laser", Pose(), 0.02),
+        "profile:=robot": Lms1xx(Lms1xxConfig(), cast, "laser", Pose(), scan_time=0.02),
     }
     figure, axes = plt.subplots(1, 2, figsize=(7, 3.6), sharey=True, dpi=90)
     for axis, (name, lidar) in zip(axes, lidars.items()):
         for seed in range(10):
             lidar.reset(np.random.default_rng(seed))
-            scan = lidar.sample(STILL, 0.0)
+            scan = lidar.sample(STILL, stamp=0.0)
             x, y = scan.ranges * np.cos(scan.bearings), scan.ranges * np.sin(scan.bearings)
             axis.plot(y, x, ".", color="tab:red", markersize=2)
         axis.add_patch(plt.Circle(CENTRE[::-1], 0.2, color="0.8"))

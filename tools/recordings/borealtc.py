@@ -13,7 +13,9 @@ from typing import List, NamedTuple
 import numpy as np
 
 HARD, SOFT = ("FLOORING", "ICE", "ASPHALT"), ("SANDY_LOAM", "SNOW")
-SPEED_SCALE = 1.27  # factor to m/s, because the recorded wheel speeds are 0.13/0.1651 of the driver's speeds
+# factor to m/s; the recorded wheel speeds are too small, because they are 0.13/0.1651 of the speeds that the
+# Husky's driver measured
+SPEED_SCALE = 1.27
 IMU_RATE = 100  # [Hz]
 WHEELS_PERIOD = 1.0 / 6.5  # [s]
 TRACK = 1.05  # [m] effective track, used only to compare the wheels with the gyro in `wheel_stamps`
@@ -84,19 +86,19 @@ def wheel_stamps(imu: np.ndarray, speeds: np.ndarray) -> np.ndarray:
     for column, offset in enumerate(offsets):
         left, right = (np.interp(imu[:, 0], stamps + offset, side) for side in speeds.T)
         forward_of_wheels = acceleration(np.gradient(_mean(0.5 * (left + right), 15), 1.0 / IMU_RATE))
-        # the limit 9.0 keeps outliers from deciding
+        # squared errors, in units of 0.08 rad/s and of 0.3 m/s^2; the limit 9.0 keeps outliers from deciding
         errors = np.minimum(((right - left) / TRACK - yaw_rate) ** 2 / 0.08**2, 9.0)
         errors += np.minimum((forward_of_wheels - forward_of_imu) ** 2 / 0.3**2, 9.0)
         costs[:, column] = np.add.reduceat(errors, pieces) / 25.0 + abs(offset)
-    costs[0] += 3.0 * np.abs(offsets)
-    path = _cheapest_path(costs, 40.0 * np.abs(offsets[:, None] - offsets))
+    costs[0] += 3.0 * np.abs(offsets)  # an offset costs more in the first piece than in a later one
+    path = _cheapest_path(costs, cost_of_change=40.0 * np.abs(offsets[:, None] - offsets))
     middles = (pieces + PIECE / 2) / IMU_RATE  # [s]
     shifted: np.ndarray = stamps + np.interp(stamps, middles, offsets[path])
     return shifted
 
 
 def _cheapest_path(costs: np.ndarray, cost_of_change: np.ndarray) -> List[int]:
-    """Return the column in each row with which the sum of all costs is smallest, by dynamic programming.
+    """Choose a column in each row so that the sum of all costs is smallest, by dynamic programming.
 
     Args:
         costs: (R, C), cost of each column in each row.

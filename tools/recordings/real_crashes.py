@@ -98,16 +98,16 @@ def changes(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> Changes
 def pieces_with_a_loss(run: Run, rate: int) -> Iterator[Tuple[float, np.ndarray]]:
     """Return the stamp of each added loss [s], and the IMU's rows from 3 s before it to FELT_WITHIN later."""
     count = len(run.imu)
-    if count < 450:  # the run is too short
+    if count < 450:  # 4.5 s, which are too short for the places
         return
     seed = int.from_bytes(run.name.encode(), "little") % 2**32
-    places = np.arange(310, count - 40)  # rows with enough rows before and after them
+    places = np.arange(310, count - 40)  # rows with at least 3.1 s before them and 0.4 s after them
     for place in np.sort(np.random.default_rng(seed).choice(places, PLACES)).tolist():
         begin = run.imu[place, 0]
         rows = run.imu[place - 3 * IMU_RATE : place + round(IMU_RATE * FELT_WITHIN)]
         piece = at_rate(rows, rate).copy()
         speed = np.interp(begin, run.wheels[:, 0], run.wheels[:, 1:].mean(axis=1))
-        # samples during the loss; without the one at its end, also if its stamp is rounded
+        # samples during the loss; 1e-6 s are subtracted, so that rounding does not add the sample at its end
         struck = (piece[:, 0] >= begin) & (piece[:, 0] < begin + LOSS_TIME - 1e-6)
         piece[struck, 4] -= np.copysign(LOSS * rate / struck.sum(), speed)  # forward acceleration
         yield begin, piece
@@ -119,7 +119,7 @@ def evidence(run: Run, rate: int, config: CrashConfig) -> Evidence:
     Args:
         run: recording.
         rate: rate of the IMU [Hz].
-        config: the most sensitive configuration that is tried, because it finds the changes of all others.
+        config: the most sensitive configuration; the changes that it finds contain those of all others.
     """
     losses = [
         [(stamp, change) for stamp, change in changes(piece, run.wheels, config) if stamp >= begin]
@@ -144,12 +144,13 @@ def outcome(runs: Sequence[Evidence], config: CrashConfig) -> Outcome:
 
 
 def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
-    """Return the configuration with the fewest false stops of all that feel ENOUGH losses on hard ground.
+    """Return the configuration with the fewest false stops on hard ground that feels ENOUGH losses there.
 
-    Of configurations with equally many false stops on hard ground, the one with the fewest on soft ground is
+    If several have equally few, the false stops on soft ground decide. If none feels ENOUGH, `config` is
     returned.
     """
     hard, soft = ([run for run in runs if run.run.ground in grounds] for grounds in (HARD, SOFT))
+    # number of false stops on hard and on soft ground; it begins larger than any result
     best, fewest = config, (len(runs) * 10**6, 0)
     for rough, factor in product(ROUGH_LOSSES, FACTORS):
         tried = replace(config, max_loss_rough=rough, vibration_factor=factor)

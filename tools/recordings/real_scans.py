@@ -41,8 +41,8 @@ CONFIG = Path(__file__).parents[2] / "config"
 ELSEWHERE = 0.7
 FARTHEST = 12.0  # [m] largest distance from a place to the lidar of a scan that judges it
 SLACK = 0.1  # [m] errors of the poses
-# smallest share of scans with a return at a place that stands; share below which the place is a ghost;
-# smallest number of scans that judge a place
+# smallest share of the judging scans that have a return, if the place stands; share below which the place is
+# a ghost; smallest number of scans that judge a place
 STANDS, GHOST, VOTERS = 0.5, 0.2, 3
 LONGEST_DRIVE = 40  # number of scans in which a controller may confirm an estimate
 SAME_BODY = 0.4  # [m] places that are nearer to each other are one body
@@ -127,11 +127,12 @@ def read_bag(path: Path) -> List[Log]:
     ]
 
 
-def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
+def views(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
     """Return masks (N,) of the scans with a return at a place, and of the scans that look through the place.
 
-    Only the beams to the middle 90 % of the place's width are used. A scan has a return there if a third of
-    them end there; otherwise it looks through if more than half of them end at the place or behind it.
+    Only 9 beams to the middle 90 % of the place's width are used. A scan has a return at the place if a third
+    of these beams end there. If fewer end there, but more than half end there or farther away, the scan looks
+    through the place.
     """
     first = log.scans[0]
     step, count = first.angle_increment, len(first.ranges)
@@ -159,22 +160,22 @@ def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
 
 def share_standing(log: Log, place: Place) -> Optional[float]:
     """Return the share of the judging scans that have a return at the place; None if they are too few."""
-    hit, through = looks(log, place)
+    has_return, looks_through = views(log, place)
     if not log.at_rest:
         elsewhere = np.ones(len(log.scans), dtype=bool)
         for scan in place.seen_from:
             away = log.poses[:, :2] - log.poses[scan, :2]
             elsewhere &= np.hypot(away[:, 0], away[:, 1]) >= ELSEWHERE
-        hit, through = hit & elsewhere, through & elsewhere
-    voters = int(hit.sum() + through.sum())
-    return hit.sum() / voters if voters >= VOTERS else None
+        has_return, looks_through = has_return & elsewhere, looks_through & elsewhere
+    voters = int(has_return.sum() + looks_through.sum())
+    return has_return.sum() / voters if voters >= VOTERS else None
 
 
 def is_round(log: Log, place: Place) -> bool:
     """Return whether 80 % of all returns near a place lie on its circle, in enough sectors of the circle."""
-    hit, _ = looks(log, place)
+    has_return, _ = views(log, place)
     points = []
-    for i in hit.nonzero()[0]:
+    for i in has_return.nonzero()[0]:
         scan, (x, y, yaw) = log.scans[i], log.poses[i]
         returns = np.where(scan.valid, scan.ranges, 1e9)  # without a return, a point is far away
         points.append(
@@ -184,7 +185,7 @@ def is_round(log: Log, place: Place) -> bool:
         return False
     off = np.concatenate(points, axis=1) - [[place.x], [place.y]]
     distance, bearing = np.hypot(*off), np.arctan2(off[1], off[0])
-    near = distance < place.radius + 0.25
+    near = distance < place.radius + 0.25  # [m]
     on_circle = near & (np.abs(distance - place.radius) < SLACK)
     width = 2.0 * pi / SECTORS
     sectors = np.unique(np.floor((bearing[on_circle] + pi) / width).clip(0, SECTORS - 1))
@@ -202,14 +203,18 @@ def laser_pose(row: Sequence[float]) -> Pose:
 
 
 def confirmed_from(log: Log, found: List[List[Pillar]], start: int) -> Optional[Place]:
-    """Return the first estimate that a controller confirms if it begins at the scan `start`, or None."""
+    """Return the first estimate that a controller confirms if it begins at the scan `start`, or None.
+
+    `found` has the pillars of each scan.
+    """
     track, seen_from = Track(), []  # type: Tuple[Track, List[int]]
     for i in range(start, min(start + LONGEST_DRIVE, len(log.scans))):
-        before = track.anchor
+        anchor_before = track.anchor
         track, sighting, _ = follow(track, found[i], log.scans[i], laser_pose(log.poses[i]))
         if track.estimate is not None and sighting is not None:
-            # a new anchor before the confirmation means that another pillar is followed from now on
-            seen_from = [*seen_from, i] if track.anchor is before or track.confirmed else [i]
+            # the tracker makes a new anchor for another pillar, but also for a confirmed one
+            is_same_pillar = track.anchor is anchor_before or track.confirmed
+            seen_from = [*seen_from, i] if is_same_pillar else [i]
             if track.confirmed:
                 x, y, radius = track.estimate[:3]
                 return Place(x, y, radius, track.beams, tuple(seen_from))
@@ -225,8 +230,8 @@ def distinct(places: List[Place]) -> List[Place]:
     return kept
 
 
-def row(log: Log, places: List[Place]) -> Counts:
-    """Judge places, and return their numbers."""
+def counts_of(log: Log, places: List[Place]) -> Counts:
+    """Return how many places were found and judged, and how many stand or are ghosts."""
     shares = [share_standing(log, place) for place in places]
     judged = [share for share in shares if share is not None]
     return Counts(
@@ -238,28 +243,29 @@ def row(log: Log, places: List[Place]) -> Counts:
 
 
 def report(log: Log, config: PillarConfig) -> Dict[str, Counts]:
-    """Return the rows of one log by name, see above."""
+    """Return the rows of one log by name, as the docstring of this module describes them."""
     found = [find_pillars(scan, config) for scan in log.scans]
     places = []
     for i, pillars in enumerate(found):
         for pillar in pillars:
             places.append(Place(*in_odom(log, i, pillar), pillar.radius, pillar.beams, (i,)))
     rows = {
-        "2-3 beams": row(log, [place for place in places if place.beams <= 3]),
-        "4-5 beams": row(log, [place for place in places if 4 <= place.beams <= 5]),
-        "6 and more": row(log, [place for place in places if place.beams >= 6]),
+        "2-3 beams": counts_of(log, [place for place in places if place.beams <= 3]),
+        "4-5 beams": counts_of(log, [place for place in places if 4 <= place.beams <= 5]),
+        "6 and more": counts_of(log, [place for place in places if place.beams >= 6]),
     }
     confirmed = [confirmed_from(log, found, start) for start in range(len(log.scans))]
     estimates = [place for place in confirmed if place is not None]
-    rows["confirmed"] = row(log, estimates)
-    rows["bodies confirmed"] = row(log, distinct(estimates))
+    rows["confirmed"] = counts_of(log, estimates)
+    rows["bodies confirmed"] = counts_of(log, distinct(estimates))
     bodies = [
         place
         for place in distinct(sorted(places, key=lambda place: -place.beams))
         if (share_standing(log, place) or 0.0) >= STANDS and is_round(log, place)
     ]
     rows["round bodies"] = Counts(found=len(bodies), judged=len(bodies), standing=len(bodies), ghosts=0)
-    are_confirmed = [followed_alone(log, found, body) for body in bodies]
+    # for each body, whether it is confirmed; None if it was not seen from two positions
+    are_confirmed = [confirmed_alone(log, found, body) for body in bodies]
     seen_twice = sum(is_confirmed is not None for is_confirmed in are_confirmed)
     # in this row, `standing` is the number of bodies of which an estimate is confirmed
     rows["  from two places"] = Counts(
@@ -268,8 +274,8 @@ def report(log: Log, config: PillarConfig) -> Dict[str, Counts]:
     return rows
 
 
-def followed_alone(log: Log, found: List[List[Pillar]], body: Place) -> Optional[bool]:
-    """Return whether the tracker confirms a body if it gets no other pillars.
+def confirmed_alone(log: Log, found: List[List[Pillar]], body: Place) -> Optional[bool]:
+    """Return whether the tracker confirms a body if the body is the only pillar in the scans.
 
     None if the body was not seen from two positions BASELINE apart within 5 scans.
     """

@@ -10,7 +10,7 @@ and the row of a ground has the medians over its runs.
 
 Only runs with an odd number are compared, because `lateral_grip` is to be fitted to the runs with an even
 number. The effective track of both halves is printed. It is the wheel separation with which a robot that does
-not skid would turn as slowly.
+not skid would have the same yaw rate.
 """
 
 from __future__ import annotations
@@ -41,11 +41,16 @@ PLANE = Body("ground", Pose(), (Geometry(Plane((0.0, 0.0, 1.0), (1e3, 1e3))),), 
 
 
 def means(run: Run, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the mean of values in each MEAN_TIME of a run; their stamps [s] have equal distances."""
+    """Return the mean of values in each MEAN_TIME of a run; `stamps` [s] are the equally spaced stamps."""
     edges = np.arange(run.imu[0, 0], run.imu[-1, 0], MEAN_TIME)
     integral = np.cumsum(values) * (stamps[1] - stamps[0])
     mean: np.ndarray = np.diff(np.interp(edges, stamps, integral)) / MEAN_TIME
     return mean
+
+
+def real_means(run: Run) -> np.ndarray:
+    """Return the mean yaw rate [rad/s] of the real robot in each MEAN_TIME, by its gyro."""
+    return means(run, run.imu[:, 0], run.imu[:, 3])
 
 
 def simulated_yaw_rate(run: Run) -> Tuple[np.ndarray, np.ndarray]:
@@ -78,9 +83,10 @@ def track(run: Run) -> float:
 
     It is the difference of the speeds of both sides, divided by the yaw rate.
     """
-    real = means(run, run.imu[:, 0], run.imu[:, 3])
+    real = real_means(run)
     stamps = np.arange(run.imu[0, 0], run.imu[-1, 0], 0.01)
-    difference = np.interp(stamps, run.wheels[:, 0], run.wheels[:, 2] - run.wheels[:, 1])
+    left, right = run.wheels[:, 1], run.wheels[:, 2]
+    difference = np.interp(stamps, run.wheels[:, 0], right - left)
     turning = np.abs(real) > TURNING_FAST
     if turning.sum() <= 4:  # too few means
         return np.nan
@@ -99,7 +105,7 @@ class Turning(NamedTuple):
 
 def compare(run: Run) -> Turning:
     """Compare the yaw rates of the simulated robot and of the real robot on a run."""
-    real = means(run, run.imu[:, 0], run.imu[:, 3])
+    real = real_means(run)
     simulated = means(run, *simulated_yaw_rate(run))
     stuck = (np.abs(simulated) >= TURNING) & (np.abs(real) < STUCK * np.abs(simulated))
     turning = (np.abs(real) >= TURNING) & ~stuck
@@ -122,7 +128,8 @@ def main() -> None:
         for run, row in zip(odd, rows):
             show(f"  {run.name}", row)
         time, stuck = sum(row.time for row in rows), sum(row.stuck for row in rows)
-        show(f"{ground}, {len(odd)} runs", Turning(time, stuck, *np.nanmedian(rows, axis=0)[2:]))
+        _, _, *medians = np.nanmedian(rows, axis=0)  # the times are summed, so their medians are not needed
+        show(f"{ground}, {len(odd)} runs", Turning(time, stuck, *medians))
         print(f"  effective track {tracks[0]:.2f} m (even runs), {tracks[1]:.2f} m (odd)", flush=True)
 
 
