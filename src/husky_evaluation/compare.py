@@ -89,10 +89,13 @@ class Comparison:
         return Table("Every start", header, rows, folded=True)
 
     def figures(self) -> Table:
-        """Return a table of A, B and B - A: the successes, and means over starts at which both succeed."""
-        shares = [100.0 * sum(outcome.success for outcome in side) / len(side) for side in (self.a, self.b)]
+        """Return a table of A, B and B - A: fraction of successes, and mean time and distance.
+
+        The means are over the starts at which both succeed.
+        """
+        rates = [100.0 * sum(outcome.success for outcome in side) / len(side) for side in (self.a, self.b)]
         rows = [
-            ("stands at the pillar, no touch [%]", *shares, ""),
+            ("stands at the pillar, no touch [%]", *rates, ""),
             paired_row("time to arrival [s]", self.values("arrived_at"), "s"),
             paired_row("nearest approach [cm]", self.values("nearest"), "cm", factor=100.0),
         ]
@@ -169,9 +172,11 @@ def main(
 ) -> None:
     """Run the command.
 
-    The grader passes both functions: `launch_kind` makes contestants of launch files, and after
-    `end_programs_on_signals`, a signal such as Ctrl-C first ends the programs that a launch file has started.
-    Without `launch_kind`, launch files are rejected.
+    Args:
+        arguments: words of the command line; None for those of this process.
+        launch_kind: function of the grader that makes contestants of launch files; None rejects launch files.
+        end_programs_on_signals: function of the grader. After a call of it, a signal such as Ctrl-C also ends
+            the programs that a launch file has started.
     """
     options = compare_options(arguments)
     with exit_codes(name_as_typed("compare")):

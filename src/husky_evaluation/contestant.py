@@ -2,8 +2,8 @@
 
 In: texts of a command line, scenarios. Out: `Outcome` records.
 
-All kinds of contestants are judged by the true poses alone, because a launch file exposes nothing else. A
-contestant that is a launch file belongs to the grader, because the grader's recorder watches it.
+Every contestant is judged only by the true poses of the robot, because a launch file shows nothing else of
+its controller. The class for launch files is in the grader, because the grader's recorder follows their runs.
 """
 
 from __future__ import annotations
@@ -45,8 +45,7 @@ class Contestant(Protocol):
     def starts_programs(self) -> bool:
         """Return whether a run starts other programs, such as ROS nodes.
 
-        Results of runs are kept under a hash of this package's code. The hash does not cover other programs,
-        so the results of their runs are not kept.
+        The results of such runs are not kept for the next call, because the programs may change until then.
         """
 
     def drive(self, scenario: Scenario) -> Outcome:
@@ -158,7 +157,7 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     """
     try:
         first, *arguments = shlex.split(text) or [""]
-    except ValueError:  # an apostrophe without a second one, which the name of a file may have
+    except ValueError:  # the text has a single apostrophe, which the name of a file may have
         first, arguments = text, []
     if first.endswith(".launch") and first.count("/") == 1:
         if launch_kind is None:
@@ -240,7 +239,7 @@ def outcome(
     # the first pose), and speed [m/s]
     gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
-    # the first step is 0, so the first pose has the speed 0 with any time before it, such as 1 s
+    # the first pose gets the speed 0, because its step is 0; the 1 s before it only avoids a division by 0
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
     # the robot arrives directly after the last pose at which it still moves or is too far from the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))

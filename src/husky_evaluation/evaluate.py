@@ -60,8 +60,8 @@ def figure(
 ) -> Row:
     """Return the row of a metric, with a verdict if there are limits; nan misses every limit.
 
-    The value links to the page `replay`, which shows the metric's run, or a run that misses the limits. If
-    `replay` is empty, the value has no link.
+    The value links to the page `replay`, on which the reader sees a run with this value, or a run that misses
+    the limits. If `replay` is empty, the value has no link.
     """
     wanted = ""
     if minimum > -inf and maximum < inf:
@@ -78,13 +78,13 @@ def figure(
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
-    """Return the figures of the found pillars in scans with a pillar.
+    """Return two figures of the detection in scans with a pillar: how many are found, and how exactly.
 
     Args:
         title: beginning of the name of each figure.
         errors: error of the pillar's centre [m] in each scan; inf if the pillar was not found.
-        minimum: wanted fraction of found pillars [%].
-        maximum: wanted limit of the error [cm].
+        minimum: smallest allowed fraction of found pillars [%].
+        maximum: largest allowed error of 95 % of the found pillars [cm].
     """
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
@@ -101,10 +101,9 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     """
     bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
-    # `ratios` (time to arrival divided by the bound) and `delays` (time to arrival minus the bound [s]) have
-    # a value for each run; the table shows the largest of each, with links to the replays of their runs
+    # for each run: time to arrival divided by the bound, and time to arrival minus the bound [s]
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
-    worst_ratio, worst_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
+    slowest_by_ratio, slowest_by_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
     most_crossings = max(runs, key=lambda run: run.crossings)
     return [
@@ -118,9 +117,9 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
             replay=farthest.replay,
         ),
         figure("time to arrival divided by its bound, median", float(np.median(ratios))),
-        figure("time to arrival divided by its bound, largest", max(ratios), replay=worst_ratio.replay),
+        figure("time to arrival divided by its bound, largest", max(ratios), replay=slowest_by_ratio.replay),
         figure("time to arrival minus its bound, median", float(np.median(delays)), "s"),
-        figure("time to arrival minus its bound, largest", max(delays), "s", replay=worst_delay.replay),
+        figure("time to arrival minus its bound, largest", max(delays), "s", replay=slowest_by_delay.replay),
         figure(
             "zero crossings of the bearing, largest", most_crossings.crossings, maximum=2.0,
             replay=most_crossings.replay,
@@ -171,9 +170,10 @@ def evaluate_robot(
 ) -> Dict[str, List[Row]]:
     """Return the figures of the runs on a real Husky's profile, by title.
 
-    Its beams do not always hit a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
-    time to arrival has no bound. Its wheels are late by 0.3 s, so with the default gain it drives 0.1 m past
-    the stop distance, and with the gain of robot.launch it does not. `ground` is the ground under the robot.
+    The beams of its lidar may miss the pillar from 20 m away. Then the controller first searches for the
+    pillar, so the time to arrival has no limit. Its wheels react 0.3 s late. Because of that, it drives 0.1 m
+    past the stop distance with the default gains, but not with the gains of robot.launch. `ground` is the
+    ground under the robot.
     """
     setup = setup_of("robot", ground)
     # first the default gains, then the gains of robot.launch
@@ -246,7 +246,10 @@ def drives(
     title: str,
     replays: Optional[Path],
 ) -> List[DriveResult]:
-    """Return the result of every setup in every scene; write a page that plays each run into `replays`."""
+    """Return the result of every setup in every scene.
+
+    If `replays` is a folder, each run gets a page there that plays it.
+    """
     items = list(product(setups, scenes))
     if replays is None:
         return workers.map(run_scene, items, title)

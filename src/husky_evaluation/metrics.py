@@ -41,7 +41,7 @@ DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0
 
 
 def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
-    """Return the error of the found position of a random pillar [m]; inf if the pillar was not found."""
+    """Return the error of the detected centre of a random pillar [m]; inf if it was not detected."""
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
@@ -72,7 +72,8 @@ class DriveResult:
     touched: Tuple[str, ...]
     # number of times that the robot swings past the pillar's direction after it has first faced the pillar
     crossings: int
-    # [m] stop distance minus the smallest true distance from the lidar to the pillar; 0 if this is negative
+    # [m] stop distance minus the smallest true distance from the lidar to the pillar; 0 if the robot always
+    # keeps the stop distance
     overshoot: float
     nearest: float  # [m] smallest true gap between footprint and pillar during the run
     replay: str = ""  # file name of the run's replay; empty if there is none
@@ -153,8 +154,8 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, robot, lidar_x),
         final_error=float(distances[-1]) - control.stop_distance,
-        # distance from the lidar to the pillar, minus the distance from the lidar to the hull's front, which
-        # is hull[0] in front of base_link
+        # from the lidar to the pillar, minus from the lidar to the hull's front; the front is hull[0] ahead
+        # of base_link
         gap=float(distances[-1]) - (robot.footprint.hull[0] - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,
@@ -165,7 +166,7 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
 
 
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
-    """Return the shortest time to the stop point [s], straight ahead, with limited speed and acceleration."""
+    """Return the shortest time [s] to the stop point that speed and acceleration allow, straight ahead."""
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
     # [m] distance from the lidar to the pillar at the stop: the wanted distance, but at least the distance at
     # which the hull's front touches the pillar
@@ -182,7 +183,7 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
 
 
 def crossings(trace: Trace) -> int:
-    """Return how often the robot swings past the pillar's direction between the first alignment and arrival.
+    """Return how often the robot turns past the pillar's direction, from the first alignment to the arrival.
 
     Only times with a target count, because a robot that searches turns past a pillar that it does not see.
     """
@@ -196,7 +197,7 @@ def crossings(trace: Trace) -> int:
     if not len(aligned):
         return 0
     after = bearings[aligned[0] :]
-    large = after[np.abs(after) >= ALIGNED]  # smaller bearings count as straight ahead, on neither side
+    large = after[np.abs(after) >= ALIGNED]  # a smaller bearing is straight ahead, on no side
     # the first bearing is small, but its sign shows the side from which the robot has turned to the pillar
     sides = np.sign(np.append(after[0], large))
     return int((np.diff(sides) != 0.0).sum())

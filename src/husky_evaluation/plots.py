@@ -18,7 +18,7 @@ from husky_evaluation.setup import Axis
 from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure, plain, png
 
 MAX_LABELLED = 15  # cells are labelled only if each axis has at most this number of values
-SYMBOLS = "*os^"
+SYMBOLS = "*os^"  # symbols of the marks in a heat map
 GOOD_COLOR = "#fee838"  # colour of the best values: the bright end of the colour map cividis
 HATCH = "////"
 EMPTY_GREY = 0.85  # red, green and blue of a cell without a value
@@ -29,10 +29,10 @@ class Panel(NamedTuple):
 
     title: str
     values: np.ndarray  # value at each point of the grid, (N,) or (N, M); nan if a point has no value
-    # smallest range of the colour scale or y axis; if the values differ less, the difference looks small
+    # smallest range of the colour scale or y axis, so that small differences of the values look small
     span: float
     digits: int = 1  # digits after the decimal point of a cell's label
-    is_good_high: bool = False
+    is_good_high: bool = False  # true if high values are better than low values
     is_logarithmic: bool = False
     # true for points at which not every run succeeds; same shape as the values
     hatched: Optional[np.ndarray] = None
@@ -42,7 +42,7 @@ Marks = Mapping[str, Sequence[float]]  # points to highlight in the picture: nam
 
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
-    """Draw curves over one axis, or heat maps over two, with marks, two panels in a row; return a PNG."""
+    """Draw panels with marks: curves over one axis, or heat maps over two axes. Return a PNG."""
     columns, rows = min(len(panels), 2), ceil(len(panels) / 2)
     figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
     for plot, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels):
@@ -65,7 +65,7 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
 
 
 def draw_costs(costs: Sequence[float]) -> bytes:
-    """Draw the costs of setups in the order of their trials, and the smallest so far; return a PNG."""
+    """Draw the cost of each setup that was tried, and the smallest cost so far at each; return a PNG."""
     figure = new_figure(5.6, 4.2)
     plot = figure.subplots()
     numbers = np.arange(1, len(costs) + 1)
@@ -102,7 +102,7 @@ def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
 def _limits(panel: Panel) -> Tuple[float, float]:
     """Return the limits of the colours or of the y axis: smallest and largest value of the panel.
 
-    If their difference is less than the panel's span, the limit on the side of the worst value is moved.
+    If their difference is less than the panel's span, the limit at the worst value is moved outwards.
     """
     values = panel.values[np.isfinite(panel.values)]
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
@@ -111,7 +111,7 @@ def _limits(panel: Panel) -> Tuple[float, float]:
 
 
 def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
-    """Draw the panel of a grid of one axis as a curve, with a vertical line for each mark."""
+    """Draw a panel over one axis as a curve, with a vertical line for each mark."""
     plot.plot(axis.values, panel.values, marker="o", markersize=4, color=DRIVEN)
     low, high = _limits(panel)
     plot.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
@@ -129,9 +129,9 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
-    """Draw the panel of a grid of two axes as cells of equal size, one for each point."""
+    """Draw a panel over two axes as cells of equal size, one for each point of the grid."""
     low, high = _limits(panel)
-    # a logarithmic scale cannot begin at 0; the limits do so if no point has a value
+    # a logarithmic scale cannot begin at 0, which is the limit if no point has a value
     norm = (LogNorm if panel.is_logarithmic and low > 0.0 else Normalize)(low, high)
     # transposed, so that the first axis of the grid is horizontal
     values = np.ma.masked_invalid(panel.values.T)
@@ -191,9 +191,9 @@ def _label_cells(
 
 
 def _mark_points(plot: Any, axes: Sequence[Axis], marks: Marks) -> None:
-    """Draw the marks of a heat map, each on the nearest border above or below its point.
+    """Draw the marks of a heat map, each on the upper or lower border of its cell.
 
-    In the middle of a cell a mark would hide the number of the cell.
+    In the middle of the cell, a mark would hide the cell's number.
     """
     for symbol, (name, values) in zip(SYMBOLS, marks.items()):
         # position of the mark in cells; cell i has its centre at i, and its borders at i - 0.5 and i + 0.5

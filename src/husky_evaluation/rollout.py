@@ -34,13 +34,13 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel, 
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
-# function with the signature of `behaviour.decide`; the state in its first call is ControllerState()
+# function with the signature of `behaviour.decide`; in the first call of a run, its state is
+# ControllerState()
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
 ]
 
-# name of each array of a Trace, and the number of values in one of its rows; 0 if a row is a number, not a
-# list
+# number of values in a row of each array of a Trace; 0 means that a row is a single number
 COLUMNS = {
     "times": 0, "poses": 3, "twists": 2, "estimates": 2, "pillars": 2,
     "distance_errors": 0, "bearing_errors": 0, "nearest": 0,
@@ -156,7 +156,7 @@ def rollout(
 def _row(
     snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, ...]
 ) -> Tuple[Any, ...]:
-    """Return a row of the trace: the values of COLUMNS, the state, and the state with its reason."""
+    """Return a row of the trace: the values of COLUMNS, the state, and a sentence with state and reason."""
     estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
     errors = (output.distance_error, output.bearing_error)
     nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
@@ -177,8 +177,7 @@ def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Tra
     # states and the sentences
     no_columns: List[Tuple[Any, ...]] = [()] * (len(COLUMNS) + 2)
     *columns, states, sentences = list(zip(*rows)) or no_columns
-    # a column whose rows are lists of `width` values becomes (N, width); a column of numbers has the width 0
-    # and becomes (N,)
+    # a column becomes an array (N, width), or (N,) if its width is 0
     arrays = {
         name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
         for (name, width), column in zip(COLUMNS.items(), columns)

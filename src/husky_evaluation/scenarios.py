@@ -33,8 +33,8 @@ _FREE = 0.3
 # [rad] largest bearing of random objects to the left or right, so that they are in the Husky's view
 _SIDE = 2.3
 _THIN = 0.01  # [m] thickness of walls
-# [rad] smallest angle between the pillar's centre and the last beam, for a lidar with a view narrower than
-# _SIDE
+# [rad] the pillar's centre is at least this angle inside the first and last beam, if the lidar's view is
+# narrower than _SIDE
 _EDGE = 0.05
 # part of the random seed, so that the scans with a pillar and those without have different random numbers
 _WITH_PILLAR, _WITHOUT_PILLAR = 1, 2
@@ -56,10 +56,10 @@ SICK = simulator_config().lidar  # lidar of the Husky
 
 @dataclass(frozen=True, eq=False)
 class PillarScan:
-    """Scan, and the pillar in it, or None."""
+    """Scan with at most one pillar."""
 
     scan: Scan
-    pillar: Optional[Disc]
+    pillar: Optional[Disc]  # None if there is no pillar in the scan
 
 
 def course_scenario(seed: int = 0) -> Scenario:
@@ -84,19 +84,19 @@ def random_starts(count: int, seed: int) -> List[Scenario]:
 
 
 def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
-    """Return ranges as a scan, with ranges that are too far or too close marked as in REP 117."""
+    """Return a scan with these ranges; as in REP 117, a range is inf if it is too far, -inf if too close."""
     ranges = np.asarray(ranges, dtype=float)
     with np.errstate(invalid="ignore"):
         ranges = np.where(ranges >= lidar.range_max, np.inf, ranges)
         ranges = np.where(ranges <= lidar.range_min, -np.inf, ranges)
-    edge = lidar.angle_max
+    edge = lidar.angle_max  # [rad] the view is symmetric
     return Scan(0.0, load_robot().lidar_mount.frame, -edge, edge, lidar.range_min, lidar.range_max, ranges)
 
 
 def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConfig = SICK) -> PillarScan:
     """Return a scan with a pillar 0.6-25 m away, at any bearing in view, that at least three beams hit.
 
-    With `clutter` there are other objects, some in front of the pillar, none nearer to it than 0.3 m.
+    With `clutter` there are other objects, at least 0.3 m from the pillar; some are in front of it.
     """
     rng = np.random.default_rng([seed, _WITH_PILLAR, number])
     side = min(_SIDE, lidar.angle_max - _EDGE)  # [rad] largest bearing at which the pillar is in view

@@ -2,7 +2,7 @@
 
 In: names and values, of a command line or a YAML file. Out: `Setup` and `Axis` records.
 
-The name of a simulator parameter has its path in config/robots/husky.yaml, such as lidar/noise.
+The name of a simulator parameter is its path in config/robots/husky.yaml, such as lidar/noise.
 """
 
 from __future__ import annotations
@@ -215,8 +215,9 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
         ValueError: the text has another form, or the numbers do not fit it.
     """
     has_count = ":" in grid  # FIRST:LAST:COUNT
-    # texts of the numbers; the last part of FIRST:LAST:COUNT is the count, and VALUE,VALUE has no count
-    *texts, count = grid.split(":") if has_count else (*grid.split(","), "")
+    texts, count = grid.split(","), ""
+    if has_count:
+        *texts, count = grid.split(":")
     numbers = [float(text) for text in texts]
     if not all(map(math.isfinite, numbers)):
         raise ValueError("every value must be a finite number")

@@ -65,8 +65,8 @@ class Sweep:
         `combine` makes one value of the values of all scenarios at a point, such as np.mean.
         """
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
-        # `drives` has the runs of all scenarios at the first point, then those at the next point; from point
-        # to point, the last axis changes fastest
+        # `drives` has all runs at the first point, then all runs at the next point; from point to point, the
+        # last axis changes fastest
         shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
         return np.asarray(combine(values.reshape(shape), axis=-1))
 
@@ -82,10 +82,7 @@ class Sweep:
         return np.where(times < inf, times, np.nan)
 
     def panels(self) -> List[Panel]:
-        """Return the panels of the picture; each shows one quantity at all points of the grid.
-
-        `span` is the smallest range of a colour scale, so that small differences also look small.
-        """
+        """Return the panels of the picture; each shows one quantity at all points of the grid."""
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
         hatched = self.success < 100.0  # hatching marks the points at which not every run succeeds
@@ -140,10 +137,9 @@ def sweep(
 
 
 def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[float]]:
-    """Return points to mark in a picture of these axes: known setups that are within the picture.
+    """Return the known setups of a robot that are inside a picture of these axes, to be marked there.
 
-    The key is the text in the legend, and the list has the value of the setup on each axis. The setups are
-    those of the robot that is swept.
+    The key is the text in the legend, and the list has the value of the setup on each axis.
     """
     defaults = setup_of(robot=robot)
     setups = {"defaults": defaults, "the course's gains": defaults.with_gains(COURSE_GAINS)}

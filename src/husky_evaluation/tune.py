@@ -56,7 +56,7 @@ HEADER = ("defaults", "found", "found - defaults")
 
 @dataclass(frozen=True)
 class Objective:
-    """Cost of one run [s]: time beyond the bound, and penalties."""
+    """Cost of one run [s]: its time minus the shortest possible time (the bound), and penalties."""
 
     failure: float = number(
         0.0, 1e6, "cost of a run that does not arrive, instead of its time [s]", default=60.0
@@ -227,7 +227,7 @@ def check(
     workers: Workers,
     drive: Drive = run_scene,
 ) -> Table:
-    """Return a table of the metrics of both setups from the same fresh starts, with paired differences."""
+    """Return a table of the metrics of both setups from the same fresh starts, and of their differences."""
     # results of `base` in all scenarios, then results of `tuned` in all scenarios
     results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]

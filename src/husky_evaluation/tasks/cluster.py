@@ -3,7 +3,7 @@
 In: the address of a scheduler, a function, groups of items. Out: their results as they come.
 
 A worker gets work only after a check: it must have this Python and this version of the package, and one
-thread, because threads that share a simulator spoil each other's results. Tasks need no shared files.
+thread, because two threads in one simulator change each other's results. Tasks need no shared files.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import warnings
 from collections import deque
 from concurrent.futures import CancelledError
 from functools import partial
+from math import inf
 from typing import Any, Callable, Deque, Dict, FrozenSet, List, NamedTuple, Optional, Sequence, Union
 
 from husky_evaluation.tasks.fingerprint import OURS, code_version
@@ -85,8 +86,7 @@ class Cluster:
         _send_by_value(task)
         waiting: Deque[int] = deque(range(len(groups)))  # numbers of the groups that are still to be sent
         running: Dict[Future, _Run] = {}
-        # [s] time of the last update of the list of workers; with this value, the first update is due now
-        looked_at = -POLL_PERIOD
+        looked_at = -inf  # [s] time of the last update of the list of workers
         try:
             while waiting or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
@@ -132,10 +132,10 @@ class Cluster:
     def _ended(self, running: Dict[Future, _Run]) -> List[Future]:
         """Wait at most POLL_PERIOD, and return the tasks that have ended."""
         try:
-            # `wait` takes the current client, and our client is not the default client
+            # `wait` uses the current client, and our client is not the default one
             with self._client.as_current():
                 return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)
-        except asyncio.TimeoutError:
+        except asyncio.TimeoutError:  # no task has ended
             return []
 
     def _wait_for_workers(self, starts_programs: bool) -> FrozenSet[str]:
@@ -172,7 +172,7 @@ class Cluster:
             time.sleep(POLL_PERIOD)
 
     def _check(self, infos: Dict[str, Dict[str, Any]]) -> None:
-        """Check new workers, and print which ones are rejected and why.
+        """Add each new worker to `_fit` or `_refused`, and print which ones are rejected and why.
 
         `infos` has the scheduler's facts on each worker that is not rejected, by its address.
         """
@@ -213,7 +213,7 @@ class Cluster:
     def _version_of(self, address: str) -> str:
         """Return the version of the package on a worker, or why it has none; empty if it has gone."""
         try:
-            version = self._client.run(_asker(OUR_PACKAGE), workers=[address]).get(address, "")
+            version = self._client.run(_version_reader(OUR_PACKAGE), workers=[address]).get(address, "")
         except OSError:
             return ""
         except Exception as error:
@@ -263,12 +263,11 @@ def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
     return answer
 
 
-def _asker(package: str) -> Callable[[], str]:
-    """Return a function that returns the version of the package on a worker.
+def _version_reader(package: str) -> Callable[[], str]:
+    """Return a function that a worker runs to return its version of the package, or why it has none.
 
-    If the worker lacks the package or has an old one, the function returns this reason instead. A nested
-    function is sent by its code, so a worker without the package can answer. For the same reason the function
-    contains its imports.
+    The function is nested and has its imports inside. So it is sent by its code, and a worker can run it
+    without the package.
     """
 
     def ask() -> str:

@@ -17,8 +17,7 @@ from husky_grading.records import MarkingResult
 from husky_grading.reports.tables import to_markdown
 
 CLASSROOM50_SCHEMA = "classroom50/result/v1"
-# fields of result.json, with the environment variables that have their values; Classroom 50's runner sets
-# these variables
+# environment variable with the value of each field of result.json; the runner of Classroom 50 sets them
 CLASSROOM50_FIELDS = {
     "classroom": "CLASSROOM",
     "assignment": "ASSIGNMENT",

@@ -51,7 +51,7 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ()) -> None:
-    """Write every file of one student's result; result.json comes last, because it means that all are there.
+    """Write every file of one student's result; if result.json exists, all others do, because it comes last.
 
     Args:
         result: result of the student.
@@ -111,10 +111,10 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
 
 
 def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause: Optional[Item]) -> None:
-    """Write the pictures of a student's runs, and a replay of each; nothing if there was no run.
+    """Write two pictures of a student's runs, and a replay of each run; nothing if there was no run.
 
-    The second picture shows the moment of `cause`, the first item that lost points, otherwise the middle of a
-    run. In exercise 4 there is only one picture, of the estimated path.
+    The second picture shows the moment of `cause`, the first item that lost points. Without such a moment, it
+    shows the middle of the first run. In exercise 4 there is only one picture, of the estimated path.
     """
     first, estimate = recordings[0], recordings[0].estimate
     if estimate is None and not len(first.times):
@@ -183,7 +183,7 @@ def replays(out: Path) -> Dict[int, Path]:
 
 
 def _ends_of_logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
-    """Return the ends of the output of the build and the nodes, by title.
+    """Return the end of each log of the build and of the nodes; the key is the title of the log.
 
     The texts do not show the path of `out` and the paths of `packages`.
     """

@@ -83,8 +83,8 @@ def class_page(
         # all submissions of a class are marked with the same settings, so those of the first one are shown
         settings=ordered[0].settings if ordered else {},
         counts=[(state, count) for state, count in counts if count],  # states without students are left out
-        # largest sum of points that the class can have: `decided` leaves out items that are graded by hand,
-        # `possible` has all items
+        # largest possible sums of points: `decided` of the items that are not graded by hand, and `possible`
+        # of all items
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
         # a submission with another robot than the robot of the course is coloured

@@ -25,7 +25,7 @@ COLORS = "viridis"  # colour map; the colour of a position shows its time
 # [m] a marker that is farther from the robot's start is left out, because it would make the rest of the plot
 # too small
 MAX_DISTANCE_FROM_START = 40.0
-MAX_MARKERS, MAX_RAYS = 500, 120
+MAX_MARKERS, MAX_RAYS = 500, 120  # about the largest numbers of markers and of lidar beams that are drawn
 SCAN = "#c2185b"
 
 
@@ -110,7 +110,7 @@ def _write_label(
 
 
 def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) -> None:
-    """Write "pillar" on the right, seen from a position [m], because "markers" is on the left."""
+    """Write "pillar" to the right of the pillar, seen from a position [m]; "markers" is on the left."""
     (x, y), radius = recording.pillar, recording.pillar_size.radius
     # [rad] direction from the pillar's centre to its right edge
     angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
@@ -149,9 +149,9 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     robot = load_robot(recording.robot)
     axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
     # position of the lidar [m], which is mounted ahead of base_link
-    laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
+    lidar = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
     # about MAX_RAYS lines from the lidar to the points
-    rays = [(laser, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
+    rays = [(lidar, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
     axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
     axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")
     draw_robot(axis, (x, y, yaw), robot.footprint)

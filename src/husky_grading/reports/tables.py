@@ -16,7 +16,7 @@ def points(item: Item) -> str:
 
 
 def to_result(marking: MarkingResult) -> Result:
-    """Return a marking as the result of a command: items with their sum, notes, or why it was not marked."""
+    """Return a marking as the result of a command: its items with their sum, its notes, and its problem."""
     rows = []
     for item in marking.items:
         evidence = item.evidence
@@ -25,7 +25,7 @@ def to_result(marking: MarkingResult) -> Result:
         if item.hint:
             evidence += f"\nhint: {item.hint}"
         rows.append((item.name, points(item), evidence))
-    # points that a person may still give
+    # largest sum of points that a person may still give
     by_hand = sum(item.max_points for item in marking.items if item.points is None)
     left = f"and up to {by_hand:g} by hand" if by_hand else ""
     total = ("total", f"{marking.points:g}/{marking.max_points:g}", left)
@@ -56,7 +56,7 @@ def to_junit(results: Sequence[MarkingResult]) -> str:
             # a submission that could not be marked has one more test case, for its problem
             root, "testsuite", name=result.name, tests=str(len(items) + bool(result.problem)),
             errors=str(int(bool(result.problem))),
-            # an item that is graded by hand counts as full, so it is skipped and not a failure
+            # `full` is also true for an item that is graded by hand, so this item does not count
             failures=str(sum(not item.full for item in items)),
             skipped=str(sum(item.points is None for item in items)),
         )  # fmt: skip
