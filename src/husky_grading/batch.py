@@ -439,7 +439,7 @@ def _deadline(job: Job) -> float:
 
 
 def _fingerprint_of_timeout(job: Job) -> str:
-    """Return the fingerprint of a result that did not come in time; another time limit changes it."""
+    """Return the fingerprint of a submission that was not graded in time; it contains the time limit."""
     return f"{job.fingerprint} within {_deadline(job):g} s"
 
 

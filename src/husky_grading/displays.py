@@ -110,7 +110,7 @@ def read_rviz_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]
 
 
 def _mapping(content: Any, key: str) -> Dict[str, Any]:
-    """Return the mapping behind a key; empty if there is none."""
+    """Return the mapping under a key of a mapping; empty if there is none."""
     value = content.get(key) if isinstance(content, dict) else None
     return value if isinstance(value, dict) else {}
 
@@ -172,13 +172,13 @@ def _is_visible(entry: Mapping[str, Any]) -> bool:
 
 
 def _any_part(parts: Mapping[str, Any], key_of_all: str) -> bool:
-    """Return whether any frame or link of a display is switched on."""
+    """Return whether any frame or link of a display is switched on; without any, `key_of_all` decides."""
     switches = [part.get("Value", True) for part in parts.values() if isinstance(part, dict)]
     return any(switches) or (not switches and bool(parts.get(key_of_all, True)))
 
 
 def _number(value: Any) -> float:
-    """Return a value if it is a number, otherwise 1, as for RViz's own default, which is visible."""
+    """Return a value if it is a number, otherwise 1, because RViz's own defaults are visible, too."""
     return float(value) if isinstance(value, (int, float)) and isfinite(value) else 1.0
 
 

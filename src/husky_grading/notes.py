@@ -119,7 +119,7 @@ class Note:
 
 
 def texts(notes: Iterable[Note]) -> List[str]:
-    """Return the sentences of notes, each once, in order, and the number of further ones."""
+    """Return the sentences of notes, each once, in order; the last one counts the sentences left out."""
     sentences = list(dict.fromkeys(note.text for note in notes))
     more = len(sentences) - MAX_NOTES
     return sentences if more <= 0 else [*sentences[:MAX_NOTES], f"and {more} more notes"]

@@ -21,7 +21,10 @@ ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker m
 
 
 def table(help_text: str, *columns: int) -> Any:
-    """Return the field of an array with so many columns, or of one dimension; without rows by default."""
+    """Return a dataclass field for an array with this number of columns, or with one dimension.
+
+    The array has no rows by default.
+    """
     metadata = {"shape": (-1, *columns), "help": help_text}
     return field(default_factory=lambda: np.zeros((0, *columns)), metadata=metadata)
 
@@ -124,7 +127,7 @@ class Recording:
 
     @property
     def hull_gaps(self) -> np.ndarray:
-        """Return the gaps between footprint and pillar, as if it never moved, (N,) [m]."""
+        """Return the gaps between footprint and pillar, as if the pillar never moved, (N,) [m]."""
         return hull_gaps(self.poses, self.pillar, self.robot)
 
     @property
@@ -134,12 +137,12 @@ class Recording:
 
     @property
     def moving(self) -> np.ndarray:
-        """Return the rows in which the robot drives, or turns on the spot, (N,) bool."""
+        """Return for each pose whether the robot drives, or turns on the spot, (N,) bool."""
         return (np.abs(self.speeds[:, 0]) > STANDS) | (np.abs(self.speeds[:, 1]) > STANDS)
 
     @property
     def driving(self) -> np.ndarray:
-        """Return the rows in which the robot drives ahead or back, and not only turns, (N,) bool."""
+        """Return for each pose whether the robot drives ahead or back, and not only turns, (N,) bool."""
         return np.abs(self.speeds[:, 0]) > STANDS
 
 
@@ -229,7 +232,10 @@ NOTHING = 1e-6  # [m/s, rad/s] a component of a command counts as zero up to thi
 
 
 def is_zero(twist: bytes) -> bool:
-    """Return whether a serialised geometry_msgs/Twist commands nothing; -0.0 has a bit set and is zero."""
+    """Return whether all components of a serialised Twist are zero.
+
+    Bytes that are not a Twist count as zero only if all of them are 0.
+    """
     if len(twist) != TWIST_SIZE:
         return not any(twist)
     return bool((np.abs(np.frombuffer(twist, "<f8")) <= NOTHING).all())

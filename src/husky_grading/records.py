@@ -113,12 +113,12 @@ class Launchable:
 
     @property
     def command(self) -> Tuple[str, ...]:
-        """Return its arguments on a command line."""
+        """Return the options of `grade` that name the launchable."""
         return (f"--{self.kind}", self.package, self.name, *self.arguments)
 
     @property
     def summary(self) -> str:
-        """Return the title, or the command line."""
+        """Return the title; without a title, the options of `grade`."""
         return self.title or " ".join(self.command)
 
 
@@ -203,7 +203,7 @@ class Item:
 
     @property
     def full(self) -> bool:
-        """Return whether it has full marks or is graded by hand."""
+        """Return whether the item has full marks or is graded by hand."""
         return self.points is None or self.points >= self.max_points - 1e-9
 
 
@@ -244,7 +244,7 @@ class MarkingResult:
 
     @property
     def cause(self) -> Optional[Item]:
-        """Return the first item that lost points, which is the first fault; None if no item did."""
+        """Return the first item that lost points; None if no item lost points."""
         return next((item for item in self.items if not item.full), None)
 
     @property
@@ -257,13 +257,13 @@ class MarkingResult:
 
     @property
     def lacks_rviz_file_only(self) -> bool:
-        """Return whether it is graded by hand only because it has no RViz configuration."""
+        """Return whether a result is graded by hand only because there is no RViz configuration."""
         reasons = {item.reason for item in self.items if item.points is None}
         return reasons == {Kind.NO_RVIZ_FILE}
 
     @property
     def full(self) -> bool:
-        """Return whether it has all points that `grade` can give."""
+        """Return whether the submission has all points that `grade` can give."""
         return not self.problem and all(item.full for item in self.items)
 
 

@@ -67,13 +67,14 @@ class OpenItem:
 
     @property
     def choices(self) -> List[Tuple[int, float]]:
-        """Return (key, points) of each key."""
+        """Return each key with the points that it gives."""
+        # each key, and the fraction of the points that it gives; the points are rounded to halves
         steps = [(key, (key - 1) / (KEYS - 1)) for key in range(1, KEYS + 1)]
-        return [(key, round(2.0 * self.item.max_points * share) / 2.0) for key, share in steps]
+        return [(key, round(2.0 * self.item.max_points * fraction) / 2.0) for key, fraction in steps]
 
     @property
     def alike(self) -> str:
-        """Return the reason why it is open, which several submissions may share; empty if it is its own."""
+        """Return the reason why the item is open, if other submissions may share it; otherwise empty."""
         return f"{self.item.name}: {self.item.reason.value}" if self.item.reason else ""
 
     @property

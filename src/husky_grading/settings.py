@@ -21,6 +21,8 @@ class PointsError(ConfigError):
 
 @dataclass(frozen=True)
 class _MarkingFile:
+    """Content of marking.yaml."""
+
     students: Mapping[str, Override] = field(default_factory=dict)
 
 
@@ -71,7 +73,7 @@ def read_settings(path: Path) -> Any:
 
 
 def _check_known(name: str, names: Sequence[str], refusal: str) -> None:
-    """Check that a name is one of some names.
+    """Check that a name is among the known `names`.
 
     Raises:
         ConfigError: the name is not among them; the text of this error begins with `refusal`.

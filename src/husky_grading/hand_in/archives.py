@@ -35,7 +35,7 @@ MAX_FILES, MAX_BYTES = (
 MAX_FILE = 100_000_000  # [bytes] a larger file, such as a rosbag, is left out
 MAX_NAMED = 5  # a note on files that are left out has at most this number of names
 UTF_8 = 0x800  # bit in the flags of a file in a zip archive: the file's name is UTF-8, not code page 437
-CHUNK = 1 << 16  # [bytes]
+CHUNK = 1 << 16  # [bytes] files are copied in pieces of this size
 OWNER_EXECUTES = 0o100  # bit in a file's mode: the owner may execute the file
 # limits for unpacking one archive: memory [bytes]; CPU time and wall time, each [s]
 MEMORY, DEADLINE = 1_000_000_000, 120
@@ -79,7 +79,7 @@ def large_files_note(names: Sequence[str]) -> List[str]:
 
 
 def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
-    """Unpack a regular file into an existing, empty folder, and return notes on members that were left out.
+    """Unpack an archive into an existing, empty folder, and return notes on members that were left out.
 
     The allowance is reduced by the unpacked files.
 
@@ -105,7 +105,7 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
 
 
 def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, List[str]]:
-    """Unpack in this program, and return what is left out: number of links, names of large files.
+    """Unpack an archive, and return the number of links and the names of large files, which are left out.
 
     Raises:
         ArchiveError: the archive cannot be unpacked.
@@ -231,8 +231,8 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
 class PackedPath:
     """File or folder of a submission; its content is read only when it is sent to a worker.
 
-    So the submissions of a class need not fit into memory together.
-    Links and large files, which marking leaves out, are not sent.
+    So the submissions of a class need not fit into memory together. Links and large files, which marking
+    leaves out, are not sent.
     """
 
     def __init__(self, path: Path) -> None:
@@ -242,7 +242,7 @@ class PackedPath:
     def __getstate__(self) -> Dict[str, Any]:
         """Return the state to send: a tar archive of the files, with their permissions, instead of the path.
 
-        Pickle calls it while it sends the object, so the files are read then and not before.
+        Pickle calls this function when the object is sent, so the files are read only then.
         """
         if self.path is None:  # the object was sent before, so its files are packed
             return {"path": None, "_content": self._content}
@@ -264,7 +264,7 @@ class PackedPath:
             # other filters would change permissions; this archive is safe, because `__getstate__` has made it
             keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
             archive.extractall(folder, **keep)  # type: ignore[arg-type]
-        return folder / names[0]
+        return folder / names[0]  # `__getstate__` has packed the file or folder itself first
 
 
 if __name__ == "__main__":

@@ -417,7 +417,7 @@ def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
 
 
 def needs_old_boost(output: str) -> bool:
-    """Return whether an error in a build's output is about _1 and the like."""
+    """Return whether a build has failed at a placeholder of an old version of Boost, such as _1."""
     errors = [line for line in output.splitlines() if "error:" in line or "was not declared" in line]
     return any(map(_PLACEHOLDER.search, errors))
 

@@ -40,7 +40,7 @@ def is_package(folder: Path) -> bool:
 
 
 def find_hand_ins(folder: Path) -> List[HandIn]:
-    """Return the submissions in a folder, by their paths: each folder and archive in it is one.
+    """Return the submissions in a folder of a class, sorted by path; each folder or archive is one.
 
     A folder that is itself a package is one submission. If a student has two entries, such as `bob` and
     `bob.zip`, the submission has a problem, because only the teacher can decide which one counts.
@@ -56,7 +56,7 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
 
 
 def left_out(folder: Path) -> List[str]:
-    """Return the names of the entries in a class's folder that are not submissions, without hidden ones."""
+    """Return the names of the entries in a class's folder that are neither submissions nor hidden."""
     if is_package(folder):
         return []
     paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))

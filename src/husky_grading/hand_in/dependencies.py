@@ -7,7 +7,7 @@ import subprocess
 from itertools import chain
 from typing import Collection, Dict
 
-APT_DEADLINE = 20.0  # [s] wall time
+APT_DEADLINE = 20.0  # [s] longest wall time for a question to apt-cache
 # possible names of a ROS package in Debian, the preferred one first
 _DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")
 

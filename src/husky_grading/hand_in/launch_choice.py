@@ -73,7 +73,7 @@ class LaunchFile:
 
     @property
     def driving_nodes(self) -> Tuple[str, ...]:
-        """Return its nodes that may drive the robot, by their packages."""
+        """Return the nodes of the launch file whose packages may drive the robot."""
         return tuple(node for node in self.nodes if _package_of(node) in self.driving_packages)
 
 
@@ -142,7 +142,7 @@ def _package_with(path: Path, folders: Mapping[str, Path]) -> str:
 
 
 def _nodes_of_packages(launch_file: Path, plan: Plan, packages: Collection[str]) -> Tuple[str, ...]:
-    """Return the nodes of a launch file that belong to some packages, also nodes that `grade` leaves out.
+    """Return the nodes of a launch file that belong to these packages, even if `grade` does not start them.
 
     The nodes come from the plan, or from the text of the launch file if roslaunch could not read it.
     """

@@ -263,7 +263,7 @@ def copies_of_public(packages: Sequence[Package]) -> List[Package]:
 
 
 def _launched_packages(package: Package) -> Set[str]:
-    """Return the names of the packages whose nodes the launch files of a package start, by their texts."""
+    """Return the names of the packages whose nodes are in the texts of a package's launch files."""
     files = [path for path in walk(package.path, skipped=BUILT) if file_suffix(path) == ".launch"]
     return {node.partition("/")[0] for path in files for node in nodes_in(path)}
 

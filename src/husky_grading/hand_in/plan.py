@@ -64,7 +64,7 @@ def _roots(workspace: Workspace) -> List[Path]:
 
 
 def with_stand_ins(workspace: Workspace, visible_code: VisibleCode) -> Workspace:
-    """Return a workspace with stand-ins of packages that are not installed, and the code that they use."""
+    """Return a workspace with our replacements of missing robot packages, and the code that they use."""
     roots = _roots(workspace)
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
     return replace(workspace, packages=(*workspace.packages, *stand_ins), own=visible_code)

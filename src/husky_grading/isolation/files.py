@@ -68,7 +68,7 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
 
 
 def file_suffix(path: Path) -> str:
-    """Return the suffix of a file; for .launch.xml it is .launch, because both are names of launch files."""
+    """Return the suffix of a file; .launch.xml counts as .launch, because both are names of launch files."""
     return ".launch" if path.name.endswith(".launch.xml") else path.suffix
 
 

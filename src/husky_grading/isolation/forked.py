@@ -86,16 +86,16 @@ class _Child:
         self.pid = self._process.pid or 0
 
     def poll(self) -> Optional[int]:
-        """Return its exit code, or None while it runs."""
+        """Return the exit code of the program, or None while it runs."""
         return self._process.exitcode
 
     def send_signal(self, number: int) -> None:
-        """Send a signal, if it still runs."""
+        """Send a signal to the program, if it still runs."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def terminate(self) -> None:
-        """Kill it."""
+        """Kill the program."""
         self._process.kill()
 
     def wait(self, timeout: float) -> None:

@@ -124,7 +124,7 @@ def thread_count(processes: Sequence[psutil.Process]) -> int:
 
 
 def socket_count() -> int:
-    """Return the number of sockets in this program's network, with connections that are not accepted yet."""
+    """Return the number of sockets in this program's network, also of connections not yet accepted."""
     (used,) = re.findall(r"^sockets: used (\d+)", Path("/proc/self/net/sockstat").read_text(), re.MULTILINE)
     return int(used)
 

@@ -19,12 +19,13 @@ def hide_places(text: str, folders: Iterable[Path]) -> str:
     """
     # the root and the folder "." are not replaced, because "/" and "." are in most texts
     places = {*folders, *_own_places()} - {ROOT, Path()}
-    for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner ones first
+    for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner folders first
         text = text.replace(f"{place}/", "").replace(str(place), place.name)
     return text
 
 
 @lru_cache(maxsize=1)
 def _own_places() -> Tuple[Path, ...]:
+    """Return the folders of this package and of Python, and the home folder."""
     sources = Path(__file__).resolve().parents[2]
     return (sources, share_folder(), Path(sys.prefix), Path.home())

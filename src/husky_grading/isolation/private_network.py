@@ -44,7 +44,10 @@ def enter_network() -> None:
 
 
 def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
-    """Return the command of a program in its own namespaces, if these are allowed, and its variables."""
+    """Return the command that starts a program in its own namespaces, and its environment variables.
+
+    If this machine allows no namespaces, the command stays as it is.
+    """
     prefix = _namespace_command()
     own_place = place.make() if MOUNTS in prefix else ""
     return [*prefix, *command], {VARIABLE: "private" if prefix else "", place.VARIABLE: own_place}

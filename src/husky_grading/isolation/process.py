@@ -122,7 +122,7 @@ class Process:
 
     @property
     def output(self) -> str:
-        """Return the output so far: its beginning and its end."""
+        """Return the beginning and the end of the output so far."""
         head, tail = bytes(self._head), bytes(self._tail)
         return (head + b"\n" + tail if tail else head).decode(errors="replace")
 
@@ -178,7 +178,7 @@ def request_stop() -> None:
 
 
 def stop_on_signals() -> None:
-    """End all waits at Ctrl-C and SIGTERM, so this program ends its programs."""
+    """Let Ctrl-C and SIGTERM end all waits, so that this program ends the programs that it has started."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: request_stop())
 

@@ -117,7 +117,7 @@ def kind_of_sandbox() -> str:
 
 @lru_cache(maxsize=1)
 def _bubblewrap() -> List[str]:
-    """Return the options of bubblewrap for every sandbox that this machine's version has."""
+    """Return bubblewrap's options for every sandbox, as far as this machine's version knows them."""
     options = [*_BUBBLEWRAP, *_NO_NESTED_NAMESPACES]
     return options if works("bwrap", *options, *_system(), "true") else _BUBBLEWRAP
 

@@ -92,7 +92,7 @@ class MarkerWatch:
 
     @property
     def subscribers(self) -> Tuple[rospy.Subscriber, ...]:
-        """Return the subscribers of the topics."""
+        """Return the subscribers of the topics of markers."""
         return tuple(self._topics.values())
 
     def close(self) -> None:
@@ -107,7 +107,7 @@ class MarkerWatch:
         return None
 
     def places(self) -> Dict[str, Vector3]:
-        """Return the positions in base_link [m] of all frames that transforms connect with it."""
+        """Return the positions in base_link [m] of all frames that transforms connect with base_link."""
         places = {frame: self.place(frame) for frame in self.frames}
         return {frame: place for frame, place in places.items() if place is not None}
 
@@ -308,7 +308,7 @@ class MarkerWatch:
 
 
 def _is_file_of(folder: Path, place: str) -> bool:
-    """Return whether a path, absolute or in a folder, leads to a file below it, also through links."""
+    """Return whether `place`, relative to a folder or absolute, leads to a file below this folder."""
     with suppress(OSError, ValueError):  # a loop of links or a NUL character in the path raises an error
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
@@ -363,5 +363,5 @@ def _is_finite(marker: Marker) -> bool:
 
 @lru_cache(maxsize=1)
 def _installed() -> Any:
-    """Return the index of the installed packages; to make it takes some time."""
+    """Return the index of the installed packages, which takes some time to make."""
     return rospkg.RosPack()

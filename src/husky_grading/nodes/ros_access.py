@@ -56,11 +56,11 @@ class DriveAccess:
         self._give_up_at = 0.0  # [s] wall time at which the last call counts as not answered
 
     def advertise_commands(self) -> None:
-        """Advertise velocity commands; lockstep waits for the commands of such a node."""
+        """Advertise velocity commands; lockstep then waits for the commands of this node."""
         self._velocity = self._velocity or rospy.Publisher("cmd_vel", Twist, queue_size=1)
 
     def command(self, speed: float) -> None:
-        """Publish a command to drive ahead [m/s]."""
+        """Publish a command to drive ahead with this speed [m/s]."""
         if self._velocity is not None:
             self._velocity.publish(Twist(linear=LinearVelocity(speed, 0.0, 0.0)))
 
@@ -104,7 +104,7 @@ class DriveAccess:
         threading.Thread(target=ask, daemon=True).start()
 
     def answer(self) -> Optional[Answer]:
-        """Return the answer to the last call; None while it is awaited."""
+        """Return the answer to the last call; None if it has not come yet."""
         if self._answers:
             return self._answers[0]
         if time.monotonic() < self._give_up_at:
@@ -127,11 +127,11 @@ class DriveAccess:
         return values
 
     def place(self, frame: str) -> Optional[Vector3]:
-        """Return the position of a frame in base_link [m] by the newest transforms; None if it has none."""
+        """Return the position of a frame in base_link [m] by the newest transforms; None if it is unknown."""
         return self._transforms.place(frame)
 
     def places(self) -> Dict[str, Vector3]:
-        """Return the positions in base_link [m] of all frames that transforms connect with it."""
+        """Return the positions in base_link [m] of all frames that transforms connect with base_link."""
         return self._transforms.places()
 
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:

@@ -74,7 +74,7 @@ class Reporter(roslaunch.pmon.ProcessListener):
         self._file.write(json.dumps({"event": event, **details}) + "\n")
 
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
-        """Write the end of a node; roslaunch calls this."""
+        """Write an event on the end of a node; roslaunch calls this."""
         node = process_name.rsplit("-", 1)[0]
         self.write("died", node=node, exit_code=exit_code, package=self.packages.get(node, ""))
 
@@ -426,7 +426,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
         self._ready = ready
 
     def _load_config(self) -> None:
-        """Take the configuration; roslaunch calls this before it starts the nodes."""
+        """Set the configuration; roslaunch calls this before it starts the nodes."""
         self.config = self._ready
 
 
