@@ -36,14 +36,15 @@ class ArrayScan(LaserScan):
 class MovingTree(TFMessage):
     """TFMessage between the same frames each time; `move` fills in a stamp and the poses.
 
-    It keeps its bytes, not the records of the transforms, so that `transforms` is empty.
+    The message consists only of its bytes, so the list `transforms` is empty.
     """
 
     def __init__(self, branches: Sequence[Tuple[str, str]]) -> None:
-        """Make the message of these branches, each with its parent and its child.
+        """Make the message; a branch is the name of a parent frame and the name of its child.
 
-        The bytes are the number of branches, and then for each branch: sequence number, stamp, both names,
-        each after its length, and pose. Sequence number, stamp and pose are zeros until `move` is called.
+        The bytes begin with the number of branches. Then each branch has a sequence number, a stamp, the
+        length of each name before the name, and a pose. All but lengths and names are zeros until `move` is
+        called.
         """
         super().__init__()
         self._bytes = bytearray(pack("<I", len(branches)))

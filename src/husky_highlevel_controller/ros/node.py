@@ -139,8 +139,8 @@ def run_node(
     if in_one_thread:
         receive_in_one_thread()
     level = rospy.DEBUG if debug else rospy.INFO
-    # `argv` is given, because rospy would otherwise use the arguments that it read when it was imported; this
-    # process may be a fork that was made after the import
+    # Without `argv`, rospy would use the arguments that the process had when rospy was imported. This process
+    # may be a fork that was made after the import, and then has other arguments.
     rospy.init_node(
         name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
     )

@@ -119,8 +119,8 @@ def _give_back(connection: TCPROSTransport, callback: MessagesCallback, error: E
     sock = connection.socket
     if sock is None or connection.done:  # another thread has closed the connection
         return
-    # rospy's loop closes the connection if the publisher has ended it. After any other error it shall connect
-    # again, and it does so if the socket is None. The buffer may have the rest of a broken message.
+    # rospy's loop closes the connection if the publisher has ended it. After any other error, the socket
+    # becomes None, so that the loop connects again. The buffer may have the rest of a broken message.
     if not isinstance(error, TransportTerminated):
         rospy.core.logerr(f"{connection.name}: {error}; connecting to the publisher again")
         sock.close()

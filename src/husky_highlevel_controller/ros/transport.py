@@ -9,8 +9,8 @@ CPU time at real time, and 28 % and 20 % more in lockstep. The time from a scan 
 (p50; p99 11 %). These are medians of four pairs of runs on a busy machine.
 
 Accepting: each connection has a thread and a deadline. rospy reads the headers of all connections in one
-thread, without a deadline. So one TCP connection that sent nothing blocked all services of the node, such as
-`start_stop`, and all new subscribers for as long as it was open (measured).
+thread, without a deadline. So a TCP connection that sent nothing blocked all services of the node, such as
+`start_stop`, and all new subscribers, until the connection was closed (measured).
 
 Starting: the wait for the registration checks every millisecond. rospy checks at once, mostly too early, and
 then only 0.1 s later, which is a twelfth of the time that a launch takes.

@@ -47,8 +47,8 @@ CAMERA_BEHIND = 8.0  # [m] distance of RViz's camera from the robot in rviz/cont
 # larger.
 INNER_SCALE = 0.98
 DISC_HEIGHT = 0.02  # [m]
-# [m] a disc around the pillar shows the uncertainty of its position; the disc is at least this much larger
-# than the pillar, so that it is visible
+# [m] smallest distance from the pillar to the rim of the disc that shows the uncertainty of the pillar's
+# position; with a smaller distance, the disc would not be visible
 MIN_SPREAD = 0.05
 
 
@@ -280,8 +280,8 @@ def _state_markers(
     stamp = observation.scan.stamp
     markers = []
     if output.estimate is not None:
-        # a disc around the pillar; its rim is two standard deviations of the pillar's position wide, but at
-        # least MIN_SPREAD, so that it is visible
+        # a disc around the pillar, from the pillar to its rim two standard deviations of the pillar's
+        # position wide, but at least MIN_SPREAD
         estimate = output.estimate
         diameter = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
         size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)

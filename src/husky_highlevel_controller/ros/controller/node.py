@@ -132,7 +132,7 @@ class ControllerNode:
         self._tuning = ReconfigureServer(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
         # makes the robot stand still if the ROS master no longer knows this node, because a program that is
-        # started later could not find this node to stop the robot
+        # started later could not find the node, and so could not stop the robot
         self._registration = RegistrationWatch(self._stand_still)
 
         # must come last, because the callbacks use everything that is set above
@@ -235,7 +235,7 @@ class ControllerNode:
         return SetBoolResponse(True, message)
 
     def _on_scan(self, msg: LaserScan) -> None:
-        """Keep a scan until its transforms have come; then `_answer` gets it.
+        """Keep a scan until its transforms have come, and then give the observation to `_answer`.
 
         A scan that is not valid stops the robot, and scans that still wait are dropped.
         """
@@ -275,8 +275,8 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
-        # with stop_distance 0, the robot drives against the pillar and pushes it. It may then stand still
-        # although its wheels turn; this is not disobedience, so the command is remembered as zero
+        # With stop_distance 0, the robot pushes the pillar, and may stand still although it is commanded to
+        # drive. This is not disobedience, so a command of zero is remembered.
         is_pushing = control.stop_distance == 0.0
         self._last_command = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(

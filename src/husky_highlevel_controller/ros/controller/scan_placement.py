@@ -2,7 +2,7 @@
 
 A scan and its transform travel by separate topics and arrive in either order. The scan is kept pending, and
 whichever of the two arrives last completes the observation. If the transform does not come, the node's
-main loop ends the wait at a deadline of wall time, since ROS time may stand still until the scan is answered.
+main loop ends the wait after some wall time. ROS time may stand still until the scan is answered.
 """
 
 from __future__ import annotations
@@ -179,8 +179,8 @@ class ScanPlacement:
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
         """Return whether to wait for a better transform of base_link in odom, and the best one so far.
 
-        The best transform is the one at the stamp. The latest transform is used instead if the best one will
-        not come: TF has passed the stamp without it, odometry has stopped, or the scans' clock is ahead of
+        The best transform is the one at the stamp. If it will not come, the latest transform is used. This
+        has three causes: TF has passed the stamp, odometry has stopped, or the scans' clock is ahead of
         odometry's clock. The transform is None if TF has none, or if the latest one is older than MAX_AGE. A
         transform with stamp 0 is fixed, so it never gets old.
 

@@ -35,8 +35,8 @@ from husky_highlevel_controller.ros.transforms import lookup_transform
 # length of the queues of messages, which is so large that no message is lost; a bag that is played fast sends
 # many messages at once
 QUEUE = 1000
-# [s] a message is ignored if its stamp is later than the clock by more than this; a smaller difference is
-# normal, because the clock may lag behind a bag that is played fast
+# [s] a message is ignored if its stamp is later than the clock by more than this. The clock may lag behind a
+# bag that is played fast, so a smaller difference is normal.
 MAX_AHEAD = 60.0
 # [s] wall time without a message after which an input is silent: ABSENCE before the first message of the
 # input, SILENCE after it. The filter gives up silent inputs only. A busy machine may delay a thread, so these
@@ -274,8 +274,8 @@ def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     msg.twist.twist.linear.y = vy
     # part of the message, and the index of its first number in the state
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
-        # (6, 6) covariance of x, y, z, roll, pitch, yaw, or of their rates; the filter estimates only x, y
-        # and yaw, which are the rows and columns PLANE
+        # (6, 6) covariance of x, y, z, roll, pitch, yaw, or of their rates. The filter estimates only x, y
+        # and yaw. Their rows and columns are PLANE.
         covariance = OFF_PLANE * np.eye(6)
         covariance[PLANE] = estimate.covariance[first : first + 3, first : first + 3]
         part.covariance = covariance.ravel().tolist()

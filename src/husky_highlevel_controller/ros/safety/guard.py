@@ -124,7 +124,7 @@ class Guard:
         return conversions.twist_from_msg(msg.twist.twist)
 
     def judge(self, stamp: float, danger: Optional[str]) -> None:
-        """Stop the controller if there is a `danger`, as a text, unless this danger has stopped it already.
+        """Stop the controller if there is a `danger`, given as a text, but only once for each danger.
 
         The guard is active again when the robot moves. `stamp` [s] is by odometry's clock, see `time_of`.
         """

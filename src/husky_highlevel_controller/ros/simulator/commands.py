@@ -45,8 +45,8 @@ class Commands:
             findings: gets sentences about mistakes of the senders.
         """
         topics = robot.topics
-        # finds habits of senders that make the robot drive badly, such as commands that come too slowly;
-        # `may_stand` says which nodes may stop the robot on purpose, so that their zeros are not a habit
+        # Finds habits of senders that make the robot drive badly, such as commands that come too slowly. The
+        # nodes of `may_stand` may stop the robot on purpose, so their zero commands are not a habit.
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
         # output topic of the twist_mux, which passes on commands by the priority of their topics; a node that
         # publishes on the output topic bypasses these priorities

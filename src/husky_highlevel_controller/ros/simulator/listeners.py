@@ -1,7 +1,7 @@
 """Detects from /proc whether all subscribers of a topic are idle: none of their threads runs.
 
 A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
-clock advances. Its messages do not distinguish it from a node that computes, but its threads do. A thread
+clock advances. A node that computes sends no messages either, but one of its threads runs. A thread
 that waits for a message runs from the moment when the message is sent. Unread messages show nothing, because
 rospy reads none during a callback, in which it may sleep.
 """
@@ -22,9 +22,9 @@ import rospy
 # 11, two of three runs of such a node gave other results than before.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two checks whether the processes sleep
-# names of two files of a thread in /proc: STAT has its state; SCHEDULE counts its turns (how often the kernel
-# has let it run on a CPU), if the kernel supports this
-STAT = "stat"
+STAT = "stat"  # file of a thread in /proc with the state of the thread
+# file of a thread in /proc that counts how often the kernel has let the thread run on a CPU (its turns); STAT
+# is read instead if the kernel does not count turns
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
 COUNTS_TURNS = SCHEDULE != STAT  # whether the kernel counts the turns of each thread
 READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state of the thread
@@ -69,8 +69,8 @@ class Listeners:
     def asleep(self) -> bool:
         """Return whether all listeners stay asleep until something is sent.
 
-        False if one of them runs, or is on another machine, where it cannot be seen. It takes some
-        milliseconds.
+        The result is false if a listener runs, or if it is on another machine, where it cannot be seen. The
+        call takes some milliseconds.
         """
         self._find_processes()
         if not self._sees_all_receivers:

@@ -22,11 +22,11 @@ PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start of simulated
 ANSWER_TIMEOUT = 5.0
 # [s] if the very first command has not come after this wall time, the scan is sent again
 RESEND_TIMEOUT = 1.0
-# [s] if an idle controller sends no command for this wall time, the clock is nudged; after the same time
-# again, the controller counts as sleeping
+# [s] if an idle controller sends no command for this wall time, the clock is nudged; if it is still idle
+# after the same time again, it counts as sleeping
 SLEEP_TIMEOUT = 0.3
-# [s] longest wait at a tick until all subscribers sleep; after it, there are no more such waits, because some
-# subscribers, such as RViz, never sleep
+# [s] longest wait at a tick until all subscribers are idle. After a wait of this length there are no more
+# waits at ticks, because some subscribers, such as RViz, are never idle.
 WATCH_TIMEOUT = 1.0
 POLL_PERIOD = 0.05  # [s] during a wait, wall time between two checks for service calls
 # [s] wall time between two checks whether all nodes are connected; more checks would slow down nodes that are

@@ -77,9 +77,9 @@ class Publishers:
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
-        # Messages for /tf. A key says whether the message has the transform of odom, and whether it has the
-        # transforms of the wheels, because another node may publish either of them. The messages are made
-        # only once, because making them takes time.
+        # Messages for /tf, which are made only once, because making a message takes time. A key says whether
+        # the message has the transform of odom, and whether it has the transforms of the wheels. Another node
+        # may publish each of these.
         self._moving_trees = {
             (True, False): MovingTree(base),
             (False, True): MovingTree(wheels),
@@ -193,8 +193,8 @@ class Publishers:
     def send_last_transforms(self) -> None:
         """Send the last transforms to new subscribers, which get no others while time stands still.
 
-        Call it in the thread that publishes, because rospy has one buffer for all messages of a publisher, so
-        two threads would mix their messages.
+        Only the thread that publishes may call this. rospy has one buffer for all messages of a publisher,
+        and two threads would mix their messages in the buffer.
         """
         publisher = self.transforms.impl
         # rospy makes a new list whenever a connection is added or removed, so the same list means no new

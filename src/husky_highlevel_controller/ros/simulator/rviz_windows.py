@@ -2,8 +2,8 @@
 
 In: the names of the launched nodes, the ROS master. Out: names.
 
-RViz loads the displays of its configuration first: it subscribes to their topics and reads the robot's
-description. Then it shows its window, and it offers its services last (VisualizerApp::init of RViz 1.14).
+RViz first loads its displays, which subscribe to their topics and read the robot's description. Then RViz
+shows its window. It offers its services last (VisualizerApp::init of RViz 1.14).
 """
 
 from __future__ import annotations

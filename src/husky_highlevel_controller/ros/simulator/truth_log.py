@@ -28,8 +28,8 @@ POLL_PERIOD = 0.02  # [s] wall time between two checks whether the reader has le
 class TruthLog:
     """Log of a run for the program that grades it, over a socket: one JSON object with one key on each line.
 
-    The keys are "ready" (time may begin), "truth" (`TrueState.to_numbers`), "changed" (a sentence on a call
-    that changed the world), and "asleep" and "unanswered" (sentences on a controller, see `Lockstep`).
+    The keys are "ready" (the simulator waits for the reader), "truth" (the numbers of a `TrueState`),
+    "changed" (a sentence on a call), "asleep" and "unanswered" (sentences on a controller, see `Lockstep`).
     """
 
     def __init__(self) -> None:

@@ -136,8 +136,7 @@ class WorldDisplay:
         marker, because a marker can be dragged only in the plane that was horizontal when it was made.
         """
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
-        # bodies are drawn in odom, so a drift of odom moves all markers; a turn of odom counts as the motion
-        # of a point TURN_RADIUS away from the origin
+        # bodies are drawn in odom, so a drift of odom moves all markers
         has_drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if has_drifted:
             self._world_in_odom = world_in_odom

@@ -181,9 +181,9 @@ def absent_services(master_uri: str) -> List[AbsentService]:
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Return the topics of a graph whose names are probably misspelt, with the names that are meant.
 
-    A topic is misspelt in two cases: it has no subscriber, but a topic of the same type and almost the same
-    name has one; or it has no publisher, but such a topic has one. Namespaces of other robots and the topics
-    of TOOLS are not mistakes.
+    A topic is misspelt if it has no subscriber, but a similar topic has a subscriber. It is also misspelt if
+    it has no publisher, but a similar topic has a publisher. A similar topic has the same type and almost the
+    same name. Namespaces of other robots and the topics of TOOLS are not mistakes.
     """
     return [
         WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
@@ -197,8 +197,8 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
     """Yield the nodes that publish a topic without subscribers, or subscribe to one without publishers.
 
-    A row has the node, the topic, whether the node publishes, and the nodes of the other side by topic: all
-    subscribers for a publisher, all publishers for a subscriber. The nodes of TOOLS are left out.
+    A row has the node, the topic, whether the node publishes, and the nodes of the other side by topic. The
+    other side of a publisher is all subscribers, and the reverse. The nodes of TOOLS are left out.
     """
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     for publishes, nodes_by_topic, other_side in sides:
