@@ -30,7 +30,7 @@ class Disobedience:
         self._is_locked = message.data
 
     def sentence(self, twist: Twist2D, seconds: float) -> str:
-        """Return a sentence: the command, the `seconds` for which it was not obeyed, and the cause."""
+        """Return a sentence: the command, the `seconds` for which the robot stood still, and the cause."""
         command = f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
         return f"commanded {command} for {seconds:.0f} s, but the robot stands; {self._cause()}"
 
@@ -48,10 +48,10 @@ class Disobedience:
         graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
         publishers = graph.publishers if graph else {}
         inputs = [rospy.resolve_name(name) for name in self._robot.topics.velocity]
-        # `inputs` has the topics of commands, highest priority first; a remapped topic is not among them, so
-        # it has no priority
-        stronger = inputs[: inputs.index(topic)] if topic in inputs else []
-        for other in stronger:
+        # `inputs` are in the order of their priority, highest first; a remapped topic is not an input, so it
+        # has no priority
+        higher_inputs = inputs[: inputs.index(topic)] if topic in inputs else []
+        for other in higher_inputs:
             # the web page always advertises its topic, even if nobody drives with it, so it is left out
             nodes = [node for node in publishers.get(other, ()) if node.rsplit("/", 1)[-1] != PAGE]
             if nodes:

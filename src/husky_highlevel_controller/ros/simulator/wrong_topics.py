@@ -89,14 +89,14 @@ class AbsentService(NamedTuple):
 Mistake = Union[WrongTopic, WrongType, SecondPublisher, UnreadParameter, AbsentTopic, AbsentService]
 # topics of Gazebo that the simulator does not have, with advice what to use instead; {} stands for the
 # namespace of the topic
-ABSENT = {
+ABSENT_TOPICS = {
     "link_states": "use {}/model_states, or TF for the links of the robot",
     "performance_metrics": "see ./dev bench",
     "set_link_state": "call the service {}/set_model_state",
     "set_model_state": "call the service {}/set_model_state",
 }
-# services of Gazebo that the simulator does not have, with advice what to do instead; ELSEWHERE is the advice
-# for services that are not listed
+# services of Gazebo that the simulator does not have, with advice what to do instead; all other services
+# have OTHER_ADVICE
 ABSENT_SERVICES = {
     "apply_body_wrench": "forces are not simulated; drive the robot by cmd_vel",
     "apply_joint_effort": "forces are not simulated; drive the robot by cmd_vel",
@@ -106,7 +106,7 @@ ABSENT_SERVICES = {
     "set_model_configuration": "drive the wheels by cmd_vel; no other joint moves",
     "set_physics_properties": "launch with real_time_factor:=...",
 }
-ELSEWHERE = "see docs/gazebo_launch_files.md"
+OTHER_ADVICE = "see docs/gazebo_launch_files.md"
 # function(node, publishes), which returns the types of the topics that a node publishes (True) or subscribes
 # to (False)
 KindsOf = Callable[[str, bool], Kinds]
@@ -157,11 +157,11 @@ def unread_parameters(master_uri: str) -> List[UnreadParameter]:
 
 
 def absent_topics(graph: Graph) -> List[AbsentTopic]:
-    """Return the nodes that publish a topic of ABSENT to nobody, or that subscribe to one in vain."""
+    """Return the nodes that publish a topic of ABSENT_TOPICS to nobody, or that subscribe to one in vain."""
     return [
         AbsentTopic(node, topic, publishes)
         for node, topic, publishes, _ in _one_sided(graph)
-        if topic.rpartition("/")[0].endswith("/gazebo") and topic.rpartition("/")[2] in ABSENT
+        if topic.rpartition("/")[0].endswith("/gazebo") and topic.rpartition("/")[2] in ABSENT_TOPICS
     ]
 
 
@@ -232,7 +232,7 @@ def mistake_sentence(finding: Mistake) -> str:
     if isinstance(finding, AbsentService):
         namespace, _, name = finding.service.rpartition("/")
         # `absent_services` finds every name in the namespace gazebo, also names that are not in the table
-        remedy = ABSENT_SERVICES.get(name, ELSEWHERE).format(namespace)
+        remedy = ABSENT_SERVICES.get(name, OTHER_ADVICE).format(namespace)
         return (
             f"{finding.node} asks for the service {finding.service}, which this simulator does not have: "
             f"{remedy}"
@@ -241,7 +241,7 @@ def mistake_sentence(finding: Mistake) -> str:
         namespace, _, name = finding.topic.rpartition("/")
         does = "publishes" if finding.publishes else "subscribes to"
         # `absent_topics` finds only topics that are in the table
-        remedy = ABSENT[name].format(namespace)
+        remedy = ABSENT_TOPICS[name].format(namespace)
         return f"{finding.node} {does} {finding.topic}, which this simulator does not have: {remedy}"
     return _wrong_topic_sentence(finding)
 
