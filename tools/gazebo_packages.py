@@ -150,8 +150,8 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     except (OSError, ParseError, ValueError, LookupError):
         return  # the copy has no such file, or it is not valid XML, has entities or an unknown encoding
     ours = world_and_pose(link)
-    # Noetic's launch file reads from the environment whether there is a lidar; our file does so, too, so
-    # these values stay as they are in our file
+    # Noetic's launch file reads from the environment whether there is a lidar; our file reads this, too, and
+    # keeps its own default
     from_environment = {name for name in SENSORS if "$(" in given.get(name, "")}
     # only values that differ from a value of our file are kept
     given = {n: v for n, v in given.items() if n not in from_environment and v != ours.get(n, v)}

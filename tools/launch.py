@@ -349,6 +349,17 @@ def start_own_master() -> None:
     roslaunch.launch.create_master_process = create_own
 
 
+def terminate_processes() -> None:
+    """Send SIGTERM to all processes of this launch.
+
+    A Python program that still imports ends in silence at SIGTERM, but with a traceback at SIGINT, which
+    roslaunch would send.
+    """
+    for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
+        if process.popen is not None and process.popen.poll() is None:
+            os.killpg(process.popen.pid, signal.SIGTERM)
+
+
 def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     """Run roslaunch with functions of this module in place of some of its own.
 
@@ -392,11 +403,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             run["signal"] = number
             return
         if not run["started"]:
-            # a Python program that still imports ends in silence at SIGTERM, but with a traceback at SIGINT,
-            # which roslaunch would send
-            for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
-                if process.popen is not None and process.popen.poll() is None:
-                    os.killpg(process.popen.pid, signal.SIGTERM)
+            terminate_processes()
         end(number, frame)
         if not run["started"]:  # otherwise roslaunch would go on, and wait for the master that it has ended
             sys.stdout.flush()

@@ -93,7 +93,7 @@ class Folder:
         self._is_dropping = False
         if begin is None:  # no traceback follows rospy's line
             return held
-        key = (*lines[begin:-1], re.sub(r"\d+", "#", text))
+        key = (*lines[begin:-1], re.sub(r"\d+", "#", text))  # the same for all repetitions of a traceback
         if key not in self._counts:
             self._counts[key] = 0
             return held

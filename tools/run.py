@@ -35,8 +35,8 @@ def sees_neighbours(words: List[str]) -> bool:
 def with_path(words: List[str], caller: Path) -> List[str]:
     """Return a command line, in which the path of a file replaces the words PACKAGE FILE."""
     for at, (package, file) in enumerate(zip(words, words[1:])):
-        named = file.endswith((".launch", ".test")) and "/" not in package + file and package[0] != "-"
-        path = find_packages.find_file(package, file, caller) if named else None
+        is_pair = file.endswith((".launch", ".test")) and "/" not in package + file and package[0] != "-"
+        path = find_packages.find_file(package, file, caller) if is_pair else None
         if path:
             return [*words[:at], str(path), *words[at + 2 :]]
     return words

@@ -62,6 +62,7 @@ class Backdrop:
     """Ground, sky and lights of all pages; each page shows either the day or the night."""
 
     def __init__(self, scene: viser.SceneApi) -> None:
+        """Add the day and the night to the scene; the day is visible at first."""
         # viser's own lights are switched off, because day and night have lights of their own
         scene.configure_default_lights(False)
         scene.configure_environment_map(None)

@@ -67,6 +67,7 @@ class Mouse:
         return any(page.tool == tool for page in list(self._pages.values()))
 
     def _tool(self, event: Any) -> str:
+        """Return the tool of the page from which an event comes; LOOK if the page was closed."""
         page = self._pages.get(event.client.client_id)
         return LOOK if page is None else page.tool
 

@@ -111,6 +111,7 @@ def _material(visual: Element, colors: Dict[str, Optional[Rgba]]) -> Optional[Rg
 
 
 def _rgba(material: Element) -> Optional[Rgba]:
+    """Return the colour of a <material>, or None."""
     color = material.find("color")
     if color is None:
         return None

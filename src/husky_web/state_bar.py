@@ -78,7 +78,7 @@ class Moving:
         # [s] wall time at which the motion ended; None while the object is being moved
         self._ended_at: Optional[float] = None
         # [s] first simulated time after the end of the motion; None if unknown
-        self._seen_from: Optional[float] = None
+        self._time_after_end: Optional[float] = None
 
     @contextmanager
     def __call__(self, text: str) -> Iterator[None]:
@@ -91,7 +91,7 @@ class Moving:
 
     def begin(self, text: str) -> None:
         """Note that a page moves this object from now on."""
-        self._text, self._ended_at, self._seen_from = text, None, None
+        self._text, self._ended_at, self._time_after_end = text, None, None
 
     def end(self) -> None:
         """Note that the page has put the object down."""
@@ -108,11 +108,11 @@ class Moving:
             return self._text
         simulated_seconds = 0.0  # [s] simulated time since the end of the motion
         if time is not None:
-            # the first call after the end of the motion sets `_seen_from`; it is set again if the simulator
-            # restarts, because simulated time is smaller then
-            if self._seen_from is None or time < self._seen_from:
-                self._seen_from = time
-            simulated_seconds = time - self._seen_from
+            # set by the first call after the motion, and again after a restart of the simulator, because
+            # simulated time is smaller then
+            if self._time_after_end is None or time < self._time_after_end:
+                self._time_after_end = time
+            simulated_seconds = time - self._time_after_end
         # the wall time decides if simulated time is unknown, slow or paused
         if simulated_seconds >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
             self._text, self._ended_at = "", None

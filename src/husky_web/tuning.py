@@ -115,6 +115,7 @@ class _Server:
         )
 
     def close(self) -> None:
+        """Unsubscribe from the server, and remove its fields."""
         for subscriber in self._subscribers:
             subscriber.unregister()
         # the lock is held, so that a late message does not change fields that are removed here
@@ -225,7 +226,7 @@ class _Server:
         try:
             self.request({parameter.name: parameter.checked(value)}, event.client)
         except HuskyError as error:
-            self._show(self.values)
+            self._show(self.values)  # the field shows the server's value again
             notify(event.client, self._name, str(error), is_good=False)
 
 

@@ -68,6 +68,7 @@ class WorldTab:
     def show_loaded(self, name: str) -> None:
         """Show the name or path of the loaded world, and select its file if it has changed."""
         content = f'<div class="husky-block">loaded: <b>{escape(Path(name).name)}</b></div>' if name else ""
+        # the choice of a person stays until another world is loaded
         if content != self._loaded.content and Path(name).name in self._worlds.options:
             self._worlds.value = Path(name).name
         self._loaded.content = content

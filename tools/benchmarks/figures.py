@@ -117,6 +117,7 @@ def without_ros(effort: Effort) -> List[Row]:
         begin = time.process_time()
         trace = rollout(course_scenario(), seconds=effort.simulated)
         factor = float(trace.times[-1]) / (time.process_time() - begin)
+        # "cpu" is CPU time per simulated time, so its inverse is a factor, too
         runs.append((factor, 1.0 / bare_loop(effort.simulated)["cpu"]))
         tuned.append((factor, 1.0 / bare_loop(effort.simulated, tuned=True)["cpu"]))
     row = compare("rollout, one core", "x real time", runs, "bare loop", more_is_better=True)
@@ -177,7 +178,7 @@ def start(effort: Effort) -> List[Row]:
     def first(launch: Callable[[Network], None]) -> float:
         with network() as ros:
             probe = ros.probe("first")
-            ros.wait(["rostopic", "info", "/front/scan"])  # the probe has joined
+            ros.wait(["rostopic", "info", "/front/scan"])  # until the probe has subscribed
             begin = time.monotonic()
             launch(ros)
             return float(ros.read(probe)["first"]) - begin
@@ -201,7 +202,7 @@ def drive(effort: Effort) -> List[Row]:
     for _ in range(effort.repeats):
         with network() as ros:
             probe = ros.probe("arrived")
-            ros.wait(["rostopic", "info", ARRIVED])  # the probe has joined
+            ros.wait(["rostopic", "info", ARRIVED])  # until the probe has subscribed
             begin = time.monotonic()
             ros.launch("controller.launch", "real_time_factor:=0")
             took.append(float(ros.read(probe)["arrived"]) - begin)

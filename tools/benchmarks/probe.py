@@ -167,7 +167,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("result", type=Path)
     parser.add_argument("node", choices=["first", "arrived", "scans", "latency", "answer"])
-    parser.add_argument("numbers", type=float, nargs="*")
+    parser.add_argument("numbers", type=float, nargs="*")  # FROM TO, or SCANS
     wanted = parser.parse_args()
     rospy.init_node(f"bench_{wanted.node}", anonymous=True, disable_rosout=True)
     if wanted.node == "answer":

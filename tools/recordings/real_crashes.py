@@ -44,7 +44,7 @@ Changes = List[Tuple[float, Change]]  # stamps [s] and changes of velocity
 class Evidence(NamedTuple):
     """Changes of velocity in a run that a configuration may take for a crash."""
 
-    run: Run
+    recording: Run
     free: Changes  # changes in the run as recorded
     losses: List[Changes]  # for each added loss, the changes after it
 
@@ -132,15 +132,15 @@ def outcome(runs: Sequence[Evidence], config: CrashConfig) -> Outcome:
     """Return the number of false stops and of felt losses in some runs, with a configuration."""
     false_stops = 0
     for run in runs:
-        last = -1e9
+        stopped_at = -1e9  # [s] stamp of the last stop
         for stamp, change in run.free:
             if change.excess(config) > config.max_loss:
-                if stamp - last > ONE_STOP:
+                if stamp - stopped_at > ONE_STOP:
                     false_stops += 1
-                last = stamp
+                stopped_at = stamp
     losses = [loss for run in runs for loss in run.losses]
     felt = sum(any(change.excess(config) > config.max_loss for _, change in loss) for loss in losses)
-    return Outcome(sum(run.run.hours for run in runs), false_stops, len(losses), felt)
+    return Outcome(sum(run.recording.hours for run in runs), false_stops, len(losses), felt)
 
 
 def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
@@ -149,7 +149,7 @@ def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
     If several have equally few, the false stops on soft ground decide. If none feels ENOUGH, `config` is
     returned.
     """
-    hard, soft = ([run for run in runs if run.run.ground in grounds] for grounds in (HARD, SOFT))
+    hard, soft = ([run for run in runs if run.recording.ground in grounds] for grounds in (HARD, SOFT))
     # number of false stops on hard and on soft ground; it begins larger than any result
     best, fewest = config, (len(runs) * 10**6, 0)
     for rough, factor in product(ROUGH_LOSSES, FACTORS):
@@ -178,7 +178,7 @@ def held_out(
         print(f"  without {tested}: max_loss_rough {chosen.max_loss_rough}, factor {chosen.vibration_factor}")
         for run in runs:
             if fold(run) == tested:
-                results.setdefault(run.run.ground, []).append(outcome([run], chosen))
+                results.setdefault(run.recording.ground, []).append(outcome([run], chosen))
     return results
 
 
@@ -212,7 +212,7 @@ def draw(path: Path, runs: Sequence[Evidence], config: CrashConfig) -> None:
 
     figure, axis = plt.subplots(figsize=(6, 3.6), dpi=90)
     for name, grounds, color in (("hard ground", HARD, "tab:blue"), ("soft ground", SOFT, "tab:red")):
-        chosen = [run for run in runs if run.run.ground in grounds]
+        chosen = [run for run in runs if run.recording.ground in grounds]
         tried = [outcome(chosen, replace(config, max_loss_rough=rough)) for rough in ROUGH_LOSSES]
         axis.plot(
             [100 * one.share for one in tried], [one.an_hour for one in tried], ".-", color=color, label=name
@@ -242,12 +242,12 @@ def main() -> None:
     config = CrashConfig(**{name: values[name] for name in CrashConfig.__dataclass_fields__})
     most_sensitive = replace(config, max_loss_rough=min(ROUGH_LOSSES), vibration_factor=min(FACTORS))
     runs = [evidence(run, options.rate, most_sensitive) for run in read_runs(options.folder)]
-    number = {run.run.name: i for i, run in enumerate(runs)}
-    show("folds by run", held_out(runs, config, lambda run: number[run.run.name] % FOLDS))
-    show("folds by ground", held_out(runs, config, lambda run: run.run.ground))
+    number = {run.recording.name: i for i, run in enumerate(runs)}
+    show("folds by run", held_out(runs, config, lambda run: number[run.recording.name] % FOLDS))
+    show("folds by ground", held_out(runs, config, lambda run: run.recording.ground))
     print(f"fitted to all runs: {fitted(runs, config)}")
     grounds = (*HARD, *SOFT)
-    shipped = {g: [outcome([run for run in runs if run.run.ground == g], config)] for g in grounds}
+    shipped = {g: [outcome([run for run in runs if run.recording.ground == g], config)] for g in grounds}
     show("config/crash_stop.yaml on all runs", shipped)
     if options.picture:
         draw(options.picture, runs, config)

@@ -185,7 +185,7 @@ def is_round(log: Log, place: Place) -> bool:
         return False
     off = np.concatenate(points, axis=1) - [[place.x], [place.y]]
     distance, bearing = np.hypot(*off), np.arctan2(off[1], off[0])
-    near = distance < place.radius + 0.25  # [m]
+    near = distance < place.radius + 0.25  # returns farther outside belong to other objects
     on_circle = near & (np.abs(distance - place.radius) < SLACK)
     width = 2.0 * pi / SECTORS
     sectors = np.unique(np.floor((bearing[on_circle] + pi) / width).clip(0, SECTORS - 1))
