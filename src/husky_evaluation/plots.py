@@ -139,13 +139,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
     plot.set_facecolor(str(EMPTY_GREY))  # masked cells are transparent, so they show this colour
     if panel.hatched is not None:
-        # the cell (column, row) is a square of size 1, and its centre has the coordinates (column, row)
-        for column, row in np.argwhere(panel.hatched & np.isfinite(panel.values)):
-            plot.add_patch(
-                Rectangle(
-                    (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=HATCH, edgecolor="0.4", linewidth=0
-                )
-            )
+        _hatch_cells(plot, panel.hatched & np.isfinite(panel.values))
     rows, columns = values.shape
     # white lines between the cells
     for edge in range(1, columns):
@@ -162,6 +156,14 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
     _mark_points(plot, axes, marks)
     plot.set_ylabel(axes[1].label)
+
+
+def _hatch_cells(plot: Any, is_hatched: np.ndarray) -> None:
+    """Hatch the cells of a heat map at which an array (columns, rows) is true."""
+    # the cell (column, row) is a square of size 1, and its centre has the coordinates (column, row)
+    for column, row in np.argwhere(is_hatched):
+        corner = (column - 0.5, row - 0.5)
+        plot.add_patch(Rectangle(corner, 1.0, 1.0, fill=False, hatch=HATCH, edgecolor="0.4", linewidth=0))
 
 
 def _label_cells(

@@ -47,7 +47,7 @@ class Sweep:
 
     @property
     def points(self) -> List[Tuple[float, ...]]:
-        """Return the values at each point."""
+        """Return the values of all axes at each point of the grid, in the order of the runs."""
         return list(itertools.product(*(axis.values for axis in self.axes)))
 
     @property

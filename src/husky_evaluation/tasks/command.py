@@ -25,7 +25,7 @@ def name_as_typed(command: str) -> str:
 
 
 def is_typed_by_one_command() -> bool:
-    """Return whether the user started ONE_COMMAND, and so there may be no ROS."""
+    """Return whether the user started ONE_COMMAND; then ROS may be missing."""
     return Path(sys.argv[0]).stem == ONE_COMMAND
 
 
@@ -75,7 +75,7 @@ def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[
     return number
 
 
-# type of a random seed; a run may add its number to the seed, so the largest seed is less than 2**31 - 1
+# type of a random seed; the limit leaves room for the number of a run, which may be added to the seed
 seed_value = between(int, 0, 2**31 - 1001)
 
 

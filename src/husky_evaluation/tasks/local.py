@@ -101,7 +101,7 @@ def run_here(
 
 
 def _end_with_parent() -> None:
-    """Ignore Ctrl-C, because the first process decides, and end when the first process is killed."""
+    """Ignore Ctrl-C, which the main process handles, and end when the main process is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)

@@ -8,10 +8,10 @@ from __future__ import annotations
 import hashlib
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Iterable, Iterator, List, Optional, Set, Tuple
+from typing import Any, Callable, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
 
 from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
-from husky_evaluation.tasks.local import run_here
+from husky_evaluation.tasks.local import Answer, run_here
 from husky_evaluation.tasks.store import Store
 from husky_evaluation.tasks.task_progress import Progress
 from husky_highlevel_controller.datatypes import HuskyError
@@ -126,12 +126,7 @@ class Workers:
                 for group_number, answer in answers:
                     group = groups[group_number]
                     if isinstance(answer, BaseException):
-                        # `on_error` does not get a KeyboardInterrupt and the like, which are not an Exception
-                        if on_error is None or not isinstance(answer, Exception):
-                            raise answer
-                        # the failed group gets an answer as from a worker: the name of this machine, and the
-                        # result of `on_error` for each item
-                        answer = machine(), [on_error(items[number], answer) for number in group]
+                        answer = _answer_to_error(answer, items_of_groups[group_number], on_error)
                     computer, results = answer
                     self._machines.add(computer)
                     if self._store:
@@ -152,3 +147,13 @@ class Workers:
         kinds = sorted(self._machines)
         several = f"{len(kinds)} kinds of machines, whose last bits may differ: " if len(kinds) > 1 else ""
         return f"results {self.results_hash} by {several}{'; '.join(kinds)}"
+
+
+def _answer_to_error(error: BaseException, items: Sequence[Any], on_error: Optional[OnError]) -> Answer:
+    """Return the answer for a group of items that failed: this machine, and the results of `on_error`.
+
+    The error is raised if there is no `on_error`, or if it is a KeyboardInterrupt or the like.
+    """
+    if on_error is None or not isinstance(error, Exception):
+        raise error
+    return machine(), [on_error(item, error) for item in items]

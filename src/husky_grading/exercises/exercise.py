@@ -1,8 +1,8 @@
-"""Exercise as marking sees it: items and judge, settings of its runs, and three hooks.
+"""Exercise of the course, as marking needs it: items, judge, settings of its runs, and three other parts.
 
-`facts` has the rules by which a submission is prepared for the exercise, `bring_up` starts the simulator or a
-program in its place, and `watch` follows the run. The defaults fit a node that drives the simulated robot by
-its scans.
+The three parts are `facts`, by which a submission is prepared, `bring_up`, which starts the simulator or a
+program in its place, and `watch`, which follows the run. Their defaults fit a node that drives the simulated
+robot by its scans.
 """
 
 from __future__ import annotations

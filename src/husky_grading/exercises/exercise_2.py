@@ -83,11 +83,11 @@ class StraightDrive(Watch):
         ros.advertise_commands()
 
     def is_submission_ready(self, state: DriveState) -> bool:
-        """Return whether the submission subscribes to the scans; it sends no command."""
+        """Return whether the submission subscribes to the scans; it need not send commands."""
         return state.subscribed
 
     def on_scan(self, stamp: float) -> None:
-        """Command the speed that is due."""
+        """Command the speed at the time of a scan [s]: SPEED during the drive, otherwise 0."""
         self._ros.command(SPEED if BEGIN <= stamp < BEGIN + SECONDS else 0.0)
 
     def look(self, state: DriveState) -> Optional[Note]:

@@ -195,7 +195,7 @@ class FilterWatch(Watch):
         return f"/{load_robot(self._initial_recording.robot).topics.wheel_odometry}"
 
     def is_submission_ready(self, state: DriveState) -> bool:
-        """Return whether the submission subscribes to the bag's odometry; it sends no command."""
+        """Return whether the submission subscribes to the bag's odometry; it need not send commands."""
         return state.subscribed
 
     def on_message(self, topic: str, message: Any) -> None:
@@ -232,7 +232,7 @@ class FilterWatch(Watch):
         return not self._paths or time.monotonic() - self._last_estimate_at > SILENCE
 
     def kept(self) -> Dict[str, Any]:
-        """Return the positions of the top view, and of other frames if it never came."""
+        """Return the positions of smb_top_view; if it never came, the positions of all other frames."""
         places = {} if self._top_view else self._ros.places()
         return {"top_view": np.array(self._top_view).reshape(-1, 4), "places": places}
 

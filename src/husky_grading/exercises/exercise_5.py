@@ -117,7 +117,8 @@ class CallPlan:
         """Return why the run is over, or None if it goes on."""
         if not has_service and now > NO_SERVICE:
             return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
-        if self.made >= len(CALLS) and now >= self.answered_at + EFFECT_END:
+        has_last_effect = now >= self.answered_at + EFFECT_END
+        if self.made >= len(CALLS) and has_last_effect:
             return Note(Kind.PLAN_DONE, "all calls are made")
         return None
 

@@ -39,7 +39,7 @@ class RosAccess(Protocol):
         """Return the answer to the last call, or the error if none came in time; None while it is awaited."""
 
     def callers(self, service: str) -> Mapping[str, int]:
-        """Return how often each node of the submission has looked a service up; each call of it does so."""
+        """Return how often each node of the submission has looked a service up; each call is one lookup."""
 
     def parameters(self) -> Mapping[str, Any]:
         """Return the values of the submission's parameters by their names."""

@@ -151,12 +151,12 @@ def replay_title(number: int) -> str:
 
 
 def moment_of(item: Item) -> float:
-    """Return the moment at which a replay of an item's evidence begins [s], a little before it."""
+    """Return the time [s] at which the replay of an item begins, LEAD before the moment of its evidence."""
     return max((item.at or 0.0) - LEAD, 0.0)
 
 
 def _course_robot(results: Sequence[MarkingResult]) -> str:
-    """Return the robot of the command line, or of most submissions, because other robots are coloured."""
+    """Return the usual robot of a class: the one of the command line, or of most submissions."""
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
     simulated = list(filter(None, (str(result.settings.get("simulated", "")) for result in results)))
     return statistics.mode(simulated) if robot == AUTO and simulated else robot

@@ -103,7 +103,7 @@ def to_moodle(results: Sequence[MarkingResult]) -> str:
     rows = []
     for result in results:
         if result.state is ResultState.MARKED and not result.held:
-            # in Moodle's archives, the name of a folder has the name and the number of the student
+            # a folder in Moodle's archive is named after the student's name and number
             name = MOODLE.match(result.name)
             identifier = f"Participant {name[2]}" if name else ""
             comments = "; ".join(f"{item.name} {points(item)}: {item.evidence}" for item in result.items)

@@ -15,6 +15,7 @@ from husky_grading.records import Item
 SILENT = 5.0
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
 MOVES_NOTHING = 1e-3  # [m/s, rad/s] a command up to this size does not move the robot
+# hints, and parts of hints
 LOGS = "read the output of your node, and check that your launch file starts it"
 ENDS = "the last line of its output gives the reason"
 KEEP_AS_MEMBER = "keep it in a member, because in C++ a local one ends with its function"
@@ -93,7 +94,7 @@ def _ran_to_the_end(recording: Recording) -> bool:
 
 
 def moves_nothing(largest: Optional[float]) -> bool:
-    """Return whether the largest of all commands [m/s, rad/s] moves nothing; False if it is unknown."""
+    """Return whether even the largest command [m/s, rad/s] moves nothing; False if it is unknown."""
     return largest is not None and largest <= MOVES_NOTHING
 
 

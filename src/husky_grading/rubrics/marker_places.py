@@ -256,13 +256,13 @@ def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules)
 
 
 def _time_fraction(moments: Sequence[Moment], at_least: float = 0.0) -> float:
-    """Return the fraction of the moments' time with a score of `at_least`; by default, above 0."""
+    """Return the fraction of the moments' time with a score above 0 that is also `at_least` this high."""
     right = [each for each in moments if each.score > 0.0 and each.score >= at_least]
     return _seconds(right) / _seconds(moments)
 
 
 def _seconds(moments: Sequence[Moment]) -> float:
-    """Return the time for which moments count together [s]."""
+    """Return the sum of the times for which moments count [s]."""
     return sum(each.seconds for each in moments)
 
 
