@@ -48,7 +48,7 @@ def name_of(package: Path) -> str:
 
 
 def is_students(package: Path) -> bool:
-    """Return whether a folder is a package of a person here: not ours, of the system, or handed out."""
+    """Return whether a package is a person's own: not this one, not installed, and not handed out."""
     folder = (package / "package.xml").resolve().parent  # a workspace may hold links to its files
     inside = SYSTEM.intersection(folder.parents) or gazebo_packages.COMPAT in folder.parents
     return not (inside or folder == PACKAGE_FOLDER or name_of(package) in gazebo_packages.COURSE_PACKAGES)

@@ -47,7 +47,7 @@ class Folder:
         """Take data, and return the part that passes."""
         *lines, self._line = (self._line + data).split(b"\n")
         passed = b"".join(self._take(line + b"\n") for line in lines)
-        # the start of a line passes at once if it may, because it may be a question that waits for an answer
+        # the start of a line passes without its rest if possible, because it may be a question to a person
         if self._line and not self._held and not self._must_wait(self._line):
             passed, self._line, self._has_start_passed = passed + self._line, b"", True
         return passed + self.report_when_due()

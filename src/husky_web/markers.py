@@ -195,11 +195,11 @@ class Markers:
 
 
 def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
-    """Return an arrow by pose and scale (length, width, height), or from the first point to the second."""
+    """Return an arrow from the marker's first point to its second, or by its scale if it has no points."""
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
-        # the arrow lies along x from the origin; the head is ARROW_HEAD of the length and twice as thick as
-        # the shaft
+        # without points, the scale is (length, width, height); the arrow lies along x from the origin, and
+        # its head is twice as thick as the shaft
         mesh = shapes.arrow(
             shaft_length=(1.0 - ARROW_HEAD) * length,
             shaft_diameter=0.5 * thick,
@@ -216,7 +216,10 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
     shaft_diameter, head_diameter, given_length = size
     head_length = given_length if given_length > 0.0 else ARROW_HEAD * length
     mesh = shapes.arrow(
-        max(length - head_length, 0.0), shaft_diameter, min(head_length, length), head_diameter
+        shaft_length=max(length - head_length, 0.0),
+        shaft_diameter=shaft_diameter,
+        head_length=min(head_length, length),
+        head_diameter=head_diameter,
     )
     # the arrow lies along x from the origin, so it is turned into its direction and moved to its start
     turned = mesh.vertices @ matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length)).T + start

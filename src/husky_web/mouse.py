@@ -182,7 +182,7 @@ def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float
 def point_before(
     origin: Sequence[float], direction: Sequence[float], point: Sequence[float]
 ) -> Optional[Vector3]:
-    """Return the intersection of a ray with the upright plane through a point [m] that faces its origin."""
+    """Return the intersection of a ray with the upright plane at a point [m] that faces the ray's origin."""
     return _intersection(origin, direction, point, (point[0] - origin[0], point[1] - origin[1], 0.0))
 
 

@@ -77,7 +77,7 @@ class Objects:
                     place(shown.node, compose(frame_in_fixed, shown.pose_in_frame))
 
     def _take(self, topic: str, msg: Any) -> None:
-        """Take in a change, or a message with all markers of a server, which it sends at the start."""
+        """Take in a server's change, or the message with all its markers that a server sends at the start."""
         if isinstance(msg, InteractiveMarkerInit):
             # this message has come on SERVER/update_full, but the keys of `shown` have the topic
             # SERVER/update, so the ending is removed
@@ -173,7 +173,7 @@ class Objects:
         # a Marker for each part of the object's shape
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
-            # the page draws its own ground
+            # a ground is left out, because the page draws its own
             pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
             nodes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
         if nodes:

@@ -236,7 +236,7 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
 
 
 def fixed(value: Optional[float], digits: int) -> str:
-    """Return a number with so many digits after the point, or a dash if unknown; a rounded 0 has no sign."""
+    """Return a number with `digits` digits after the point, or a dash if unknown; a rounded 0 has no sign."""
     if value is None or value != value:
         return "&ndash;"
     text = f"{value:.{digits}f}"

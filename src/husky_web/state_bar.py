@@ -131,8 +131,7 @@ class StopReason:
         # the warning is forgotten if the controller is not stopped, or if the time is unknown
         if time is None or activity != STOPPED:
             self.text, self._drove_at = "", -inf if time is None else time
-        # a warning is the reason of the stop only if it came near the time of the stop; a later warning has
-        # another reason
+        # a warning is the reason of the stop only if it came near the time of the stop
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
             self.text = warning.text
 

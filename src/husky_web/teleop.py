@@ -41,9 +41,10 @@ class HoldToDrive:
     """Arbitrates between pages: the first one keeps control until it releases it or times out (EXPIRY)."""
 
     def __init__(self) -> None:
-        self._holder: Optional[int] = None
+        self._holder: Optional[int] = None  # number of the page that has control; None if no page has it
+        # last twist of this page, and time [s] at which it came
         self._twist, self._heard_at = STOP, 0.0
-        self._has_to_stop = False
+        self._has_to_stop = False  # true if control was released, but STOP was not sent yet
 
     @property
     def is_active(self) -> bool:

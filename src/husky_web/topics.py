@@ -87,7 +87,7 @@ class Topics:
                 self._subscribers[full] = self._subscriber(full, InteractiveMarkerInit, "objects")
 
     def listen(self, use: str, kind: Any, is_wanted: bool) -> None:
-        """Subscribe to a topic that is shown on demand, or unsubscribe.
+        """Subscribe to a topic, or unsubscribe from a topic that is not shown now.
 
         Args:
             use: use of the topic, a key of `names`, such as "scan" or "odometry".

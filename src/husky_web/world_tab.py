@@ -136,6 +136,7 @@ class WorldTab:
         )
 
     def _move(self, name: str, pose: Pose) -> str:
+        """Move an object or the robot, show this in the state bar, and return the simulator's sentence."""
         with self._moving("the robot" if name == ROBOT else name):
             return call(
                 f"{self._simulator}/move", MoveObject, name, conversions.pose_to_msg(pose), self._frame

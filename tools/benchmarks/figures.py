@@ -100,13 +100,23 @@ def _compare_stack(what: str, effort: Effort, lockstep: bool, minimum: float, li
 def fast(effort: Effort) -> List[Row]:
     """Measure the headless ROS stack as fast as it goes."""
     return _compare_stack(
-        "ROS stack, as fast as it goes", effort, False, FAST, "rospy, PyBullet and NumPy take the time"
+        "ROS stack, as fast as it goes",
+        effort,
+        lockstep=False,
+        minimum=FAST,
+        limit="rospy, PyBullet and NumPy take the time",
     )
 
 
 def lockstep(effort: Effort) -> List[Row]:
     """Measure the headless ROS stack, if simulated time waits for the answer to each scan."""
-    return _compare_stack("ROS stack, lockstep", effort, True, LOCKSTEP, "messages of rospy take the time")
+    return _compare_stack(
+        "ROS stack, lockstep",
+        effort,
+        lockstep=True,
+        minimum=LOCKSTEP,
+        limit="messages of rospy take the time",
+    )
 
 
 def without_ros(effort: Effort) -> List[Row]:
@@ -214,24 +224,25 @@ def drive(effort: Effort) -> List[Row]:
 def latency(effort: Effort) -> List[Row]:
     """Measure the time from a scan to its command, against a node that always answers with a zero command."""
 
-    def answered(join: Callable[[Network], None]) -> List[float]:
+    def answered(start_node: Callable[[Network], None]) -> List[float]:
+        """Return the times [s] from the scans to the commands of a node."""
         with network() as ros:
             probe = ros.probe("latency", str(effort.scans))
-            join(ros)
+            start_node(ros)
             found: List[float] = ros.read(probe)["latencies"]
             return found
 
     def controller(ros: Network) -> None:
         ros.launch_text(CONTROLLER)
 
-    def empty(ros: Network) -> None:
+    def zero_command(ros: Network) -> None:
         ros.probe("answer")
 
-    times = [(answered(controller), answered(empty)) for _ in range(effort.repeats)]
+    times = [(answered(controller), answered(zero_command)) for _ in range(effort.repeats)]
     rows = []
-    for share in (50, 99):
-        runs = [tuple(1e3 * float(np.percentile(each, share)) for each in pair) for pair in times]
-        row = compare(f"scan to cmd_vel, p{share}", "ms", [(a, b) for a, b in runs], "empty Twist")
+    for percent in (50, 99):
+        runs = [tuple(1e3 * float(np.percentile(each, percent)) for each in pair) for pair in times]
+        row = compare(f"scan to cmd_vel, p{percent}", "ms", [(a, b) for a, b in runs], "empty Twist")
         rows.append(
             reaching(
                 row,

@@ -89,11 +89,11 @@ def scans(start: float, end: float) -> Dict[str, Any]:
 
 def begin(subscription: rospy.Subscriber) -> None:
     """Start the paused simulator as soon as this node and the controller subscribe to the scans."""
-    network = rosgraph.Master(rospy.get_name())
+    master = rosgraph.Master(rospy.get_name())
     listeners: List[str] = []
     while not subscription.get_num_connections() or len(listeners) < 2:
         time.sleep(PERIOD)
-        listeners = dict(network.getSystemState()[1]).get(subscription.resolved_name, [])
+        listeners = dict(master.getSystemState()[1]).get(subscription.resolved_name, [])
     rospy.wait_for_service("/gazebo/unpause_physics")
     rospy.ServiceProxy("/gazebo/unpause_physics", Empty)()
 

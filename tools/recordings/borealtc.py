@@ -59,7 +59,7 @@ def read_runs(folder: Path) -> List[Run]:
 
 
 def _mean(values: np.ndarray, count: int) -> np.ndarray:
-    """Return the moving mean over so many values."""
+    """Return the moving mean over `count` values."""
     mean: np.ndarray = np.convolve(values, np.ones(count) / count, "same")
     return mean
 
