@@ -89,8 +89,15 @@ def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
     with np.errstate(invalid="ignore"):
         ranges = np.where(ranges >= lidar.range_max, np.inf, ranges)
         ranges = np.where(ranges <= lidar.range_min, -np.inf, ranges)
-    edge = lidar.angle_max  # [rad] the view is symmetric
-    return Scan(0.0, load_robot().lidar_mount.frame, -edge, edge, lidar.range_min, lidar.range_max, ranges)
+    return Scan(
+        stamp=0.0,
+        frame=load_robot().lidar_mount.frame,
+        angle_min=-lidar.angle_max,
+        angle_max=lidar.angle_max,
+        range_min=lidar.range_min,
+        range_max=lidar.range_max,
+        ranges=ranges,
+    )
 
 
 def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConfig = SICK) -> PillarScan:

@@ -81,7 +81,7 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
             raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
         _SETUPS[launch_arguments] = setup["parameters"], setup["arguments"]
     parameters, arguments = _SETUPS[launch_arguments]
-    # roslaunch sets /run_id, too; its name there is new in each run
+    # roslaunch would also set /run_id, but to a new name in each run
     set_parameters(network.uri, {"/run_id": "marking", **parameters})
     return arguments
 

@@ -54,10 +54,10 @@ def draw(
         points: points of a list or an arrow, relative to the pose [m].
         axis: vertical axis of the pillar, x and y in the world [m].
     """
-    # points that can count as the marker's position, of which the nearest to the pillar does; corners of the
-    # shape that the marker covers
+    # points that can be the marker's position, and corners of the space that the marker covers
     references, corners = _references_and_outline(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
+    # the point that is nearest to the pillar counts as the marker's position
     position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
     outline = np.array([transform_point(pose_in_world, corner) for corner in corners])
     low, high = float(outline[:, 2].min()), float(outline[:, 2].max())

@@ -165,7 +165,7 @@ def _await_joining(
         robot: robot that is simulated.
     """
     our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)  # nodes that do not belong to the submission
-    # true also if the recorder has ended; then `drive_submission` raises an error, because no recording comes
+    # also true if the recorder has ended; `drive_submission` then raises an error, because no recording comes
     has_joined = wait_while_active(
         submitted,
         node_count=len(submission.nodes),

@@ -31,7 +31,7 @@ class TruthFeed:
             on_event: function that is called with kind and text of each call that changed the world.
         """
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
-        # first exception of a callback, after which reading goes on; None if there is none
+        # first exception of a callback; the reader continues after it. None if there is none.
         self.failure: Optional[Exception] = None
         self._may_begin = threading.Event()  # set by `begin`
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -165,8 +165,8 @@ def judge_output(recording: Recording) -> Item:
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     lines = read_lines(recording.output)
     printed = []  # [m] first number of each line that can be the smallest range
-    # [m] printed numbers that are another range of the pillar than the smallest one, while the robot stands.
-    # Then all scans have the same smallest range, so these numbers are not only late.
+    # [m] numbers that were printed while the robot stood, and that are near the smallest range, but wrong.
+    # All scans have the same smallest range then, so such a line is not just late.
     wrong_at_rest, is_right_at_rest = [], False
     for numbers, stamp in lines:
         low, high = smallest_ranges(nearest, stamp)

@@ -186,7 +186,7 @@ class FilterWatch(Watch):
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
         # [s, m, m, m] simulated time, and position of the frame smb_top_view in base_link
         self._top_view: List[Tuple[float, ...]] = []
-        # [s] wall time of the last estimate; before the first estimate, of the start
+        # [s] wall time of the last estimate; before the first one, wall time at which the watch began
         self._last_estimate_at = time.monotonic()
 
     @property

@@ -301,9 +301,10 @@ def _measure_effects(recording: Recording, calls: Sequence[Call]) -> List[Effect
     """Return the effect of each call for which the recording has moments before and after."""
     speeds, effects = np.abs(recording.speeds[:, 0]), []  # (N,) [m/s] speed at each recorded time
     for call in calls:
-        # (N,) bool, true at the moments just before the call, and after it when the robot has reacted
+        # (N,) true at the moments just before the call
         before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
         seconds_since_answer = recording.times - call.answered_at
+        # (N,) true at the moments after the answer at which the robot has had time to react
         after = (seconds_since_answer >= EFFECT_BEGIN) & (seconds_since_answer <= EFFECT_END)
         if before.any() and after.any():
             effects.append(Effect(call, float(speeds[before].max()), float(speeds[after].max())))

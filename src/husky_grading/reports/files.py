@@ -204,7 +204,7 @@ def _files_of_student(place: Path, out: Path) -> List[Tuple[str, str]]:
 
     `place` is the path of the student's folder. The path and the addresses are relative to `out`.
     """
-    # title and path in the student's folder of each file that may exist
+    # title of each file that may exist, and its path in the student's folder
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for number, folder in drive_folders(out / place).items():
         logs.append((replay_title(number), f"{folder.name}/{REPLAY}"))

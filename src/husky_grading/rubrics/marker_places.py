@@ -198,7 +198,7 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
         drawn_scores = sorted_scores[(begins <= at) & (at < ends)]
         if len(drawn_scores):
             times.append(float(at))
-            # highest score that the fraction MOST of the drawn markers reaches; the lowest score is the first
+            # highest score that the fraction MOST of the drawn markers reaches; `drawn_scores` is sorted
             moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
     # [s] a moment counts until the next one, but at most MAX_DURATION, so the last marker before a pause does
     # not count for the whole pause
