@@ -192,7 +192,7 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
     A file of more than MAX_FILE bytes is left out. A file that does not fit into the rest of `room` [bytes]
     is left out, too. The smallest files are copied first, so that large files are left out before small ones.
     """
-    copied = _CopiedPackage(0, [], [], [])
+    copied = _CopiedPackage(size=0, large=[], made_executable=[], other_interpreter=[])
     target.mkdir()
     # sizes of the contents, and not of the blocks on the disk, because the copy of a sparse file takes its
     # full size

@@ -91,11 +91,12 @@ def read_launch_files(
     Args:
         contents: all packages of the submission.
         packages: packages of which `own_copies` or `public_copies` has a copy.
-        own_copies: copies of the student's packages for the exercise, whose nodes are graded.
+        own_copies: copies of the student's packages for the exercise.
         public_copies: copies of public packages, whose launch files may start the student's nodes.
         workspace: workspace in which the launch files would be started.
         override: settings of the teacher, which may name one launch file and its arguments.
-        parts: packages of the robot whose nodes are graded instead of the submission's own, if there are any.
+        parts: packages of the robot whose nodes belong to the exercise; if there are none, the nodes of the
+            submission's own packages do.
 
     Raises:
         NotMarkableError: no file, or more than one, fits the launch file that the teacher names.
@@ -117,11 +118,11 @@ def read_launch_files(
     ]
     planned = plans(launchables, workspace, own_copies.root.with_name("plan"), parts)
     launch_files = []
-    # only nodes of these packages are graded: packages of the robot if the exercise has any, otherwise all
+    # packages whose nodes belong to the exercise: packages of the robot if there are any, otherwise all
     # packages of the submission
-    graded_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
+    exercise_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
     for (path, place), containing, plan in zip(files, containing_packages, planned):
-        nodes = _nodes_of_packages(path, plan, graded_packages)
+        nodes = _nodes_of_packages(path, plan, exercise_packages)
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
         possible_owners = [containing, *map(_package_of, nodes), *folders]
@@ -151,7 +152,7 @@ def _nodes_of_packages(launch_file: Path, plan: Plan, packages: Collection[str])
 
 
 def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[Path, PurePosixPath]:
-    """Return the only launch file whose path in the submission has this end, with this path.
+    """Return the only launch file whose path in the submission ends with `end`: its copy, and this path.
 
     Raises:
         NotMarkableError: there is no such file, or more than one.

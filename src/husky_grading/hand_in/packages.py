@@ -223,13 +223,7 @@ def choose_packages(
     for name in sorted(set(by_name) - PUBLIC):
         namesakes = by_name[name]
         if len(namesakes) > 1:
-            namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best one first
-            # number of packages of this name that may be chosen. Packages of another exercise come last, and
-            # are chosen only if there are no others.
-            fits = [fit_of_path(each.place, exercise) for each in namesakes]
-            choosable = sum(fit != Fit.OTHER_EXERCISE for fit in fits) or len(namesakes)
-            # the chosen package moves to the front
-            namesakes.insert(0, namesakes.pop(min(attempt, choosable - 1)))
+            namesakes = _chosen_first(namesakes, exercise, attempt)
             places = ", ".join(str(each.place) for each in namesakes[1:])
             notes.append(
                 f"package {name} is taken from {namesakes[0].place}; these copies are left out: {places}"
@@ -244,6 +238,16 @@ def choose_packages(
     if other_names:
         notes.append(f"packages of other exercises are left out: {', '.join(other_names)}")
     return [chosen[name] for name in sorted(names)], notes
+
+
+def _chosen_first(namesakes: Sequence[Package], exercise: int, attempt: int) -> List[Package]:
+    """Return packages of the same name, the one that this attempt chooses first, then the others."""
+    ordered = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best one first
+    # packages of another exercise come last, and are chosen only if there are no others
+    fits = [fit_of_path(each.place, exercise) for each in ordered]
+    choosable = sum(fit != Fit.OTHER_EXERCISE for fit in fits) or len(ordered)
+    chosen = ordered.pop(min(attempt, choosable - 1))
+    return [chosen, *ordered]
 
 
 def copies_of_public(packages: Sequence[Package]) -> List[Package]:
@@ -304,7 +308,7 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     return (
         -fit_of_path(package.place, exercise),  # a path with the number of the exercise comes first
         not starts_own_node,  # a package that starts its own node is a solution, and not a library
-        in_archive,  # an archive beside a folder is probably an older copy of the folder, so it comes later
+        in_archive,  # an archive next to a folder is probably an older copy of the folder, so it comes later
         -number_of_files,  # the copy with more files is more complete, so it comes first
         len(package.place.parts),
         str(package.place),  # the path decides last, so that each run makes the same choice

@@ -177,7 +177,7 @@ def _with_robot_packages(facts: Facts, workspace: Workspace) -> Workspace:
 
 
 def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submission, Plan]:
-    """Unpack the job's delivered files, choose packages and a launch file, and build them.
+    """Unpack the job's delivered files, choose packages and a launch file, build, and return the outcome.
 
     If several copies of a package were delivered, up to MAX_TRIED choices are tried. If none can be built,
     the first one that was prepared is returned with its problem. Files go into `unpacked/`, `ws/` and logs.
@@ -188,14 +188,14 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     out, path = Path(job.out), Path(job.hand_in)
     (out / "unpacked").mkdir(parents=True)
     contents = open_hand_in(path, out / "unpacked")
-    # marking.yaml may give this student another exercise number, which counts more than the number of the
-    # class; from here on, `override.exercise` is always a number, and `or 0` tells this to mypy
-    job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
+    # marking.yaml may give this student another exercise number, which counts more than the class's number
+    exercise = job.override.exercise or job.config.exercise
+    job = replace(job, override=replace(job.override, exercise=exercise))
     # the submission must see neither the other submissions nor their results
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=VisibleCode.NOTHING)
     choices: List[Choice] = []  # the best one first; several only if there are copies of a package
     for attempt in range(MAX_TRIED):
-        choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
+        choice = choose_packages(contents.packages, exercise, attempt)
         if choice not in choices:
             choices.append(choice)
     errors: List[NotMarkableError] = []  # reasons why choices have no launch file that can be started

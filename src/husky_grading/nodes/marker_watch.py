@@ -340,9 +340,9 @@ def _invisible(marker: Marker) -> str:
     colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
     # RViz draws a mesh in the colours of its file if all four values of the marker's colour are 0
     color = marker.color
-    has_own_colors = marker.type == Marker.MESH_RESOURCE and marker.mesh_use_embedded_materials
-    is_drawn_in_them = has_own_colors and (color.r, color.g, color.b, color.a) == (0.0, 0.0, 0.0, 0.0)
-    if not is_drawn_in_them and not any(each.a > 0.0 for each in colors):
+    has_file_colors = marker.type == Marker.MESH_RESOURCE and marker.mesh_use_embedded_materials
+    uses_file_colors = has_file_colors and (color.r, color.g, color.b, color.a) == (0.0, 0.0, 0.0, 0.0)
+    if not uses_file_colors and not any(each.a > 0.0 for each in colors):
         return "its alpha is 0"
     if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
         return f"its type {marker.type} is not a type of visualization_msgs/Marker"
