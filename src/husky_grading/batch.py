@@ -452,7 +452,8 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
     with tempfile.TemporaryDirectory(prefix="husky_grade_") as place:
         folder = Path(place)
         (folder / "hand_ins").mkdir()
-        path, out = content.unpack(folder / "hand_ins"), folder / "out" / Path(job.out).name
+        path = content.unpack(folder / "hand_ins")
+        out = folder / "out" / Path(job.out).name
         # paths on this machine replace the paths in the job; the sandbox hides `folder`, which has the result
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}

@@ -116,7 +116,7 @@ def _mapping(content: Any, key: str) -> Dict[str, Any]:
 
 
 def _display_entries(displays: Any) -> Iterator[Tuple[Dict[str, Any], bool]]:
-    """Yield the entries of displays in a list of an .rviz file, each with true if the display is visible.
+    """Yield the entry of each display in a list of an .rviz file, and whether the display is visible.
 
     The displays in groups are yielded, too; they are visible only if their group is switched on. At most
     MAX_DISPLAYS displays and groups are read.

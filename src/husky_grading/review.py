@@ -106,7 +106,7 @@ class OpenItem:
 
     @property
     def code(self) -> Tuple[str, str]:
-        """Return place and lines of the code for the item, around the first line that fits its subject.
+        """Return the place of the first line of code that fits the item's subject, and the lines around it.
 
         The place is such as "src/node.cpp:12". Both are empty if no line fits.
         """
@@ -155,7 +155,7 @@ def _marked_submissions(out: Path) -> List[Marked]:
 
 
 def open_items(out: Path) -> Review:
-    """Return the items of a class without points, the folder of its submissions, and its students.
+    """Return the items without points in the results of a class, the folder of the class, and its students.
 
     Raises:
         HuskyError: there are no results of one class, or its folder is itself a submission.
@@ -189,7 +189,9 @@ def open_items(out: Path) -> Review:
         if item.points is None
     ]
     students = [each.result.name for each in marked if each.place.name in current]
-    return Review(items, folder, list(dict.fromkeys([*students, *(each.name for each in hand_ins)])))
+    # students without a result are in the class, too
+    students += [each.name for each in hand_ins]
+    return Review(items, folder, list(dict.fromkeys(students)))
 
 
 def write_review(out: Path) -> Path:

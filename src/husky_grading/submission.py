@@ -285,7 +285,8 @@ def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
         own: packages of the submission; empty if unknown.
     """
     code = event.exit_code
-    kind, ending = Kind.NODE_FAILED, f"exit code {code}"  # kind if the exit code is positive or unknown
+    kind = Kind.NODE_FAILED  # applies if the exit code is positive or unknown
+    ending = f"exit code {code}"
     if code == 0:
         kind = Kind.NODE_ENDED
     elif code is not None and code < 0:  # a signal has ended the process

@@ -84,7 +84,7 @@ _MISSING_RETURN = re.compile(
 # generated too late
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
 # CMake writes this line if a program that it calls fails
-_EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
+_PROGRAM_FAILED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 # line of a Python traceback that is in a file of the submission; `build_error` makes only such paths relative
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 
@@ -230,9 +230,9 @@ def _repair_interpreter(script: Path) -> bool:
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
-    """Replace paths of the student's computer in launch files by $(find PACKAGE)/..., and return them.
+    """Replace paths of the student's computer in launch files by $(find PACKAGE)/...
 
-    A path is replaced only if one of the packages has such a file.
+    A path is replaced only if one of the packages has such a file. The replaced paths are returned.
     """
     paths: List[str] = []
 
@@ -476,6 +476,7 @@ def is_built(node: str, folders: Folders) -> bool:
 
 def build_error(output: str, root: Path) -> str:
     """Return the compiler's first error; if there is none, the most informative line of the output."""
+    # the student knows only paths inside the submission
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
     match = _ERROR.search(output)
     if match:
@@ -488,7 +489,7 @@ def build_error(output: str, root: Path) -> str:
     for number, line in enumerate(lines):
         # This line of CMake reports that a program of the build has failed. The line before it is the last
         # output of the program, and gives the cause. A Python traceback gives file and line.
-        if number and _EXECUTED.search(line):
+        if number and _PROGRAM_FAILED.search(line):
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
             innermost = entries[-1] if entries else None
             place = f"{innermost['file']}:{innermost['line']}: " if innermost else ""

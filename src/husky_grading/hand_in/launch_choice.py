@@ -95,8 +95,8 @@ def read_launch_files(
         public_copies: copies of public packages, whose launch files may start the student's nodes.
         workspace: workspace in which the launch files would be started.
         override: settings of the teacher, which may name one launch file and its arguments.
-        parts: packages of the robot whose nodes belong to the exercise; if there are none, the nodes of the
-            submission's own packages do.
+        parts: packages of the robot whose nodes belong to the exercise; without any, the submission's own
+            nodes belong to it.
 
     Raises:
         NotMarkableError: no file, or more than one, fits the launch file that the teacher names.

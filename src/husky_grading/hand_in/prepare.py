@@ -237,7 +237,7 @@ def _prepare_choice(
     candidates: List[LaunchFile] = []
     if not override.node:  # a node that the teacher names is started without a launch file
         try:
-            candidates = _find_candidates(contents, copies, underlay, override, facts)
+            candidates = _find_candidates(contents, copies, underlay, override, exercise, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
     if candidates and override.launch:
@@ -322,7 +322,12 @@ class _Copies(NamedTuple):
 
 
 def _find_candidates(
-    contents: Contents, copies: _Copies, underlay: Workspace, override: Override, facts: Facts
+    contents: Contents,
+    copies: _Copies,
+    underlay: Workspace,
+    override: Override,
+    exercise: int,
+    facts: Facts,
 ) -> List[LaunchFile]:
     """Return the launch files that may be started, the best one first, before anything is built.
 
@@ -343,7 +348,7 @@ def _find_candidates(
         override=override,
         parts=facts.parts,
     )
-    return files if override.launch else choose_launch_files(files, override.exercise or 0, facts)
+    return files if override.launch else choose_launch_files(files, exercise, facts)
 
 
 def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchable:

@@ -65,6 +65,7 @@ class SizeWatch:
         self._done.set()
 
     def _run(self) -> None:
+        """End the program if it exceeds a limit, or if its size cannot be watched."""
         try:
             self.problem = self._watch()
         except Exception as error:
@@ -76,7 +77,7 @@ class SizeWatch:
             self._end_program()
 
     def _watch(self) -> str:
-        """Watch the program, and return a sentence on the limit that it exceeds; empty if it ends."""
+        """Watch the program, and return a sentence on the limit that it exceeds; empty if it exceeds none."""
         polls = 0
         while not self._done.wait(MEMORY_POLL_PERIOD):
             polls += 1
