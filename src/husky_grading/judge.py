@@ -36,8 +36,8 @@ def judge_again(job: Job) -> MarkingResult:
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
     """Return the result of a submission by the rubric, with points by hand and a late penalty.
 
-    A result depends on luck if several launch files fit equally well, or if a variable is read before it is
-    written. A person then grades the items that depend on it.
+    A result depends on luck if several launch files fit equally well, or if the submission reads a variable
+    before it writes it. A person then grades the items that depend on luck.
 
     Args:
         submission: prepared submission.
@@ -48,7 +48,8 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         PointsError: the points by hand do not fit the rubric.
     """
     # all runs start the same nodes with the same robot, so frames and topics are taken from the first run
-    first, exercise = recordings[0], EXERCISES[job.config.exercise]
+    first = recordings[0]
+    exercise = EXERCISES[job.config.exercise]
     # TF frames of the first run; if no frames were recorded, the frames of a robot that stands still
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)

@@ -13,7 +13,7 @@ _DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")
 
 
 def debian_packages(names: Collection[str]) -> Dict[str, str]:
-    """Return the Debian package of each ROS package, by the name of the ROS package, if apt knows one.
+    """Return the names of Debian packages, by the names of the ROS packages, as far as apt knows them.
 
     Without apt-cache, no package is known.
     """

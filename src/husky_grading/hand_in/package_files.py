@@ -64,10 +64,11 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
 def _config_in_package(
     planned: Plan, launch_file: str, remaps: Sequence[Tuple[str, str]]
 ) -> Optional[RvizConfig]:
-    """Return the configuration of the package's .rviz file with most needed displays; None if no file counts.
+    """Return the best configuration in a package's .rviz files; None if no file counts.
 
-    A file that belongs to another launch file does not count. But if `launch_file` starts RViz and the
-    package has only one .rviz file, this file counts, unless its owner plays recordings.
+    The best configuration displays most of frames, robot model and scan. A file that belongs to another
+    launch file does not count. But if `launch_file` starts RViz and the package has only one .rviz file, this
+    file counts, unless its owner plays recordings.
 
     `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
     """

@@ -255,7 +255,8 @@ def _prepare_choice(
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
     launchable = _launchable_of(launch, override)
     planned = launch.plan if launch else Plan()
-    # the plan is made again after the build, because the launch file may need files of the build
+    # if the launch file could not be read before the build, it is read again, because it may need files of
+    # the build
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))

@@ -46,7 +46,8 @@ def end_descendants() -> None:
 def run_and_reap(parent: int, command: List[str]) -> int:
     """Run a command, and return its exit code; STOPPED after SIGTERM, or if the parent has ended.
 
-    Other signals are passed on to the command. Processes that it leaves behind become children of this one.
+    Other signals are passed on to the command. Processes that the command leaves behind become children of
+    this program.
     """
     # signals that were blocked before this line. The command gets this old set back, because a child process
     # would otherwise inherit the blocked signals of this program.

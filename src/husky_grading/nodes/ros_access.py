@@ -87,8 +87,8 @@ class DriveAccess:
                 self._types.append((name, kind))
 
     def call(self, name: str, value: bool) -> None:
-        """Call a service of type std_srvs/SetBool."""
-        # each call has a list of its own, so a late answer to an earlier call is not taken for its answer
+        """Call a service of type std_srvs/SetBool; `answer` returns its answer later."""
+        # each call has a list of its own, so a late answer to an earlier call never comes into this list
         self._answers = answers = []
         self._give_up_at = time.monotonic() + ANSWER_DEADLINE
 
