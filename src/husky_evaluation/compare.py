@@ -114,7 +114,7 @@ class Comparison:
         lead = f"{len(self.a)} random starts"
         tables.append(self.every_scene)
         title = f"A = {self.names[0]} and B = {self.names[1]} from the same starts"
-        return Result(title, lead, tables, verdict, bool(why), source)
+        return Result(title, lead, tables, verdict, failed=bool(why), source=source)
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:

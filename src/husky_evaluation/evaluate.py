@@ -271,7 +271,7 @@ def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source
     rows = [row for table in tables for row in table.rows]
     missed = "; ".join(name for name, _, _, verdict in rows if verdict.style == "missed")
     verdict = f"missed: {missed}" if missed else "every figure is within its limits"
-    return Result("Evaluation of the controller", lead, tables, verdict, bool(missed), source)
+    return Result("Evaluation of the controller", lead, tables, verdict, failed=bool(missed), source=source)
 
 
 def replay_links(folder: Path) -> Table:

@@ -154,8 +154,8 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, robot, lidar_x),
         final_error=float(distances[-1]) - control.stop_distance,
-        # from the lidar to the pillar, minus from the lidar to the hull's front; the front is hull[0] ahead
-        # of base_link
+        # the lidar's distance from the pillar, minus its distance from the hull's front, which is hull[0]
+        # ahead of base_link
         gap=float(distances[-1]) - (robot.footprint.hull[0] - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,

@@ -115,9 +115,9 @@ def state_of_tree(root: int) -> Tuple[bool, float]:
     waiting = _children(root)  # the root is reaper.py, a program of ours around the submission
     while waiting:
         pid = waiting.pop()
-        for task in _tasks(pid):
+        for thread in _threads(pid):
             # the fields come after the program's name, which is in brackets and may contain brackets
-            fields = _read(task / "stat").rpartition(")")[2].split()
+            fields = _read(thread / "stat").rpartition(")")[2].split()
             if fields:  # otherwise the thread has ended
                 runs |= fields[_STATE] in _RUNNING
                 ticks += int(fields[_USER_TICKS]) + int(fields[_SYSTEM_TICKS])
@@ -126,10 +126,10 @@ def state_of_tree(root: int) -> Tuple[bool, float]:
 
 
 def _children(pid: int) -> List[int]:
-    return [int(child) for task in _tasks(pid) for child in _read(task / "children").split()]
+    return [int(child) for thread in _threads(pid) for child in _read(thread / "children").split()]
 
 
-def _tasks(pid: int) -> List[Path]:
+def _threads(pid: int) -> List[Path]:
     try:
         return list(Path(f"/proc/{pid}/task").iterdir())
     except OSError:  # the process has ended

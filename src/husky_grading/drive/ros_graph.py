@@ -107,7 +107,7 @@ def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfi
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:
         return config
-    # the SMB and the older Husky use the same topic, so a subscription to this topic does not mean an SMB
+    # the SMB and the older Husky use the same topic, so a subscription to this topic means the Husky
     for version, (scan_topic, _) in ROBOT_VERSIONS.items():
         if version != SMB and scan_topic in topics:
             return replace(config, robot=version)

@@ -237,6 +237,10 @@ def start_submission(network: Network, submission: Submission, action: str = "ru
     events_file = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
     create(events_file).close()  # a new file, which has only the events of this start
     command = starter(
-        events_file, action, [submission.launchable], submission.parts, submission.workspace.own
+        events_file,
+        action,
+        [submission.launchable],
+        parts=submission.parts,
+        visible_code=submission.workspace.own,
     )
     return network.start(SUBMISSION_FOLDER, command, submission.workspace), events_file

@@ -28,7 +28,7 @@ class TruthFeed:
         Args:
             path: path of the socket.
             on_truth: function that is called with each true state.
-            on_event: function that is called with kind and text of each call that changed the world.
+            on_event: function that is called with kind and text of each event, such as a changed world.
         """
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
         # first exception of a callback; the reader continues after it. None if there is none.
@@ -48,8 +48,8 @@ class TruthFeed:
         """Take the simulator's lines until it disconnects, in a thread of its own.
 
         The simulator waits for an answer to each state. It also waits for an answer to "ready", so simulated
-        time begins only after a call of `begin`.
-        Each callback runs before the answer, so that the simulated time does not advance meanwhile.
+        time begins only after a call of `begin`. Each callback runs before the answer, so that simulated time
+        does not advance meanwhile.
         """
         connection, _ = self._listener.accept()
         self._listener.close()

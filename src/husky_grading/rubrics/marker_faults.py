@@ -78,7 +78,7 @@ class Seen(NamedTuple):
 
 
 def find_fault(
-    recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
+    recording: Recording, wrong: Sequence[MarkerSample], wrong_share: float, rules: Rules
 ) -> Optional[Kind]:
     """Return the kind of fault that most wrong markers have; None if unknown.
 
@@ -87,7 +87,7 @@ def find_fault(
     Args:
         recording: recording of the run.
         wrong: wrong markers, at least one.
-        share: fraction of all markers that are wrong, 0 to 1.
+        wrong_share: fraction of all markers that are wrong, 0 to 1.
         rules: rules of the rubric.
     """
     if _are_mostly_true([not marker.finite for marker in wrong]):
@@ -100,8 +100,8 @@ def find_fault(
         # true if most of these markers came after a scan in which no beam measured a range
         is_blind = _are_mostly_true([_smallest_range(recording, marker) == np.inf for marker in drawn])
         # if all markers are wrong, the fault does not come from scans without a return
-        return Kind.NO_RETURN if is_blind and share < 1.0 else Kind.AT_ORIGIN
-    fault = _find_direction_fault(recording, wrong, share, rules)
+        return Kind.NO_RETURN if is_blind and wrong_share < 1.0 else Kind.AT_ORIGIN
+    fault = _find_direction_fault(recording, wrong, wrong_share, rules)
     if fault:
         return fault
     if _are_mostly_true([_lacks_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
@@ -118,12 +118,12 @@ def find_fault(
 
 
 def _find_direction_fault(
-    recording: Recording, wrong: Sequence[MarkerSample], share: float, rules: Rules
+    recording: Recording, wrong: Sequence[MarkerSample], wrong_share: float, rules: Rules
 ) -> Optional[Kind]:
     """Return the fault in the coordinates of most wrong markers; None if unknown.
 
     Only markers count that are drawn while the pillar is off the robot's x axis, because on this axis a
-    mirrored marker is right, too. `share` is the fraction of all markers that are wrong.
+    mirrored marker is right, too. `wrong_share` is the fraction of all markers that are wrong.
     """
     seen_markers = off_axis(recording, wrong, rules)
     if not seen_markers:
@@ -152,7 +152,7 @@ def _find_direction_fault(
         ),
         # if less than half of the markers are wrong, the beam is right, and the wrong markers only come late
         Kind.OTHER_BEAM: lambda seen: (
-            share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
+            wrong_share >= 0.5 and _is_on_another_beam(seen, recording.pillar_size.radius)
         ),
     }
     for kind, test in tests.items():
