@@ -33,7 +33,7 @@ class DriveEnd:
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         self._pillar = pillar  # x and y of the pillar in the world [m]
         self._robot = robot  # name of the robot, one of ROBOTS
-        # [s] simulated times of states
+        # [s] simulated times of these states
         self._now = 0.0  # latest state
         self._drove_at = 0.0  # last state in which the robot drove
         self._moved_at = 0.0  # last state in which the robot drove or turned on the spot

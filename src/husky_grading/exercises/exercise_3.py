@@ -41,11 +41,11 @@ from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
-# a robot that passes the pillar gets half of the points for the approach if its smallest distance from the
-# pillar is larger than PASSING_FRACTION of the way and larger than MIN_PASSING [m]; it has passed the pillar
-# if it is farther away at the end by more than MIN_PASSING
+# A robot has passed the pillar if, at the end, it is farther away than at its nearest point by more than
+# MIN_PASSING [m]. It gets half of the points for the approach if its nearest point was farther from the
+# pillar than MIN_PASSING, and than the fraction PASSING_FRACTION of the way.
 PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
-# a robot that covers only this fraction of the way gets half of the points for the approach
+# a robot that covers at least this fraction of the way, but less than HALF_WAY, gets half of the points
 FIRST_STEPS = 0.1
 # The pillar is to the side if the sine of its bearing is above ASIDE. At such moments, the robot should turn
 # towards the pillar. Its turns are right if more than the fraction MOSTLY of them leads towards the pillar,
@@ -63,8 +63,8 @@ SILENT = 2.0
 # [m] the robot has driven away if, at the end, it is farther from the pillar than at its nearest point by
 # more than this
 AWAY_FROM_NEAREST = 0.1
-# [m] a robot that covers almost nothing of the way drives away if, at the end, it is farther from the pillar
-# than at the start by more than this
+# [m] a robot that covers less than FIRST_STEPS of the way has driven away if, at the end, it is farther from
+# the pillar than at the start by more than this
 AWAY_FROM_START = 0.5
 # [s] the speed of a touch is the highest speed within this simulated time before the touch, because the touch
 # itself slows the robot down
