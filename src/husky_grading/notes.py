@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Iterable, List, Optional
 
-# a result shows only so many notes, because a cell of a spreadsheet holds only 32767 characters
+# a result shows at most this many notes, because a cell of a spreadsheet holds only 32767 characters
 MAX_NOTES = 30
 
 

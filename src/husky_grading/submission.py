@@ -253,7 +253,7 @@ def _note_on_loading(event: Event) -> Optional[Note]:
     if event.event == "no_include":
         text = f"the launch file cannot be loaded: it includes {event.path}, which does not exist"
         return Note(Kind.MISSING_INCLUDE, text)
-    if event.event == "skipped":
+    if event.event == "skipped":  # a launch file of the simulator with an error, which does no harm
         text = f"the <include> of {event.path} is skipped, because the grader starts the simulator"
         return Note(Kind.SKIPPED, f"{text}: {event.error}")
     if event.event == "missing":

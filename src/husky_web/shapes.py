@@ -53,7 +53,7 @@ class Lines(NamedTuple):
     """Straight lines."""
 
     points: np.ndarray  # (N, 2, 3) float32 [m], two ends of each of N lines
-    colors: np.ndarray  # (N, 2, 3) uint8, red, green and blue at each end
+    colors: np.ndarray  # (N, 2, 3) uint8, red, green and blue at both ends of each line
     width: float  # [m]
 
 

@@ -44,8 +44,8 @@ MAX_BUILDS = 10
 MAX_STAND_INS = 50
 # [kB] GCC collects garbage only if it uses more memory than this; compiling is then a tenth faster
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"
-# the compiler includes this header first in each C++ source; a repair changes only this header, so CMake need
-# not run again
+# The compiler includes this header first in each C++ source. If a build fails, the grader may repair it by a
+# change of this header only, so CMake does not run again.
 PRELUDE = "marking_prelude.h"
 # with these headers, code such as publish(true) compiles; in ROS Noetic and older, a Release build compiles
 # such code without them

@@ -178,7 +178,8 @@ def _packages_by_messages(
         packages: packages of the submission.
         folders: folders of the packages whose sources are searched, by the packages' names.
     """
-    # texts of source files that name messages of scans or velocities, by the name of the package
+    # for each package, by its name: texts of its source files in which a message type of scans or velocities
+    # occurs
     texts = {
         name: [text for _, text in texts_in(folder, SOURCES, MAX_TEXT_SIZE) if SCAN_OR_VELOCITY.search(text)]
         for name, folder in folders.items()

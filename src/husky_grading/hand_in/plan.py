@@ -122,10 +122,11 @@ def plans(
 
 
 def _write_events(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
-    """Let a program read launchables and write its events to a file, and return the reason if it fails.
+    """Let a program read launchables and write its events to a file, and return the end of its output.
 
-    The reason is the end of the program's output, or that the program did not end in time. The program runs
-    in the sandbox, because launch files can run commands.
+    If events are missing, the program has failed, and the returned text is the reason: the end of the output,
+    or that the program did not end in time. The program runs in the sandbox, because launch files can run
+    commands.
     """
     folder = events.parent
     # nobody listens at this address, because reading a launch file needs no ROS master

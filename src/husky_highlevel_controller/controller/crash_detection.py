@@ -190,9 +190,10 @@ class CrashDetector:
             imu_in_base: orientation of the IMU; roll and pitch need not be right.
 
         Returns:
-            The unexplained change of velocity of the first crash [m/s]; None if there is none.
+            The change of velocity in the first crash [m/s], as far as neither wheels nor curve explain it.
+            None if there is no crash.
         """
-        self.change = None
+        self.change = None  # `_judge_change` sets it if a sample is judged
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
         if self._waiting_samples and sample.stamp < self._waiting_samples[-1][0].stamp - LONGEST_PERIOD:

@@ -106,8 +106,9 @@ class Localization:
     def _horizon(self, silent: Collection[str]) -> float:
         """Time up to which the readings of every sensor have come, without the sensors that are given up [s].
 
-        A sensor is given up if it is in `silent`, and its last reading is older than the newest reading of
-        all sensors by more than PATIENCE. For a sensor without a reading, the first reading of all counts.
+        The sensors in `silent` have sent nothing for some wall time. Such a sensor is given up if its last
+        reading is older than the newest reading of all sensors by more than PATIENCE. For a sensor without a
+        reading, the first reading of all counts.
         """
         oldest_allowed = max(self._last_stamps.values()) - PATIENCE
         given_up = {

@@ -90,7 +90,9 @@ class LocalizationNode:
 
     def _start_filter(self) -> None:
         """Make a new filter, forget all messages, and begin again at time 0."""
-        self._last_time, self._filter = 0.0, Localization(self._config)
+        self._filter = Localization(self._config)
+        self._last_time = 0.0  # [s] largest ROS time at which a message has come
+        # messages of each input that wait for a transform, oldest first
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
         self._first_heard_at = 0.0  # [s] wall time of the first message
         self._heard_at: Dict[str, float] = {}  # [s] wall time of the last message of each input

@@ -82,7 +82,7 @@ class StopRequest:
         on, and between two calls, zero commands are sent, because the robot must not drive on meanwhile. If a
         call succeeds before ZERO_DELAY, no zero command is sent, because the controller stops the robot.
         """
-        begin = time.monotonic()  # [s] wall time of the first call
+        begin = time.monotonic()  # [s] wall time at which the service is first called
         while not is_shutdown():
             answers = self._start_call()  # queue that gets the reason of a failure, or None for success
             end = time.monotonic() + CALL_TIMEOUT

@@ -85,7 +85,7 @@ class Commands:
 
         The mux drops a command while an input of higher priority is active, and all commands during an
         emergency stop. An input stays active for some time after its last command, and the mux takes `stamp`
-        [s] as the time of these commands.
+        [s] as the time of these commands. After a call of `refuse`, no command is obeyed.
         """
         obeyed: List[Tuple[str, Twist2D]] = []
         if self._is_refusing:

@@ -215,7 +215,7 @@ class Lockstep:
         waits_for_first = not self._has_commanded  # true before the very first command
         # [s] wall time at which the wait began; it begins again with the resend or the nudge
         waiting_since = time.monotonic()
-        has_retried = False  # true after the resend or the nudge; each wait has only one of them
+        has_retried = False  # true after `resend` or `nudge` was called; a wait calls only one of them, once
 
         def is_over() -> bool:
             """Serve calls, resend or nudge if due, and return whether the wait is over."""

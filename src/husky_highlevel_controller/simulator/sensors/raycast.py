@@ -159,7 +159,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
             along[along < 0.0] = inf  # the plane is behind the laser
             np.fmin(distances, along, out=distances)
             farthest = inf
-    if scene.has_many:
+    if scene.has_many:  # many solids are met all at once, in arrays; a few are met faster one after the other
         _meet_many(scene, np.array(origin), np.array(laser), beams, max_range, distances)
         farthest = inf
     else:
