@@ -64,7 +64,7 @@ class Kind(Enum):
     NO_RETURN = "no return"  # the marker is at the lidar when no beam measures a range
     WRONG_HEIGHT = "wrong height"
     INVISIBLE = "invisible"
-    DELETED = "deleted"  # the marker disappears before the next one comes
+    DELETED = "deleted"  # each marker is deleted as soon as it has come, so RViz never draws one
     OLD_ONES = "old ones"  # most markers are right, but RViz also shows older markers, which are wrong
     # reasons for the end of a run
     TOUCHES = "touches"  # the robot touches the pillar

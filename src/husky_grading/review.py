@@ -68,9 +68,11 @@ class OpenItem:
     @property
     def choices(self) -> List[Tuple[int, float]]:
         """Return each key with the points that it gives."""
-        # each key, and the fraction of the points that it gives; the points are rounded to halves
-        steps = [(key, (key - 1) / (KEYS - 1)) for key in range(1, KEYS + 1)]
-        return [(key, round(2.0 * self.item.max_points * fraction) / 2.0) for key, fraction in steps]
+        full = self.item.max_points
+        # The points are rounded to halves. But the last key gives exactly all points, which need not be a
+        # multiple of a half.
+        halves = [(key, round(2.0 * full * (key - 1) / (KEYS - 1)) / 2.0) for key in range(1, KEYS)]
+        return [(key, min(points, full)) for key, points in [*halves, (KEYS, full)]]
 
     @property
     def alike(self) -> str:

@@ -12,6 +12,8 @@ from husky_grading.isolation.files import UnreadableFileError, read_text
 from husky_grading.records import Item, MarkingResult, Override, Rules
 from husky_highlevel_controller.config import ConfigError, from_plain
 
+# YAML's types of a text, and of the key << that includes another mapping
+TEXT, MERGE = "tag:yaml.org,2002:str", "tag:yaml.org,2002:merge"
 FILE = "marking.yaml"  # file with the teacher's settings, in the folder of submissions
 
 
@@ -56,6 +58,17 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
     return dict(overrides)
 
 
+class _TextKeyLoader(yaml.SafeLoader):
+    """Loader that takes each key of a mapping as it is written, because a student may be called 1_2 or no."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Dict[Any, Any]:
+        """Return the mapping of a node, with texts as keys."""
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != MERGE:
+                key.tag = TEXT
+        return super().construct_mapping(node, deep)
+
+
 def read_settings(path: Path) -> Any:
     """Return the content of a teacher's YAML file; {} if it is empty.
 
@@ -64,7 +77,7 @@ def read_settings(path: Path) -> Any:
     """
     try:
         # `resolve`, because `read_text` rejects a link, but a teacher's file may be a link
-        return yaml.safe_load(read_text(path.resolve())) or {}
+        return yaml.load(read_text(path.resolve()), _TextKeyLoader) or {}
     except (LookupError, TypeError, AttributeError) as error:
         # YAML raises these errors for a wrong tag, such as `!!bool x`
         raise ConfigError(f"{path}: a value is not of the type that its tag names: {error}") from error

@@ -33,7 +33,8 @@ def observe(
 
     Before the runs, the submission may be started once for a check of its memory. Further runs follow only if
     the robot moves in the first one. If the robot is a guess, the check finds the robot to whose scans the
-    submission subscribes. If the node dies in the check, the first run finds this robot, and is repeated.
+    submission subscribes. Without a check, or if the node dies in it, the first run finds this robot, and is
+    repeated if the guess was wrong.
 
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.

@@ -13,7 +13,7 @@ from husky_grading.exercises.exercise import Exercise
 from husky_grading.exercises.watch import DriveState, RosAccess, Watch
 from husky_grading.hand_in.facts import Facts
 from husky_grading.notes import Kind, Note, Subject
-from husky_grading.recording import Recording
+from husky_grading.recording import ADD, Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import (
     KEEP_AS_MEMBER,
@@ -49,7 +49,7 @@ PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 FIRST_STEPS = 0.1
 # The pillar is to the side if the sine of its bearing is above ASIDE. At such moments, the robot should turn
 # towards the pillar. Its turns are right if more than the fraction MOSTLY of them leads towards the pillar,
-# and angular.z has the wrong sign if at least this fraction leads away.
+# and angular.z has the wrong sign if at most the fraction 1 - MOSTLY does.
 ASIDE, MOSTLY = 0.1, 0.6
 # the robot turns to one side all the time if the fraction ONE_WAY of its turns goes to this side; turns
 # slower than TURNS_ON [rad/s] do not count
@@ -353,11 +353,12 @@ def judge_place(recording: Recording, placements: Sequence[Placement]) -> Item:
         if cause:
             hint = hint_on(cause)
         return replace(item, evidence=evidence, hint=hint)
-    if not placements and recording.markers:
+    first_added = next((marker for marker in recording.markers if marker.action == ADD), None)
+    if not placements and first_added:
         evidence = (
             f"no marker came on {', '.join(recording.marker_topics)} before the robot touched the pillar"
         )
-        return replace(item, evidence=evidence, at=recording.markers[0].at, hint=NO_MARKER)
+        return replace(item, evidence=evidence, at=first_added.at, hint=NO_MARKER)
     if not placements:
         evidence = f"nothing came on {', '.join(recording.marker_topics)}{as_ending(cause)}"
         return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)

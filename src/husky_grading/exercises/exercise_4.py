@@ -222,7 +222,9 @@ class FilterWatch(Watch):
         return Note(Kind.PLAN_DONE, "the bag was played")
 
     def _is_path_complete(self, end: float) -> bool:
-        """Return whether the estimates have reached the bag's end [s], or none has come for SILENCE.
+        """Return whether the estimates have reached the bag's end [s], or whether no more are expected.
+
+        No more are expected if none has come at all, or none for SILENCE.
 
         If a filter goes on sending estimates that never reach the end, `drive/run.py` cuts the run off,
         because simulated time does not advance after the bag's end.
@@ -337,7 +339,7 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
             evidence += f", but {frames_above[0]} is 2 m above it"
             return Verdict(0.0, evidence, RENAME_HINT.format(frames_above[0]))
         return Verdict(0.0, evidence, TOP_VIEW_HINT)
-    # rows after one, two and three quarters of the run
+    # rows after one, two and three quarters of all rows
     quarters = np.linspace(0, len(rows) - 1, 5).astype(int)
     moments = rows[quarters[1:4]]
     is_there = all(_is_above(place) for place in moments[:, 1:])

@@ -291,9 +291,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     # workspace is built as a test
     if code and not _ERROR.search(output):
         _check_machine_builds(folders.root.with_name("check"), underlay)
-    if not code:
-        # the server process of `forked` imports its modules while the launch file is read, so the run begins
-        # sooner; a submission that does not build has no run
+    if code == 0:
+        # The server process of `forked` imports its modules while the run is prepared, so the run begins
+        # sooner. A submission that does not build normally has no run, so it does not need them.
         import_early()
     notes = _notes_on_missing(missing)
     if used_old_boost:

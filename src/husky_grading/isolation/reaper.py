@@ -5,8 +5,8 @@ command, on SIGTERM, or when the process that started it ends. It forwards SIGIN
 command. It is started by its path and imports nothing of this package, because a submitted package may have
 the same name.
 
-All signals are blocked, and `sigwait` takes them one by one. So no signal interrupts a step of this program,
-and no signal is forwarded after the command has ended.
+The signals in SIGNALS are blocked, and `sigwait` takes them one by one. So none of them interrupts a step of
+this program, and none is forwarded after the command has ended.
 """
 
 from __future__ import annotations

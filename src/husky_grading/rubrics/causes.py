@@ -148,7 +148,9 @@ def first_cause(recording: Recording) -> Note:
         text = f"all {recording.command_count} commands are nearly zero, at most {most}"
         return Note(Kind.ZERO_COMMANDS, text)
     if inf in (recording.fastest, recording.sharpest):  # a NaN is recorded as inf, too
-        return Note(Kind.NOT_A_NUMBER, "it sends commands that are NaN or infinite, which the robot refuses")
+        return Note(
+            Kind.NOT_A_NUMBER, "it sends commands that the robot refuses: NaN, infinite, or not a Twist"
+        )
     return Note(Kind.IN_SPITE_OF_COMMANDS, f"in spite of {recording.command_count} commands")
 
 

@@ -11,7 +11,7 @@ from husky_grading.notes import Kind, Subject
 from husky_grading.recording import MarkerSample, Recording, recording_to_json, scan_hits
 from husky_grading.records import Item, Job, MarkingConfig, MarkingResult
 from husky_grading.reports.files import load_result, write_result
-from husky_grading.review import open_items, write_review
+from husky_grading.review import OpenItem, open_items, write_review
 from husky_grading.settings import read_overrides
 from husky_highlevel_controller.config import ConfigError, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
@@ -192,3 +192,9 @@ def test_beams_of_a_lidar_that_hangs_upside_down_end_where_the_world_is():
         "a negative angle is on the left"
     )
     assert (u, v) == pytest.approx((5.337 + 1.5 * along, -1.5 * across), abs=2e-3)
+
+
+@pytest.mark.parametrize("full", [20.0, 33.3, 16.7, 0.2])
+def test_the_last_key_gives_exactly_all_points_and_no_key_gives_more(full, tmp_path):
+    points = [points for _, points in OpenItem("ann", Item("drives", None, full, ""), tmp_path).choices]
+    assert (points[0], points[-1], max(points)) == (0.0, full, full)

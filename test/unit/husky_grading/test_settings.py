@@ -46,6 +46,20 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
     assert not read_overrides(tmp_path / "ann", [])
 
 
+@pytest.mark.parametrize("name", ["1_2", "01234567", "no", "1e3", "2026-11-28", "0x1f", "~"])
+def test_a_student_s_name_is_taken_as_it_is_written(name, tmp_path):
+    put(tmp_path / "marking.yaml", f"students:\n  {name}: {{hold: true}}\n")
+    # the other names are what YAML makes of these names
+    assert set(read_overrides(tmp_path, [name, "12", "342391", "False", "1000.0", "31"])) == {name}
+
+
+def test_a_mapping_may_include_another_one(tmp_path):
+    text = "students:\n  ann: &late {late: {percent: 10, word: a day}}\n  bob: {<<: *late, hold: true}\n"
+    put(tmp_path / "marking.yaml", text)
+    bob = read_overrides(tmp_path, ["ann", "bob"])["bob"]
+    assert (bob.hold, bob.late) == (True, Late(10.0, "a day"))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -22,5 +22,5 @@ def test_a_helper_that_ends_is_not_blamed_at_the_deadline_while_commands_come(si
 
 def test_commands_that_are_no_numbers_are_named():
     cause = first_cause(replace(GOOD, subscribed=True, command_count=50, fastest=inf, sharpest=0.2))
-    assert cause.text == "it sends commands that are NaN or infinite, which the robot refuses"
+    assert cause.text == "it sends commands that the robot refuses: NaN, infinite, or not a Twist"
     assert "division by 0" in hint_on(cause)

@@ -36,6 +36,8 @@ def test_a_first_marker_after_the_touch_is_said_to_be_late():
     touching = markers(drive((10.0, 0.5)), RIGHT)
     late = replace(touching, markers=touching.markers[-1:])
     assert place(late).evidence == "no marker came on /marker before the robot touched the pillar"
+    deletion = replace(touching.markers[0], action="delete all")
+    assert place(replace(touching, markers=(deletion,))).evidence == "nothing came on /marker"
 
 
 @pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
