@@ -72,7 +72,10 @@ def included_files(file: Path) -> Iterator[Tuple[Path, bool]]:
 
 
 def own_arguments(file: Path) -> Set[str]:
-    """Return the arguments of all files of this package that a launch file includes, at any depth."""
+    """Return the arguments of the files of this package that a launch file includes.
+
+    A file of this package counts, too, if another package's file includes it.
+    """
     names: Set[str] = set()
     with contextlib.suppress(Exception):  # roslaunch reports the error, in more detail
         for included, _ in included_files(file):

@@ -72,6 +72,8 @@ class FunctionContestant:
     function: str = ""  # name of the decision function; empty for `behaviour.decide`
     module: str = ""  # name of the function's module if it is a module of this project; otherwise empty
     source: str = ""  # source text of the file with the function if it is the user's file; otherwise empty
+    folder: str = ""  # folder of this file, in which the file finds other files that it imports
+    package: str = ""  # Python package of the user's module, for its relative imports; empty if it has none
 
     @property
     def starts_programs(self) -> bool:
@@ -89,9 +91,14 @@ class FunctionContestant:
             return decide
         try:
             # a module of this project is imported; the user's file came as a text, which is executed
-            module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
+            module: Any = (
+                importlib.import_module(self.module)
+                if self.module
+                else _module(self.source, self.folder, self.package)
+            )
             controller: Controller = getattr(module, self.function)
-        except Exception as error:  # the code in the user's file may raise any error
+        # the code in the user's file may raise any error, and may call exit()
+        except (Exception, SystemExit) as error:
             raise HuskyError(f"{self.name}: {type(error).__name__}: {error}") from None
         if not callable(controller):
             raise HuskyError(f"{self.name}: {self.function} is not a function")
@@ -108,7 +115,7 @@ class FunctionContestant:
             trace = metrics.drive_scenario(setup, scenario, self.controller)
         except HuskyError:  # an error of the simulation or of `controller`, which already has a clear text
             raise
-        except Exception as error:  # the user's function may raise any error
+        except (Exception, SystemExit) as error:  # the user's function may raise any error, or call exit()
             failure = f"{type(error).__name__}: {error}"
             raise HuskyError(f"{self.name} fails in {scenario.name}: {failure}") from error
         x, y = trace.pillars[0]  # position at the start, because the robot may push the pillar later
@@ -178,14 +185,16 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     if file_or_module.split(".")[0] in OURS:
         made = FunctionContestant(text, base, function, module=file_or_module)
     else:
-        made = FunctionContestant(text, base, function, source=_source(file_or_module))
+        source, folder = _source(file_or_module)
+        package = "" if file_or_module.endswith(".py") else file_or_module.rpartition(".")[0]
+        made = FunctionContestant(text, base, function, source=source, folder=folder, package=package)
     # loads the function now, so that a wrong contestant causes an error before the first run
     _ = made.controller
     return made
 
 
-def _source(file_or_module: str) -> str:
-    """Return the source text of a file, or of a module that Python finds by its name.
+def _source(file_or_module: str) -> Tuple[str, str]:
+    """Return the source text of a file, or of a module that Python finds by its name, and the file's folder.
 
     Raises:
         HuskyError: the text cannot be read.
@@ -196,7 +205,7 @@ def _source(file_or_module: str) -> str:
             spec = importlib.util.find_spec(file_or_module)
             # a module that is not found, or that has no file, gets a path at which `read_text` fails
             path = Path(spec.origin or "") if spec else path
-        return path.read_text()
+        return path.read_text(), str(path.resolve().parent)
     except (OSError, ValueError, ImportError) as error:
         raise HuskyError(
             f"{file_or_module} is not a Python file or module that can be read: {error}"
@@ -204,11 +213,17 @@ def _source(file_or_module: str) -> str:
 
 
 @lru_cache(maxsize=4)
-def _module(source: str) -> ModuleType:
-    """Return a new module that has executed a source text."""
+def _module(source: str, folder: str, package: str) -> ModuleType:
+    """Return a new module that has executed a source text.
+
+    The source text may import the files of a folder, and the modules of its package by relative imports.
+    """
+    if folder not in sys.path:
+        sys.path.append(folder)  # installed modules come first, so no file of the folder replaces one
     module = ModuleType(f"contestant_{abs(hash(source))}")
     # needed if the source text has a dataclass, because a dataclass looks up its module in sys.modules
     sys.modules[module.__name__] = module
+    module.__package__ = package
     exec(compile(source, module.__name__, "exec"), vars(module))
     return module
 
@@ -239,7 +254,7 @@ def outcome(
     # the first pose), and speed [m/s]
     gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
-    # the first pose gets the speed 0, because its step is 0; the 1 s before it only avoids a division by 0
+    # the first pose gets the speed 0, because its step is 0; so its duration may have any value, such as 1 s
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
     # the robot arrives directly after the last pose at which it still moves or is too far from the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))

@@ -69,7 +69,7 @@ def draw_costs(costs: Sequence[float]) -> bytes:
     figure = new_figure(5.6, 4.2)
     plot = figure.subplots()
     numbers = np.arange(1, len(costs) + 1)
-    plot.plot(numbers, costs, "o", color=DRIVEN, markersize=4, label="a setup; the first: the defaults")
+    plot.plot(numbers, costs, "o", color=DRIVEN, markersize=4, label="a setup")
     plot.step(numbers, np.minimum.accumulate(costs), color=MARKER, where="post", label="smallest so far")
     # the y axis leaves out the worst costs; otherwise all other costs would look equal
     plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)

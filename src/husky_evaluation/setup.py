@@ -47,12 +47,16 @@ class Setup:
         """Return another setup, with some parameters changed by name.
 
         Raises:
-            ConfigError: a name is not a parameter, or a value is not allowed. The message begins with `source`.
+            ConfigError: a name is not a parameter, or has no effect on this robot, or a value is not allowed.
+                The message begins with `source`.
         """
         current = parameter_values(self)
         for name in values:
             if name not in current:
                 raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(current))}")
+            # the lidar of a real Husky has parameters of its own, which cannot be changed by name
+            if self.simulator.real and name.startswith("lidar/"):
+                raise ConfigError(f"{source}{name} has no effect with --profile robot; use --profile gazebo")
         changed = {}
         for item in fields(self):  # control, detector, simulator
             record = getattr(self, item.name)

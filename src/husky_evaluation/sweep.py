@@ -170,6 +170,7 @@ def write_sweep(
     # table with a row for each run, as sweep.csv and, if pyarrow is installed, also as sweep.parquet
     files = swept.every_drive.write(out / "sweep")
     pictures, panels = {}, swept.panels()
+    (out / "sweep.png").unlink(missing_ok=True)  # an earlier sweep with other axes may have drawn it
     if len(swept.axes) <= 2:  # a grid of more axes cannot be drawn
         pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))

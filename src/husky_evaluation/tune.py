@@ -219,6 +219,13 @@ def _require_optuna() -> Any:
     return optuna
 
 
+class Check(NamedTuple):
+    """Comparison of the found values with the defaults, from fresh starts."""
+
+    table: Table  # metrics of both, and their differences
+    is_better: bool  # true if the mean objective of the found values is smaller than that of the defaults
+
+
 def check(
     base: Setup,
     tuned: Setup,
@@ -226,8 +233,8 @@ def check(
     objective: Objective,
     workers: Workers,
     drive: Drive = run_scene,
-) -> Table:
-    """Return a table of the metrics of both setups from the same fresh starts, and of their differences."""
+) -> Check:
+    """Compare the metrics of both setups from the same fresh starts."""
     # results of `base` in all scenarios, then results of `tuned` in all scenarios
     results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]
@@ -242,11 +249,12 @@ def check(
         paired_row("time to arrival, mean [s]", times[:, both_arrive], "s"),
         paired_row("objective [s]", costs, "s"),
     ]
-    return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
+    table = Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
+    return Check(table, is_better=bool(np.mean(costs[1]) < np.mean(costs[0])))
 
 
 def result_of_tuning(
-    tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
+    tuned: Tuned, base: Setup, objective: Objective, fresh: Check, tried: str, source: str
 ) -> Result:
     """Return the result: parameters, metrics of both setups on fresh starts, and all tried setups.
 
@@ -254,18 +262,20 @@ def result_of_tuning(
         tuned: result of `tune`.
         base: setup with the defaults.
         objective: cost of a run.
-        fresh: table of `check`.
+        fresh: result of `check`.
         tried: text such as "of 64 setups on 10 starts, seed 0, profile gazebo".
         source: hash of the results, and the machines that computed them.
     """
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     header = ("", *HEADER[:2])  # a parameter has no column for the difference
-    tables = [Table("Parameters", header, values), fresh, every_row("Every setup", tuned.trials)]
+    tables = [Table("Parameters", header, values), fresh.table, every_row("Every setup", tuned.trials)]
     lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {MEANING_OF_BOUND}"
     verdict = ""
     if all(value == defaults[name] for name, value in tuned.values.items()):
         verdict = f"nothing better than the defaults was found in {len(tuned.trials)} setups"
+    elif not fresh.is_better:
+        verdict = "on the fresh starts, the found values are not better than the defaults"
     return Result("Parameters found by tune", lead, tables, verdict, source=source)
 
 

@@ -88,7 +88,8 @@ class Camera:
     def _take_over(self, camera: Any) -> None:
         """Set `_offset` from the pose that the page has reported, if its mouse has moved the camera.
 
-        A jump is a new position of the camera that this program has sent and that is far from the last one.
+        A jump is a position of the camera that this program has sent after another camera was chosen, or
+        after the robot was moved far.
         The page reports the position of its camera late. A reported position that was sent to the page
         before does not come from the mouse. Position and rotation of a report belong together, but its target
         may be newer.

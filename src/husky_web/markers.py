@@ -195,11 +195,11 @@ class Markers:
 
 
 def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
-    """Return an arrow from the marker's first point to its second, or by its scale if it has no points."""
+    """Return an arrow from the marker's first point to its second, or by its scale without two points."""
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
-        # without points, the scale is (length, width, height); the arrow lies along x from the origin, and
-        # its head is twice as thick as the shaft
+        # without two points, the scale is (length, width, height); the arrow lies along x from the origin,
+        # and its head is twice as thick as the shaft
         mesh = shapes.arrow(
             shaft_length=(1.0 - ARROW_HEAD) * length,
             shaft_diameter=0.5 * thick,

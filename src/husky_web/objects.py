@@ -115,7 +115,7 @@ class Objects:
         if shown is None or frame is None:
             return
         pose = compose(inverse(frame), pose_in_fixed)  # pose in the marker's own frame
-        # RViz, too, sends two events: the new pose, and the end of the drag
+        # two of RViz's events: the new pose, and the end of the drag
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
             self._send(key, shown, pose, event, entry=0)
 

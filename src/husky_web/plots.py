@@ -198,7 +198,7 @@ def _mark_lines(axes: _Axes, marks: Sequence[Mark]) -> List[str]:
 
 
 def nice_ticks(low: float, high: float) -> List[float]:
-    """Return three to six round numbers from `low` to `high`.
+    """Return three to six round numbers, from `low` or less to `high` or more.
 
     The first number may be above `low`, and the last one below `high`, by SLACK of a step.
     """

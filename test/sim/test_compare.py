@@ -1,5 +1,6 @@
 """Two controllers on the same scenes: differences, scenes in which one fails, and the exit code for CI."""
 
+import sys
 from dataclasses import replace
 from math import dist, inf
 
@@ -27,6 +28,9 @@ def decide(state, observation, enabled, control, detector):
 
 def broken(state, observation, enabled, control, detector):
     return 1 / 0
+
+def leaves(state, observation, enabled, control, detector):
+    raise SystemExit(3)
 
 nothing = 3
 '''
@@ -113,15 +117,33 @@ def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys, mon
         ("package/file.launch", "package/file.launch: a launch file needs ROS; run rosrun"),
         ("nowhere.yaml extra", "'nowhere.yaml extra' is not a valid controller"),
         ("o'brien", "\"?'o'brien' is not a valid controller"),
+        ("EXITS:decide", r"exits\.py:decide: SystemExit: 0"),
+        ("FILE:leaves", r"timid\.py:leaves fails in start 0: SystemExit: 3"),
         ("FILE:broken", r"timid\.py:broken fails in start 0: ZeroDivisionError"),
     ],
 )
 def test_what_is_no_contestant_or_fails_is_named(tmp_path, text, sentence):
     (tmp_path / "timid.py").write_text(TIMID)
+    (tmp_path / "exits.py").write_text("import sys\ndecide = None\nsys.exit(0)\n")
+    text = text.replace("FILE", f"{tmp_path}/timid.py").replace("EXITS", f"{tmp_path}/exits.py")
     with pytest.raises(HuskyError, match=sentence):
-        drive_scene(
-            (contestant(text.replace("FILE", f"{tmp_path}/timid.py"), Setup()), random_starts(1, 0)[0])
-        )
+        drive_scene((contestant(text, Setup()), random_starts(1, 0)[0]))
+
+
+def test_a_function_may_import_files_beside_its_own_and_modules_of_its_package(tmp_path, monkeypatch):
+    for name, text in (
+        ("a_helper.py", TIMID),
+        ("mine.py", "from a_helper import decide\n"),
+        ("a_package/__init__.py", ""),
+        ("a_package/base.py", TIMID),
+        ("a_package/fast.py", "from .base import decide\n"),
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert callable(contestant(f"{tmp_path}/mine.py:decide", Setup()).controller)
+    sys.path.append(str(tmp_path))
+    assert callable(contestant("a_package.fast:decide", Setup()).controller)
 
 
 @pytest.mark.parametrize("name", ["my gains", "o'brien"])

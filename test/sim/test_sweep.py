@@ -92,7 +92,7 @@ def test_bad_input_is_a_sentence_and_exit_code_2(axes, sentence, capsys, tmp_pat
         (
             signal.SIGINT,
             130,
-            "sweep: stopped; run the same command with the same results file to resume\n",
+            "sweep: stopped; if results are kept in a file, the same command goes on where it was\n",
         ),
         (signal.SIGKILL, -signal.SIGKILL, ""),
     ],

@@ -114,7 +114,7 @@ def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypa
     assert "on 2 fresh starts" in told
     file = tmp_path / "tuned.yaml"
     assert f"controller.launch parameters:={file}" in told
-    assert "nothing better" not in told
+    assert "better than the defaults" not in told
     assert "p_gain_vel" in (tmp_path / "index.html").read_text()
     (value,) = yaml.safe_load(file.read_text()).values()
     roslaunch = pytest.importorskip("roslaunch.config")
@@ -124,6 +124,15 @@ def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypa
         name = "/husky_highlevel_controller/p_gain_vel"
         assert config.params[name].value == loaded
         assert config.params["/husky_highlevel_controller/p_gain_ang"].value == 2.0
+
+
+def test_it_is_told_if_the_defaults_outside_of_the_range_are_better():
+    ranges, scenes = [Range("p_gain_vel", 0.1, 1.0)], random_starts(2, 0)
+    with Workers(1) as workers:
+        tuned = tune.tune(ranges, Setup(), scenes, Objective(), 4, 0, workers, valley)
+        fresh = tune.check(Setup(), Setup().with_values(tuned.values), scenes, Objective(), workers, valley)
+    result = tune.result_of_tuning(tuned, Setup(), Objective(), fresh, "of 4", "by")
+    assert result.verdict == "on the fresh starts, the found values are not better than the defaults"
 
 
 def test_the_command_drives(tmp_path, capsys):

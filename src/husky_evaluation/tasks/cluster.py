@@ -172,7 +172,7 @@ class Cluster:
             time.sleep(POLL_PERIOD)
 
     def _check(self, infos: Dict[str, Dict[str, Any]]) -> None:
-        """Add each new worker to `_fit` or `_refused`, and print which ones are rejected and why.
+        """Add each new worker that answers to `_fit` or `_refused`, and print the rejected ones.
 
         `infos` has the scheduler's facts on each worker that is not rejected, by its address.
         """

@@ -95,5 +95,6 @@ def exit_codes(name: str) -> Iterator[None]:
         print(f"{name}: this is a bug: {type(error).__name__}: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
-        print(f"{name}: stopped; run the same command with the same results file to resume", file=sys.stderr)
+        kept = "if results are kept in a file, the same command goes on where it was"
+        print(f"{name}: stopped; {kept}", file=sys.stderr)
         raise SystemExit(STOPPED) from None

@@ -68,8 +68,8 @@ def run_here(
         try:
             while waiting or running:
                 # Each process gets two groups, so that it can begin the second group as soon as it has ended
-                # the first one. But a group during which a process has ended runs alone, because this shows
-                # whether the group is the cause.
+                # the first one. But a group during which a process has ended begins only when no other group
+                # is running. If a process ends again, this group is the probable cause.
                 while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
                     number = waiting[0]
                     running[executor.submit(perform, task, groups[number])] = number

@@ -162,7 +162,7 @@ class CrashDetector:
         # [s] age of the oldest wheel speed that the judgement of a sample uses
         oldest_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
         # Older wheel speeds are dropped. The next judged sample may be up to LONGEST_DELAY older than the
-        # newest odometry. A sample that is even older gets no wheel speeds.
+        # newest odometry. A sample that is even older is judged without changes of the wheels' speed.
         next_sample = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY)
         oldest = next_sample - max(oldest_age, MEMORY)
         while self._wheel_speeds[0][0] < oldest:
@@ -190,8 +190,8 @@ class CrashDetector:
             imu_in_base: orientation of the IMU; roll and pitch need not be right.
 
         Returns:
-            The change of velocity in the first crash [m/s], as far as neither wheels nor curve explain it.
-            None if there is no crash.
+            The change of velocity in the first crash [m/s], without the part that a curve explains. None if
+            there is no crash.
         """
         self.change = None  # `_judge_change` sets it if a sample is judged
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):

@@ -15,7 +15,7 @@ WINDOW, MIN_MESSAGES = 0.5, 5
 # reference message has come
 MAX_WINDOW = 2.0
 # [s] the robot stands still if a measurement shows the lidar's clock ahead of odometry's clock by more than
-# this; 0.5 s is allowed, and the measurement may be too large by a period of odometry, 0.05 s
+# this; 0.5 s is allowed, and the measurement may be too large by a period of odometry, up to 0.05 s
 MAX_OFFSET = 0.55
 
 

@@ -55,8 +55,12 @@ def test_what_is_no_axis_is_named(text, words):
 
 
 def test_parameters_of_all_records_are_set_by_name_and_have_their_units():
-    setup = setup_of("robot", "soft").with_values({"p_gain_vel": 1, "min_beams": 3, "lidar/noise": 0.0})
-    assert (setup.control.p_gain_vel, setup.detector.min_beams, setup.simulator.lidar.noise) == (1.0, 3, 0.0)
+    setup = setup_of("robot", "soft").with_values({"p_gain_vel": 1, "min_beams": 3, "imu/rate_noise": 0.0})
+    assert (setup.control.p_gain_vel, setup.detector.min_beams, setup.simulator.imu.rate_noise) == (
+        1.0,
+        3,
+        0.0,
+    )
     assert setup.simulator.real == setup_of("robot", "soft").simulator.real, (
         "values that are not parameters stay"
     )
@@ -89,3 +93,11 @@ def test_a_file_that_is_written_is_read_again(tmp_path):
     assert yaml.safe_load((tmp_path / "a.yaml").read_text()) == {"p_gain_vel": 1.25, "max_linear": 0.1}
     control = load_setup(tmp_path / "a.yaml", Setup()).control
     assert control == ControlConfig(p_gain_vel=1.25, max_linear=0.1)
+
+
+def test_a_parameter_of_the_lidar_that_a_real_husky_does_not_have_is_refused():
+    assert setup_of("gazebo").with_values({"lidar/noise": 0.05}).simulator.lidar.noise == 0.05
+    with pytest.raises(
+        ConfigError, match="lidar/noise has no effect with --profile robot; use --profile gazebo"
+    ):
+        setup_of("robot").with_values({"lidar/noise": 0.05})

@@ -21,8 +21,8 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        # [s] the next question to the master comes PATIENCE after this ROS time, at which the scans ended, or
-        # at which the last question was asked; None while scans come
+        # [s] the next question to the master comes PATIENCE after this ROS time, at which the absence of
+        # scans was noticed, or at which the last question was asked; None while scans come
         self._waiting_since: Optional[float] = None
         self._sentence = ""
 

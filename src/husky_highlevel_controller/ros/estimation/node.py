@@ -194,7 +194,7 @@ class LocalizationNode:
                 self._complain(name, kind="transform", sentence=sentence)
                 return None
             poses.append(conversions.pose_from_transform(stamped))
-        return Mounting(*poses)  # a missing second pose means that this frame is odom itself
+        return Mounting(*poses)  # a sensor without poses needs no second pose
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Put the filter's pose where a message says.

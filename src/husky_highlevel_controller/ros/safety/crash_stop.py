@@ -73,7 +73,7 @@ class CrashStopNode:
                 REPORT_PERIOD,
                 f"no odometry on {self._odometry_topic} for {delay:.1f} s, so crashes are detected late",
             )
-        danger = None if loss is None else f"crash: {loss:.2f} m/s of unexplained speed loss"
+        danger = None if loss is None else f"crash: the velocity changed by {loss:.2f} m/s"
         self._guard.judge(stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:

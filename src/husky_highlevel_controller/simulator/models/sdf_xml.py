@@ -88,7 +88,8 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
 def _strict(data: bytes) -> bytes:
     """Return XML that Python's parser accepts, from XML that TinyXML accepts; lines keep their numbers.
 
-    It is the same XML without comments, without <?...>, with &amp; for a single &, and up to the first NUL.
+    It is the same XML without its comments and processing instructions, with &amp; for a single &, and up to
+    the first NUL.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
     text, _, _ = text.partition(b"\0")  # TinyXML ends at a NUL byte
