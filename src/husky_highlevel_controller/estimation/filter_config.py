@@ -54,6 +54,9 @@ class InputConfig:
             raise ValueError(f"config has {len(self.config)} entries, not {VARIABLES}")
 
 
+FRAMES = ("odom_frame", "base_link_frame", "base_link_frame_output", "world_frame")  # options that are frames
+
+
 @dataclass(frozen=True)
 class FilterOptions:
     """Parameters that are not inputs and not matrices."""
@@ -126,7 +129,9 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
             input_name, setting_name = of_input[1], of_input[2] or "topic"
             values_by_input.setdefault(input_name, {})[setting_name] = value
         elif key in option_names:
-            options[key] = value
+            # as in robot_localization, frames may begin with a slash, which tf2 does not accept
+            is_frame = key in FRAMES and isinstance(value, str)
+            options[key] = value.lstrip("/") if is_frame else value
         else:
             names = ", ".join(option_names)
             remarks.append(f"{source}{key} is not a parameter; there are: {names}, odom0, imu0 ...")

@@ -24,7 +24,13 @@ class Disobedience:
         """Watch the emergency stop; `commands` is the controller's publisher of commands."""
         self._robot, self._commands = robot, commands
         self._is_locked = False
-        rospy.Subscriber("husky_simulator/locked", Bool, self._on_locked, queue_size=1)
+        # the simulator always advertises this topic, so a connection shows that the robot is simulated
+        self._lock_topic = rospy.Subscriber("husky_simulator/locked", Bool, self._on_locked, queue_size=1)
+
+    @property
+    def reset_service(self) -> str:
+        """Name of the simulator's service that puts the robot back to its start; empty for a real robot."""
+        return rospy.resolve_name("husky_simulator/reset") if self._lock_topic.get_num_connections() else ""
 
     def _on_locked(self, message: Bool) -> None:
         self._is_locked = message.data

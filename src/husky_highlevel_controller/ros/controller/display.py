@@ -252,17 +252,21 @@ def _height_in_laser(observation: Observation, height: float) -> float:
     return float(transform_point(inverse(observation.laser_in_base), (x, y, height))[2])
 
 
-def how_to_drive_again(viewers: Sequence[str]) -> str:
+def how_to_drive_again(viewers: Sequence[str], reset_service: str) -> str:
     """Sentence on how to drive again. It names RViz and the web page only if they are viewers.
 
-    `viewers` are the names of the nodes that show the markers.
+    Args:
+        viewers: names of the nodes that show the markers.
+        reset_service: name of the simulator's service that puts the robot back; empty for a real robot.
     """
+    if not reset_service:
+        return "to drive again, move the robot or the pillar; Ctrl-C ends the launch"
     actions = []
     if any("husky_web" in name for name in viewers):
         actions.append("press Drive again in the page")
     if any("rviz" in name for name in viewers):
         actions.append("put the robot elsewhere with RViz's 2D Pose Estimate")
-    action = " or ".join(actions) or "rosservice call /husky_simulator/reset"
+    action = " or ".join(actions) or f"rosservice call {reset_service}"
     return f"to drive again, {action}; Ctrl-C ends the launch"
 
 

@@ -347,11 +347,12 @@ class ControllerNode:
         elif state is State.ARRIVED and pillar is not None:
             # a controller that has arrived was started, so `started_at` is not None
             duration = scan.stamp - (self._controller_state.started_at or 0.0)
+            seconds = "s" if rospy.rostime.is_wallclock() else "s of simulated time"
             rospy.loginfo(
-                f"arrived after {duration:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
+                f"arrived after {duration:.2f} {seconds}, {pillar.distance:.3f} m from the pillar "
                 f"(stop_distance {control.stop_distance:g} m)"
             )
-            rospy.loginfo(how_to_drive_again(self._display.viewers))
+            rospy.loginfo(how_to_drive_again(self._display.viewers, self._disobedience.reset_service))
         elif state is State.DRIVING:
             rospy.loginfo(f"{output.reason}; {_scan_summary(scan, pillar)}{_to_go(output)}")
         elif state is State.SEARCHING:

@@ -95,7 +95,8 @@ class LocalizationNode:
         # messages of each input that wait for a transform, oldest first
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
         self._first_heard_at = 0.0  # [s] wall time of the first message
-        self._heard_at: Dict[str, float] = {}  # [s] wall time of the last message of each input
+        # [s] wall time of the last message of each input that was not ignored
+        self._heard_at: Dict[str, float] = {}
 
     def _on_message(self, msg: Any, name: str) -> None:
         """Give a message to the filter, after earlier messages of this input that waited for a transform.
@@ -108,6 +109,7 @@ class LocalizationNode:
             name: name of the input in the parameters, such as odom0.
         """
         stamp = msg.header.stamp.to_sec()
+        heard_before = self._heard_at.get(name, 0.0)
         # the input has just sent a message, so it is not silent while this thread waits for the lock
         self._heard_at[name] = inf
         with self._lock:
@@ -125,6 +127,7 @@ class LocalizationNode:
             if stamp > now + MAX_AHEAD:
                 sentence = f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored"
                 self._complain(name, kind="clock", sentence=sentence)
+                self._ignore(name, heard_before)
                 return
             held = self._held_messages[name]
             held.append(msg)
@@ -137,11 +140,20 @@ class LocalizationNode:
                 del held[:-QUEUE]  # only the last QUEUE messages are kept
                 return
             self._held_messages[name] = []
-            for message in held:
-                self._add(name, message, mounting)
+            is_accepted = [self._add(name, message, mounting) for message in held]
+            if not any(is_accepted):
+                self._ignore(name, heard_before)
 
-    def _add(self, name: str, msg: Any, mounting: Mounting) -> None:
-        """Give one reading to the filter, and publish the estimates that are due now.
+    def _ignore(self, name: str, heard_before: float) -> None:
+        """Let an input count as heard at an earlier wall time [s], because its message is ignored.
+
+        So an input that sends nothing but such messages becomes silent, and the filter does not wait for it.
+        """
+        # inf means that another thread takes a message of this input at the same moment
+        self._heard_at[name] = heard_before if heard_before < inf else 0.0
+
+    def _add(self, name: str, msg: Any, mounting: Mounting) -> bool:
+        """Give one reading to the filter, publish the estimates that are due now, and return its acceptance.
 
         The filter waits for readings of the other inputs. It gives up a silent input (see `_is_silent`) whose
         last reading is older than the newest reading by PATIENCE.
@@ -151,7 +163,7 @@ class LocalizationNode:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
             self._complain(name, kind="reading", sentence=f"{error}, so it is ignored")
-            return
+            return False
         odom = self._config.options.odom_frame
         # `estimates` is empty while the filter waits for earlier readings of the other inputs
         for estimate in estimates:
@@ -163,9 +175,10 @@ class LocalizationNode:
                     self._tf_publisher,
                     conversions.tree_to_msg([(odom, self._base_frame, base_in_odom)], estimate.stamp),
                 )
+        return True
 
     def _is_silent(self, name: str, now: float) -> bool:
-        """Return whether an input has sent nothing for too long, at a wall time [s]."""
+        """Return whether an input has sent nothing usable for too long, at a wall time [s]."""
         if name not in self._heard_at:
             return now > self._first_heard_at + ABSENCE
         return now > self._heard_at[name] + SILENCE

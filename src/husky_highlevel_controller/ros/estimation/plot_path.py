@@ -36,7 +36,7 @@ def paths_of_bag(file: Path) -> Dict[str, Points]:
             topics = [topic for topic, kind in kinds.items() if kind == KIND]
             for topic, msg, _ in bag.read_messages(topics=topics) if topics else ():
                 paths.setdefault(topic, []).append(_place(msg))
-    except (OSError, rosbag.ROSBagException) as error:
+    except Exception as error:  # rosbag may raise any error if a bag is damaged
         raise HuskyError(f"{file}: {error}") from None
     if not paths:
         raise HuskyError(f"{file} has no {KIND}; its topics: {', '.join(sorted(kinds)) or 'none'}")

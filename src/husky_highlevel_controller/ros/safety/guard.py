@@ -75,7 +75,7 @@ class Guard:
         # sends zero commands if the ROS master no longer knows this node, because then no program that is
         # started later could stop the robot
         self._registration = RegistrationWatch(self._command_zero)
-        # subscriber of the sensor that shows dangers, and whether its first message has come
+        # subscriber of the sensor that shows dangers, and whether a message has come since the last check
         self._sensor: Optional[rospy.Subscriber] = None
         self._has_sensor_message = threading.Event()
         topic = robot.topics.odometry
@@ -154,19 +154,23 @@ class Guard:
                     )
             else:
                 rospy.loginfo(f"guard active: will call {self._stop_service} on danger")
-                self._warn_until_sensor_sends()
-                rospy.spin()
+                self._warn_while_sensor_is_silent()
 
-    def _warn_until_sensor_sends(self) -> None:
-        """Wait for the first message of the sensor, and warn every REPORT_PERIOD that it has not come."""
-        begin = rospy.get_time()
-        rospy.on_shutdown(self._has_sensor_message.set)  # ends the wait
-        while self._sensor is not None and not self._has_sensor_message.wait(REPORT_PERIOD):
-            if rospy.get_time() > begin:  # otherwise simulated time is paused, and sensors are silent
+    def _warn_while_sensor_is_silent(self) -> None:
+        """Warn at the end of each REPORT_PERIOD without a message of the sensor, until the shutdown."""
+        is_over = threading.Event()
+        rospy.on_shutdown(is_over.set)
+        earlier = rospy.get_time()
+        while not is_over.wait(REPORT_PERIOD):
+            now, has_come = rospy.get_time(), self._has_sensor_message.is_set()
+            self._has_sensor_message.clear()
+            # if simulated time is paused, the sensors are silent
+            if self._sensor is not None and not has_come and now > earlier:
                 rospy.logwarn(
-                    f"guard inactive: no message on {self._sensor.resolved_name} yet; check that the sensor "
-                    "is on, and that this is its topic"
+                    f"guard inactive: no message on {self._sensor.resolved_name} for {REPORT_PERIOD:g} s; "
+                    "check that the sensor is on, and that this is its topic"
                 )
+            earlier = now
 
     def _call(self) -> Optional[str]:
         """Call the service. Return the reason of a failure, or None."""

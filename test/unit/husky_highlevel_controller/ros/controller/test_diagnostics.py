@@ -78,12 +78,13 @@ def test_each_cause_has_its_sentence(changes, level, message):
 
 
 @pytest.mark.parametrize(
-    ("viewers", "way"),
+    ("viewers", "reset_service", "way"),
     [
-        (["/husky_web"], "press Drive again in the page;"),
-        (["/husky_rviz", "/husky_web"], "in the page or put the robot elsewhere with RViz"),
-        (["/recorder"], "rosservice call /husky_simulator/reset;"),
+        (["/husky_web"], "/husky_simulator/reset", "press Drive again in the page;"),
+        (["/husky_rviz", "/husky_web"], "/husky_simulator/reset", "in the page or put the robot elsewhere"),
+        (["/recorder"], "/a/husky_simulator/reset", "rosservice call /a/husky_simulator/reset;"),
+        (["/husky_rviz"], "", "to drive again, move the robot or the pillar;"),  # a real robot
     ],
 )
-def test_the_hint_at_arrival_names_what_is_there(viewers, way):
-    assert way in how_to_drive_again(viewers)
+def test_the_hint_at_arrival_names_what_is_there(viewers, reset_service, way):
+    assert way in how_to_drive_again(viewers, reset_service)

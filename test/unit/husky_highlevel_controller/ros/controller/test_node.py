@@ -69,6 +69,7 @@ class Controller:
             "logwarn": self.warnings.append,
         }.items():
             monkeypatch.setattr(rospy, name, value)
+        monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: False)
         monkeypatch.setattr(node, "parameters_and_robot", lambda: ({**values, **parameters}, load_robot()))
         monkeypatch.setattr(node, "ReconfigureServer", lambda _, *records: SimpleNamespace(records=records))
         monkeypatch.setattr(node, "ScanPlacement", self.place)
@@ -309,6 +310,7 @@ def test_each_arrival_is_announced_once(controller):
     first, _ = (text for text in controller.log if text.startswith("arrived after"))
     assert first.startswith("arrived after 0.50 s of simulated time, 0.40")
     assert first.endswith("m from the pillar (stop_distance 0.4 m)")
+    assert "to drive again, rosservice call husky_simulator/reset; Ctrl-C ends the launch" in controller.log
 
     for wanted in (False, True, False, True):
         controller.start_stop(wanted)

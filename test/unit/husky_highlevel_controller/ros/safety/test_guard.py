@@ -157,8 +157,9 @@ def test_a_second_without_odometry_is_a_start_and_more_is_a_warning(monkeypatch)
 
 
 @pytest.mark.parametrize(("paused", "warns"), [(False, True), (True, False)])
-def test_a_guard_whose_sensor_is_silent_says_so_until_the_first_message(monkeypatch, paused, warns):
+def test_a_guard_whose_sensor_is_silent_says_so(monkeypatch, paused, warns):
     subscribed, warnings, looks = {}, [], []
+    end = []  # function that ends the wait
 
     def subscribe(topic, _kind, callback, **_):
         subscribed[topic] = callback
@@ -166,19 +167,22 @@ def test_a_guard_whose_sensor_is_silent_says_so_until_the_first_message(monkeypa
 
     def get_time():
         looks.append(None)
-        if len(looks) == 4:  # the sensor is switched on
+        if len(looks) == 4:  # the sensor is switched on, and sends a message before the next look
             subscribed["/scan"]("message")
+        if len(looks) == 7:
+            end[0]()
         return 100.0 if paused else 100.0 + len(looks)
 
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
-    monkeypatch.setattr(rospy, "on_shutdown", lambda _: None)
+    monkeypatch.setattr(rospy, "on_shutdown", end.append)
     monkeypatch.setattr(rospy, "get_time", get_time)
     monkeypatch.setattr(rospy, "logwarn", warnings.append)
     monkeypatch.setattr(guard_module, "REPORT_PERIOD", 0.01)
     guard, heard = Guard(ServiceConfig(), load_robot(), 0.3), []
     guard.watch("/scan", object, heard.append)
-    guard._warn_until_sensor_sends()
+    guard._warn_while_sensor_is_silent()
     assert heard == ["message"]
-    assert len(warnings) == (3 if warns else 0)
-    assert all("guard inactive: no message on /scan yet" in warning for warning in warnings)
+    # six looks, of which one has seen the message; after it, the sensor has ended
+    assert len(warnings) == (5 if warns else 0)
+    assert all("guard inactive: no message on /scan for 0.01 s" in warning for warning in warnings)
