@@ -102,6 +102,8 @@ class ControllerNode:
         # of a stop
         self._decision_lock = threading.Lock()
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
+        # [m] last stop distance of which a warning said that the lidar does not see the pillar from there
+        self._blind_stop_distance = 0.0
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
 
         # data for the status on /diagnostics
@@ -305,6 +307,7 @@ class ControllerNode:
             rospy.logwarn_throttle(
                 REPORT_PERIOD, clock_sentence("scans are", observation.ahead_of_odometry, "odometry")
             )
+        self._warn_of_blind_stop(control.stop_distance, scan.range_min)
         if pillar is not None:
             self._pillar_status = "seen"
         else:
@@ -328,6 +331,17 @@ class ControllerNode:
                 f"{_smallest_range(scan)}; {state.value}{_to_go(output)}, "
                 f"commanding {output.twist.linear:.2f} m/s, {output.twist.angular:.2f} rad/s"
             )
+
+    def _warn_of_blind_stop(self, stop_distance: float, range_min: float) -> None:
+        """Warn, once for each stop distance [m], if the lidar does not see the pillar from there."""
+        # with the stop distance 0, the robot touches the pillar, with or without a view of it
+        if 0.0 < stop_distance < range_min and stop_distance != self._blind_stop_distance:
+            rospy.logwarn(
+                f"stop_distance = {stop_distance:g} m, but the lidar measures no range below {range_min:g} m "
+                "(range_min), so the robot loses the pillar before it arrives; set stop_distance above "
+                f"{range_min:g}"
+            )
+            self._blind_stop_distance = stop_distance
 
     def _log_change(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig

@@ -292,6 +292,17 @@ def test_the_smallest_range_is_logged_each_second_as_the_first_number_of_its_lin
     assert re.search(r"\d+\.\d+", driving)[0] == expected[0].split()[2], "no other number comes first"
 
 
+@pytest.mark.parametrize(("stop_distance", "warnings"), [(0.4, 0), (0.0, 0), (0.05, 1)])
+def test_a_stop_distance_that_the_lidar_does_not_see_is_told_once(stop_distance, warnings, monkeypatch):
+    controller = Controller(monkeypatch, stop_distance=stop_distance)
+    for distance in (1.0, 0.8):
+        controller.answer_at(distance)
+    told = [
+        text for text in controller.warnings if "stop_distance = 0.05 m, but the lidar measures no" in text
+    ]
+    assert len(told) == warnings
+
+
 def test_each_arrival_is_announced_once(controller):
     def announced():
         return [msg.data for msg in controller.sent("~arrived")]
