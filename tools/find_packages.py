@@ -154,6 +154,9 @@ def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
     stand_in = (package, gazebo_packages.COMPAT / package)
     for name, folder in (*around_caller, *in_ros_path, *next_to_clone, stand_in):
         if name == package:
+            # the folder `launch` first, because a folder beside it may hold the submissions of a class
+            if (folder / "launch" / file).is_file():
+                return folder / "launch" / file
             for path, folders, files in os.walk(folder, followlinks=True):
                 folders[:] = sorted(inner for inner in folders if inner[0] != ".")
                 if file in files:

@@ -77,7 +77,8 @@ def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
             )
         return found, others
     own = PACKAGE_FOLDER / "launch" / name
-    path = own if own.is_file() and "/" not in name else Path(name)
+    # a file in the caller's folder comes first, as in roslaunch; a student's file may have a name of ours
+    path = own if own.is_file() and "/" not in name and not Path(name).is_file() else Path(name)
     if not path.is_file():
         known = ", ".join(sorted(file.name for file in (PACKAGE_FOLDER / "launch").glob("*.launch")))
         raise SystemExit(f"[dev] error: cannot find the launch file '{name}'; this package has {known}")

@@ -21,10 +21,11 @@ for share in "$here/compat" "${opt_ros:-/usr}/share"; do
 done
 [ "$name" != husky_highlevel_controller ] || die "'$name' is the package of the simulator. Choose another name"
 
-folder=$caller
+folder=$(cd "$caller" && pwd -P)
 case $folder/ in "$here"/*) folder=$(dirname "$here") ;; esac        # next to the clone, not in it
 workspace=
-if [ "$kind" = cpp ] && [ "$(basename "$folder")" != src ]; then     # a compiled package needs a workspace
+# a compiled package needs a workspace; the home folder is none, so ~/src is no folder of a workspace
+if [ "$kind" = cpp ] && { [ "$(basename "$folder")" != src ] || [ "$(dirname "$folder")" -ef "$HOME" ]; }; then
   workspace=$folder/${name}_ws
   folder=$workspace/src
 elif [ "$kind" = cpp ]; then

@@ -64,12 +64,16 @@ def launch_here(words: List[str], caller: Path) -> None:
         roslaunch.main(sys.argv)
 
 
-def warn_of_dependencies(words: List[str]) -> None:
-    """Warn of the dependencies that are missing here, of the package in a command line of rosrun."""
-    packages = rospkg.RosPack()
+def package_of(words: List[str], paths: List[str]) -> List[Path]:
+    """Return the folder of the package in a command line of rosrun; empty if it is in none of these paths."""
+    packages = rospkg.RosPack(paths)
     # the package is the first word after rosrun, or the second one after an option
-    found = [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()]
-    for sentence in find_packages.dependency_sentences(found[:1]):
+    return [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()][:1]
+
+
+def warn_of_dependencies(package: List[Path]) -> None:
+    """Warn of the dependencies of a package that are missing here."""
+    for sentence in find_packages.dependency_sentences(package):
         print(f"[dev] warning: {sentence}", file=sys.stderr, flush=True)
 
 
@@ -83,11 +87,15 @@ def main() -> None:
         if words[0] not in BUILDS:
             find_packages.source_workspace(caller)
         paths = find_packages.add_packages(gazebo_packages.package_paths(), caller)
+        package = package_of(words, paths) if words[0] == "rosrun" else []
+        if package:
+            # a compiled node is in the workspace of its package, which may lie next to this clone
+            find_packages.source_workspace(package[0])
+            paths = find_packages.add_packages(gazebo_packages.package_paths(), caller)
         joined = gazebo_packages.join_copies(paths)
         paths = gazebo_packages.package_path(paths, joined.values())
         os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
-        if words[0] == "rosrun":
-            warn_of_dependencies(words)
+        warn_of_dependencies(package)
     try:
         os.execvp(words[0], words)
     except OSError as error:

@@ -288,6 +288,18 @@ def test_new_writes_beside_the_clone_and_over_nothing(tmp_path):
     assert not [path for path in tmp_path.rglob("my_husky/**/*") if "first_node" in path.name]
 
 
+def test_new_makes_no_workspace_of_the_home_folder_and_goes_beside_the_clone_behind_a_link(tmp_path):
+    source = tmp_path / "src"
+    source.mkdir()
+    copy_of_dev(source / "clone", "examples", "compat")
+    link = tmp_path / "link"
+    link.symlink_to(source / "clone")
+    env = {**os.environ, "HOME": str(tmp_path)}
+    assert call(link / "dev", "new", "my_husky", "--cpp", cwd=link, env=env)[1] == 0
+    assert (source / "my_husky_ws" / "src" / "my_husky" / "package.xml").is_file()
+    assert not (source / "my_husky").exists()
+
+
 def test_new_takes_the_name_of_the_course_s_package_with_a_warning(tmp_path):
     output, code = new(tmp_path, "5ro14_husky_controller")
     assert code == 0, output

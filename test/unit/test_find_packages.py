@@ -91,6 +91,32 @@ def test_the_words_of_a_command_keep_their_blanks_and_quotes(workspace):
     assert run.with_path(words, workspace) == ["-p", "1", str(path), *words[4:]]
 
 
+def test_a_class_in_a_package_does_not_hide_its_launch_files(tmp_path):
+    repository = package(tmp_path / "lab", "launch/drive.launch", "class/ann/launch/drive.launch")
+    found = find_packages.find_file("lab", "drive.launch", repository)
+    assert found == repository / "launch" / "drive.launch"
+
+
+def test_the_workspace_of_a_compiled_package_next_to_the_clone_is_sourced(tmp_path, monkeypatch):
+    workspace = tmp_path / "my_husky_ws"
+    package(workspace / "src" / "my_husky")
+    (workspace / "devel").mkdir()
+    (workspace / "devel" / "setup.bash").write_text("export SOURCED=yes\n")
+    monkeypatch.setattr(find_packages, "PACKAGE_FOLDER", tmp_path / "clone")
+    monkeypatch.setattr(run.os, "execvp", lambda *_: None)
+    monkeypatch.setattr(sys, "argv", ["run.py", "rosrun", "my_husky", "drive"])
+    monkeypatch.delenv("SOURCED", raising=False)
+    (tmp_path / "clone").mkdir()
+    monkeypatch.chdir(tmp_path / "clone")
+    old = dict(os.environ)
+    try:
+        run.main()
+        assert os.environ.get("SOURCED") == "yes"
+    finally:
+        os.environ.clear()
+        os.environ.update(old)
+
+
 def test_marking_does_not_see_what_lies_beside_it():
     grade = ["rosrun", find_packages.PACKAGE, "grade"]
     assert not run.sees_neighbours([*grade, "--all", "."])

@@ -68,3 +68,11 @@ def test_an_argument_in_the_brackets_of_a_readme_is_taken(launch):
     file = share_folder() / "launch" / "simulator.launch"
     arguments = launch.check_arguments(file, ["[gui:=false]", "x:=[1,2]", "--screen"])
     assert arguments.options == ["gui:=false", "x:=[1,2]", "--screen"]
+
+
+def test_a_launch_file_where_the_person_stands_comes_before_this_package_s(launch, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    own = share_folder() / "launch" / "controller.launch"
+    assert launch.find_launch_file(["controller.launch"])[0] == own
+    (tmp_path / "controller.launch").write_text("<launch/>")
+    assert launch.find_launch_file(["controller.launch"])[0] == tmp_path / "controller.launch"
