@@ -21,6 +21,8 @@ from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
 # largest number of copies of a cube or sphere in a list; a view with more copies does not turn smoothly
 MAX_COPIES = 2000
+# largest number of different colours of one marker's triangles or copies; more colours are rounded
+MAX_COLORS = 64
 # largest number of points of one marker, and largest cost of all markers, so that the browser is fast enough
 # for the page's emergency stop; a cost of 1 is the time to draw one point of a point cloud
 MAX_POINTS, MAX_COST = 100_000, 300_000
@@ -138,10 +140,17 @@ def pose_of(marker: Marker) -> Optional[Pose]:
 def cost(marker: Marker) -> int:
     """Return the cost of drawing a marker, in points of a cloud."""
     if marker.type in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
-        return COPY_COST * min(len(marker.points), MAX_COPIES)
+        return max(COPY_COST * min(len(marker.points), MAX_COPIES), _cost_of_colors(marker))
     if marker.type == Marker.TEXT_VIEW_FACING:
         return TEXT_COST
+    if marker.type == Marker.TRIANGLE_LIST:
+        return max(_cost_of_colors(marker), len(marker.points))
     return max(SOLID_COST, len(marker.points))
+
+
+def _cost_of_colors(marker: Marker) -> int:
+    """Return the cost of a marker of which each colour becomes a solid."""
+    return SOLID_COST * max(min(len(marker.colors), MAX_COLORS), 1)
 
 
 class Markers:
@@ -247,10 +256,20 @@ def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
         make: function that returns the mesh of a list of parts.
     """
     parts_by_color: Dict[Rgba, List[Any]] = {}
-    for part, color in zip(parts, colors):
+    for part, color in zip(parts, _few_colors(colors)):
         r, g, b, a = (float(value) for value in color)
         parts_by_color.setdefault((r, g, b, a), []).append(part)
     return [Solid(make(members), rgba) for rgba, members in parts_by_color.items()]
+
+
+def _few_colors(colors: np.ndarray) -> np.ndarray:
+    """Return colours (N, 4) from 0 to 1, rounded so far that at most MAX_COLORS of them differ."""
+    few = colors
+    for steps in (31, 15, 7, 3, 1):  # numbers of steps between 0 and 1
+        if len(np.unique(few, axis=0)) <= MAX_COLORS:
+            break
+        few = np.round(np.clip(colors, 0.0, 1.0) * steps) / steps
+    return few
 
 
 def _colors(marker: Marker, count: int) -> np.ndarray:

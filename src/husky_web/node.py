@@ -229,6 +229,8 @@ class WebNode:
             self._topics.open()
         self._topics.follow(published)
         offered = dict(published)  # message type of each published topic
+        if f"{self._config.simulator}/paused" not in offered:
+            self._is_paused = None  # the simulator has ended, so it is not paused any more
         # if a simulator publishes true poses, they are shown instead of the odometry
         has_truth = self._topics.names["truth"] in offered
         self._topics.listen("truth", Odometry, is_wanted=has_truth)

@@ -121,8 +121,9 @@ class WorldTab:
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""
-        poses = self._poses()
-        name = next(name for name in (f"{shape}_{number}" for number in count(1)) if name not in poses)
+        # a body of a model with several links is called MODEL::LINK
+        taken = {body.partition("::")[0] for body in self._poses()}
+        name = next(name for name in (f"{shape}_{number}" for number in count(1)) if name not in taken)
         return call(
             f"{self._simulator}/spawn",
             SpawnObject,

@@ -8,7 +8,7 @@ from nav_msgs.msg import Path
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from husky_web.markers import Markers, markers_of, primitives
+from husky_web.markers import MAX_COLORS, Markers, markers_of, primitives
 from husky_web.shapes import Label, Lines, MeshFile, Points, Solid
 
 RED, GREEN = ColorRGBA(1, 0, 0, 1), ColorRGBA(0, 1, 0, 1)
@@ -69,6 +69,19 @@ def test_lists_are_one_solid_for_each_colour():
     )
     assert [piece.rgba for piece in drawn] == [(1, 0, 0, 1), (0, 1, 0, 1)]
     assert drawn[0].mesh.vertices[:, 0].max() == pytest.approx(9.5)
+
+
+@pytest.mark.parametrize("kind", [Marker.TRIANGLE_LIST, Marker.CUBE_LIST])
+def test_a_list_of_many_colours_is_few_solids_of_about_these_colours(kind):
+    heights = np.linspace(0.0, 1.0, 1500)
+    points, colors = (
+        [(row, 0.0, 0.0) for row in range(1500)],
+        [ColorRGBA(z, 0.3, 1.0 - z, 1.0) for z in heights],
+    )
+    drawn = primitives(marker(kind, points=points, colors=colors))
+    assert 8 <= len(drawn) <= MAX_COLORS
+    reds = sorted(solid.rgba[0] for solid in drawn)
+    assert (reds[0], reds[-1]) == (0.0, 1.0)
 
 
 def test_points_texts_meshes_and_triangles():

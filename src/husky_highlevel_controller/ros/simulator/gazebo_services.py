@@ -122,6 +122,8 @@ class GazeboServices:
     def _spawn(self, request: SpawnModelRequest) -> str:
         """Add a model, given as SDF or URDF, and return a sentence about it."""
         name = request.model_name
+        if name in (self._robot_name, *NAMES_OF_ROBOT):
+            raise ObjectError(f"'{name}' is not spawned: this name means the robot; choose another name")
         frame = self._frame_motion(request.reference_frame, "reference_frame")
         try:
             at_rest = Twist()  # a request to spawn a model has no velocity

@@ -170,7 +170,8 @@ class WorldDisplay:
         _, _, height = BOX_SIZE
         upright = Pose((x, y, z + height / 2.0))  # the pose of a box is the pose of its middle
         geometry, number = Geometry(Box(BOX_SIZE), rgba=BOX_COLOR), 1
-        while f"box_{number}" in self._simulation.bodies:
+        taken = {*self._simulation.bodies, *self._simulation.models}
+        while f"box_{number}" in taken:
             number += 1
         box = Body(f"box_{number}", upright, collisions=(geometry,), visuals=(geometry,), mass=BOX_MASS)
         self._simulation.spawn([checked(box)])
