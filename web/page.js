@@ -117,8 +117,12 @@
     });
   };
 
+  // Text can be typed into the focused element. A checkbox keeps the focus after a click, but takes no text, so
+  // the keys must still stop and drive the robot.
+  const NO_TEXT = "[type=checkbox], [type=radio], [type=range], [type=button], [type=file], [type=color]";
   const isTyping = (target) =>
-    target instanceof Element && target.closest("input, textarea, select, [contenteditable=true]") !== null;
+    target instanceof Element && !target.matches(NO_TEXT) &&
+    target.closest("input, textarea, select, [contenteditable=true]") !== null;
   window.addEventListener("keydown", (event) => {
     if (event.code === "Space" && !isTyping(event.target)) { // also if a button has the focus; Enter presses the button
       event.stopImmediatePropagation();

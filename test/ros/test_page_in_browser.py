@@ -454,6 +454,18 @@ def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
     wait_until(lambda: not robot.is_locked, "e_stop is released")
 
 
+def test_space_is_the_emergency_stop_even_after_a_click_on_a_checkbox(page, robot):
+    show(page, "View")
+    checkbox = page.get_by_role("checkbox").first
+    checkbox.click()
+    page.keyboard.press("Space")
+    wait_until(lambda: robot.is_locked, "e_stop is sent")
+    checkbox.click()
+    page.press(".husky-e-stop.locked", "Enter")
+    wait_until(lambda: not robot.is_locked, "e_stop is released")
+    show(page, "Drive")
+
+
 def test_an_emergency_stop_that_the_network_loses_is_sent_again(browser, launched, robot):
     link = Link(int(launched.rpartition(":")[2]))
     page = opened(browser, f"http://127.0.0.1:{link.port}")

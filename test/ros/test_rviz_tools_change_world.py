@@ -127,6 +127,12 @@ class RvizToolsChangeWorld(RosTest):
             return False
 
         self.wait_until(there, f"a box is at {expected} in odom")
+        self.click(-3.0, 2.0, frame="world")  # of Gazebo's window
+
+        def is_in_world():
+            return any(abs(x + 3.0) + abs(y - 2.0) < 0.02 for x, y, _ in self.listed("world").values())
+
+        self.wait_until(is_in_world, "a box is at the click in the world")
         self.click(2.0, 1.0, frame="nowhere")
         self.wait_until_refused("no transform from 'nowhere' to 'odom'")
         self.click(4.0, 1.0, frame="")

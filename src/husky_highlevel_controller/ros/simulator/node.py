@@ -84,6 +84,7 @@ class SimulatorNode:
         start, config, depth_camera = read_parameters()
         self._start = start
         self._paused = start.paused  # true while simulated time stands still
+        self._pacer = Pacer(start.real_time_factor, 0.0, time.monotonic())
         # this topic is latched, so a web page that is opened later also knows whether the world is paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
         self._paused_topic.publish(start.paused)
@@ -159,7 +160,7 @@ class SimulatorNode:
             # and other new subscribers
             publishers.keep_for_new_subscribers(simulation.at_start())
         start_stamp = simulation.stamp
-        self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
+        self._pacer.restart(simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
@@ -227,6 +228,8 @@ class SimulatorNode:
         if self._publishers.uses_simulated_time:
             return
         self._simulation.set_stamp(time.time())
+        # otherwise the node would sleep until wall time has caught up with the new stamp
+        self._pacer.restart(self._simulation.stamp, time.monotonic())
         if self._start.real_time_factor != 1.0:
             rospy.logwarn_once(
                 "use_sim_time is false and real_time_factor is %g: stamps and ROS time drift apart; let "

@@ -25,7 +25,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.object_markers import DELETE, body_to_msg, upwards
-from husky_highlevel_controller.ros.simulator.publishers import ODOM
+from husky_highlevel_controller.ros.simulator.publishers import ODOM, WORLD
 from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.simulation import Simulation
@@ -202,6 +202,8 @@ class WorldDisplay:
     def _in_world(self, msg: PoseMsg, frame: str) -> Pose:
         """Convert a pose in a frame of TF to the world; ObjectError if the pose or the frame is not valid."""
         pose = checked_pose(conversions.pose_from_msg(msg))
+        if frame.lstrip("/") == WORLD:  # the frame of the window of the world, which is not on /tf
+            return pose
         odom_in_world = inverse(self._simulation.pose_world_in_odom)
         return checked_pose(compose(compose(odom_in_world, self._frame_in_odom(frame.lstrip("/"))), pose))
 
