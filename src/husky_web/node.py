@@ -214,6 +214,7 @@ class WebNode:
             self._recorder.stop()
             self._objects.clear()
             self._scene.forget()
+            self._numbers.forget()
             self._drive.forget()
             self._drivers.forget()
         # the last connection may end later than the last page, and the process keeps its memory until then

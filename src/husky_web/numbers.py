@@ -15,6 +15,7 @@ from husky_web.topics import Topics
 # [s] wall time without odometry after which the page reports that the robot is not responding
 NO_NEWS_TIME = 2.0
 RATE_WINDOW = 3.0  # [s] the rate of the scans and the real-time factor are measured over this time
+EXPIRY = 3.0  # [s] simulated time after which a number without a new message is not shown any more
 UNKNOWN = (nan, nan)
 
 
@@ -24,7 +25,11 @@ class Numbers:
     def __init__(self, curves: Dict[str, Curve]) -> None:
         """Begin without numbers; `curves` has the names of `plots.CHARTS`."""
         self._curves = curves
-        # number of scans so far, at the stamp of the newest scan; only the rate of this curve is shown
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all numbers, because they would be old when the next page opens."""
+        # number of scans so far, at the time of the newest odometry; only the rate of this curve is shown
         self.scans = Curve(series=1, window=RATE_WINDOW)
         # [s] simulated time, at the wall time; the rate of this curve is the real-time factor
         self.clock = Curve(series=1, window=RATE_WINDOW)
@@ -36,6 +41,8 @@ class Numbers:
         self.speed: Optional[float] = None  # [m/s] measured forward speed
         self.bearing: Optional[float] = None  # [rad] bearing of the pillar
         self.pillar: Optional[Vector3] = None  # [m] position of the pillar in the fixed frame
+        # [s] simulated time at which the last distance, and the last position of the pillar, have come
+        self._error_at, self._pillar_at = -inf, -inf
 
     def take(self, topics: Topics, scene: Scene, now: float) -> None:
         """Take in new messages of the topics; `now` is wall time [s].
@@ -54,7 +61,7 @@ class Numbers:
         error = topics.take("error")
         if error is not None:
             # the controller's message has the remaining distance [m] in x and the bearing [rad] in y
-            self.distance, self.bearing = error.vector.x, error.vector.y
+            self.distance, self.bearing, self._error_at = error.vector.x, error.vector.y, self._now
             self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
             self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
         pillar = topics.take("pillar")
@@ -62,6 +69,13 @@ class Numbers:
             frame = scene.frames.pose(pillar.header.frame_id, scene.fixed_frame)
             point = (pillar.point.x, pillar.point.y, pillar.point.z)
             self.pillar = None if frame is None else transform_point(frame, point)
+            self._pillar_at = self._now
+        # A controller that has ended sends no more, and its last numbers must not count as present ones.
+        # After a restart of the simulator, the time of its last message may lie ahead.
+        if not 0.0 <= self._now - self._error_at <= EXPIRY:
+            self.distance = self.bearing = None
+        if not 0.0 <= self._now - self._pillar_at <= EXPIRY:
+            self.pillar = None
         if odometry is not None and self.time is not None:
             commanded, measured = (self._speeds.get(name, UNKNOWN) for name in ("commanded", "measured"))
             self._curves["speed"].add(self.time, commanded[0], measured[0])
@@ -70,7 +84,13 @@ class Numbers:
         if self.time is not None:
             self.clock.add(now, self.time)
         if topics.scan_count:  # otherwise no scan has come yet, so there is no stamp of a scan
-            self.scans.add(scene.scan_stamp, topics.scan_count)
+            # if the lidar ends, the rate goes down to 0, because the time of odometry goes on
+            self.scans.add(scene.scan_stamp if self.time is None else self.time, topics.scan_count)
+
+    @property
+    def _now(self) -> float:
+        """Simulated time of the newest odometry [s]; 0 before the first odometry."""
+        return self.time or 0.0
 
     def expect_silence(self, now: float) -> None:
         """Expect no odometry until `now` [s], because the world is paused."""

@@ -71,7 +71,8 @@ class Objects:
         for key, shown in self.shown.items():
             with on_error_log_and_skip(f"'{key[1]}' of {key[0]}"):
                 frame_in_fixed = self._frames.pose(shown.frame, self._fixed_frame)
-                if key in self.dragged:  # the object follows the mouse, and not the poses of its server
+                # a dragged object follows the mouse; poses that its server sends do not count
+                if key in self.dragged:
                     place(shown.node, self.dragged[key])
                 elif frame_in_fixed is not None:
                     place(shown.node, compose(frame_in_fixed, shown.pose_in_frame))

@@ -85,7 +85,7 @@ class _Activity:
         if now - self._looked_at > LOOK_PERIOD:
             self._looked_at, registered = now, self._read_graph()
             if registered != self._registered:
-                # the program has made progress, so its times since the last change begin again
+                # the program has made progress, so the sleep and the CPU time since then are counted from 0
                 self._registered = registered
                 self._slept, self._cpu_at_change = 0.0, self.cpu_seconds
 

@@ -432,8 +432,8 @@ def _drive(
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
 
-    # free direction that is nearest to the direction of the pillar; in the pillar's own direction, only the
-    # remaining distance must be free
+    # Free direction that is nearest to the direction of the pillar. In the pillar's own direction, only the
+    # way to the stop point must be free. In any other direction, LOOK_AHEAD must be free.
     bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         twist = Twist2D(0.0, control.search_rate)

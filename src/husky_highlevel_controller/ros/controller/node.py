@@ -399,6 +399,7 @@ class ControllerNode:
                 self._tf_time, self._tf_stamp = now, tf_stamp
         # [s] time between the first and the last scan in `stamps`
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
+        state = self._state()
         return Health(
             paused=paused,
             scan_silence=None if self._scan_time is None else now - self._scan_time,
@@ -411,9 +412,10 @@ class ControllerNode:
             tf_silence=None if self._tf_time is None else now - self._tf_time,
             tf_age=now - tf_stamp,
             scans_ahead=self._placement.ahead_of_odometry,
-            state=self._state(),
+            state=state,
             pillar=self._pillar_status,
-            reason=self._reason,
+            # after a start or a stop, the reason is out of date until the next scan, as the state is
+            reason=self._reason if state is self._controller_state.state else "",
             disobedience=self._disobedience_reason,
             scan_absence=self._absence_reason,
         )

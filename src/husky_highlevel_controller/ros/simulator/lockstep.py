@@ -36,7 +36,8 @@ PARTNERS_POLL_PERIOD = 0.02
 MAX_LEAD = 2  # number of scans without a command after which the simulator waits for the controller
 # [s] if a controller does not answer within this wall time, the simulator no longer waits for the controller
 CONTROLLER_TIMEOUT = 0.1
-# number of scans that a controller must answer in a row before the simulator waits for it again
+# if the simulator no longer waits for a slow controller, it waits again after the controller has answered
+# this many scans in a row
 FOLLOWING_SCANS = 10
 
 AWAKE = 10  # number of scans that a controller must answer in a row to count as awake

@@ -78,8 +78,8 @@ class Publishers:
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
         # Messages for /tf, which are made only once, because making a message takes time. A key says whether
-        # the message has the transform of odom, and whether it has the transforms of the wheels. Another node
-        # may publish each of these.
+        # the message has the transform of odom, and whether it has the transforms of the wheels, because
+        # another node may publish either of them.
         self._moving_trees = {
             (True, False): MovingTree(base),
             (False, True): MovingTree(wheels),

@@ -357,6 +357,20 @@ def test_it_starts_and_stops_at_once_by_its_service_and_drives_with_the_paramete
     assert controller.answer() == Twist(), "search is off"
 
 
+def test_after_a_start_the_status_does_not_say_why_the_robot_had_stopped(controller):
+    def status():
+        health = controller.node._examine(False)
+        return health.state.value, health.reason
+
+    controller.start_stop(False)
+    controller.answer_at(3.0)
+    assert status() == ("stopped", "stopped by its start/stop service")
+    controller.start_stop(True)
+    assert status() == ("waiting", ""), "no scan has come since the start"
+    controller.answer_at(3.0)
+    assert status()[0] == "driving"
+
+
 @pytest.mark.parametrize(
     ("ranges", "why"),
     [
