@@ -175,19 +175,21 @@ def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
     return [*paths, *(folder for name, folder in found.items() if name not in known)]
 
 
-def source_workspace(path: Path) -> None:
-    """Source the built catkin workspace around a file or folder, if there is one, for this process."""
+def source_workspace(path: Path) -> bool:
+    """Source the built catkin workspace around a file or folder for this process; return whether it did."""
     setups = (folder / "devel" / "setup.bash" for folder in (path, *path.parents))
     setup = next((setup for setup in setups if setup.is_file()), None)
     if setup is None or PACKAGE_FOLDER / ".dev" in setup.parents:  # ./dev has sourced its own workspace
-        return
+        return False
     script = 'source "$1" --extend >/dev/null && env -0'
     done = subprocess.run(["bash", "-c", script, "bash", str(setup)], stdout=subprocess.PIPE, check=False)
-    if done.returncode == 0:
-        variables = [line.partition("=") for line in os.fsdecode(done.stdout).split("\0") if line]
-        os.environ.update({name: value for name, _, value in variables})
-        # the workspace may have put another Python first
-        os.environ["PATH"] = os.pathsep.join((os.path.dirname(sys.executable), os.environ.get("PATH", "")))
+    if done.returncode != 0:
+        return False
+    variables = [line.partition("=") for line in os.fsdecode(done.stdout).split("\0") if line]
+    os.environ.update({name: value for name, _, value in variables})
+    # the workspace may have put another Python first
+    os.environ["PATH"] = os.pathsep.join((os.path.dirname(sys.executable), os.environ.get("PATH", "")))
+    return True
 
 
 def main() -> None:

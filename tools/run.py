@@ -88,9 +88,8 @@ def main() -> None:
             find_packages.source_workspace(caller)
         paths = find_packages.add_packages(gazebo_packages.package_paths(), caller)
         package = package_of(words, paths) if words[0] == "rosrun" else []
-        if package:
-            # a compiled node is in the workspace of its package, which may lie next to this clone
-            find_packages.source_workspace(package[0])
+        # a compiled node is in the workspace of its package, which may lie next to this clone
+        if package and find_packages.source_workspace(package[0]):
             paths = find_packages.add_packages(gazebo_packages.package_paths(), caller)
         joined = gazebo_packages.join_copies(paths)
         paths = gazebo_packages.package_path(paths, joined.values())

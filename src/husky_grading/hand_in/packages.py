@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
 
@@ -17,6 +16,7 @@ from husky_grading.isolation.files import (
     file_suffix,
     read_text,
     read_xml,
+    texts_in,
     walk,
 )
 from husky_highlevel_controller.datatypes import HuskyError
@@ -70,6 +70,13 @@ class Package:
     place: PurePosixPath
     # names of the packages on which this package depends, by its package.xml
     needs: FrozenSet[str] = frozenset()
+
+    @cached_property
+    def imported(self) -> FrozenSet[str]:
+        """Return the names that its Python files import; package.xml may forget them."""
+        # a Python node may have a name without an ending
+        texts = texts_in(self.path, {".py", ""}, MAX_MANIFEST, skipped=BUILT)
+        return frozenset(name for _, text in texts for name in _IMPORT.findall(text))
 
 
 @dataclass(frozen=True)
@@ -280,21 +287,10 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
         # packages of the submission that this package needs, and that are not in `members` yet
         needs = package.needs & others
         if others - needs:  # otherwise the files need not be read
-            needs |= _imported(package) & others
+            needs |= package.imported & others
         members |= needs
         waiting += needs
     return members
-
-
-def _imported(package: Package) -> Set[str]:
-    """Return the names that the Python files of a package import; package.xml may forget them."""
-    names: Set[str] = set()
-    for path in walk(package.path, skipped=BUILT):
-        # a Python node may have a name without an ending
-        if file_suffix(path) in (".py", ""):
-            with suppress(UnreadableFileError):
-                names.update(_IMPORT.findall(read_text(path, MAX_MANIFEST)))
-    return names
 
 
 def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:

@@ -23,6 +23,7 @@ MAX_SIZE = 20_000_000  # [bytes] larger files are not read
 # [bytes] larger YAML files are not read, because parsing takes a thousand times as much memory
 MAX_YAML = 500_000
 MAX_ENTRIES = 50_000  # folders with more files and folders than this are not read
+SKIPPED = frozenset({".git"})  # names of folders that are not searched, unless the caller names others
 
 
 class UnreadableFileError(HuskyError):
@@ -72,13 +73,17 @@ def file_suffix(path: Path) -> str:
     return ".launch" if path.name.endswith(".launch.xml") else path.suffix
 
 
-def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) -> Iterator[Tuple[Path, str]]:
+def texts_in(
+    folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE, skipped: frozenset = SKIPPED
+) -> Iterator[Tuple[Path, str]]:
     """Yield the files below a folder that have one of these suffixes and can be read, and their texts.
+
+    Folders with a name in `skipped` are left out.
 
     Raises:
         UnreadableFileError: the folder has more than MAX_ENTRIES files and folders.
     """
-    for path in walk(folder):
+    for path in walk(folder, skipped):
         if file_suffix(path) in suffixes:
             with contextlib.suppress(UnreadableFileError):
                 yield path, read_text(path, max_size)
@@ -169,7 +174,7 @@ def write_whole(path: Path, content: str) -> None:
         partial.unlink(missing_ok=True)
 
 
-def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Path]:
+def walk(folder: Path, skipped: frozenset = SKIPPED) -> Iterator[Path]:
     """Yield the regular files below a folder, in order; links are not followed.
 
     Folders with a name in `skipped`, and folders that cannot be read, are left out.
