@@ -181,6 +181,17 @@ def pose_to_2d(pose: Pose) -> Pose2D:
     return Pose2D(pose.position[0], pose.position[1], yaw_from_quat(pose.quat_xyzw))
 
 
+def world_in_odom(base_in_world: Pose, base_in_odom: Pose2D) -> Pose:
+    """Return the pose of the world in odom, from base_link's true pose and its pose by odometry.
+
+    Odometry is planar, so base_link stays at z = 0 in odom, also on a ramp or a deck. So odom is level, and
+    always as high in the world as base_link. Only then are an object and the lidar's echoes from it drawn at
+    one height.
+    """
+    level_base_in_world = pose_from_2d(pose_to_2d(base_in_world), base_in_world.position[2])
+    return compose(pose_from_2d(base_in_odom), inverse(level_base_in_world))
+
+
 def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
     """Pose after a constant twist for `duration` s: exactly along the arc."""
     turn = twist_in_base.angular * duration

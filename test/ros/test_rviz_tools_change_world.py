@@ -2,9 +2,9 @@
 
 from math import nan
 
-from geometry_msgs.msg import Point, PointStamped, Pose, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseWithCovarianceStamped, Quaternion, Vector3
 from harness import RosTest, ask_simulator, simulator_service
-from husky_highlevel_controller.srv import ListObjects, SpawnObject
+from husky_highlevel_controller.srv import ListObjects, MoveObject, SpawnObject, SpawnObjectRequest
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
@@ -160,6 +160,26 @@ class RvizToolsChangeWorld(RosTest):
         self.estimate(6.0, 0.3, 0.0)
         self.wait_until_refused("'husky' would stand inside 'box_1'")
         self.assertTrue(is_at(truths[-1], in_world), "it is where it was")
+
+    def test_a_robot_on_a_deck_is_moved_on_the_deck(self):
+        truths = self.remember("ground_truth/odom", Odometry)
+        deck_in_odom = Pose(Point(30.0, 0.0, GROUND + 0.5), Quaternion(w=1.0))
+        spawn, move = simulator_service("spawn", SpawnObject), simulator_service("move", MoveObject)
+        deck = SpawnObjectRequest(
+            model_name="deck", shape="box", size=Vector3(8.0, 8.0, 1.0), initial_pose=deck_in_odom
+        )
+        deck.reference_frame = "odom"
+        self.assertTrue(spawn(deck).success)
+        on_deck = Pose(Point(30.0, 0.0, GROUND + 1.0), Quaternion(w=1.0))
+        self.assertTrue(move("husky", on_deck, "odom").success)
+        self.estimate(31.0, 1.0, 0.0)
+        x, y, _ = transform_point(ODOM_IN_WORLD, (31.0, 1.0, 0.0))
+
+        def is_on_deck():
+            found = at(truths[-1].pose.pose.position) if truths else (0.0, 0.0, 0.0)
+            return max(abs(a - b) for a, b in zip(found, (x, y, 1.13))) < 0.02
+
+        self.wait_until(is_on_deck, "the robot is on the deck, at the pose")
 
     # ------------------------------------------------------------------ interactive markers
 

@@ -200,6 +200,16 @@ def test_the_robot_is_put_down_at_rest_and_odom_stays_where_it_is_in_the_world(s
     assert max(hypot(*sample.specific_force[:2]) for sample in felt) < 0.5, "no crash is felt"
 
 
+def test_odom_is_as_high_as_base_link_on_a_deck_and_beside_it(simulate):
+    deck = body("deck", Box((6.0, 6.0, 1.0)), z=0.5)
+    simulation = simulate(deck, driven=0.1)
+    assert simulation.ground_height == pytest.approx(1.0, abs=2e-3)
+    assert simulation.pose_world_in_odom.position[2] == pytest.approx(-1.1323, abs=2e-3)
+    simulation.move("husky", Pose((10.0, 0.0, 0.0), UPRIGHT))
+    assert simulation.ground_height == pytest.approx(0.0, abs=2e-3)
+    assert simulation.pose_world_in_odom.position[2] == pytest.approx(-0.1323, abs=2e-3)
+
+
 def test_a_start_inside_something_is_refused_and_frees_the_engine(simulate):
     """It holds 35 MB; a sweep over starts would run out of memory."""
     before = [client for client in range(64) if pybullet.isConnected(client)]

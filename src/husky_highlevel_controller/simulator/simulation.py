@@ -22,7 +22,13 @@ from husky_highlevel_controller.datatypes import (
     Twist2D,
     World,
 )
-from husky_highlevel_controller.geometry import compose, pose_from_2d, pose_to_2d, rotate
+from husky_highlevel_controller.geometry import (
+    compose,
+    pose_from_2d,
+    pose_to_2d,
+    rotate,
+    world_in_odom,
+)
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
@@ -259,7 +265,12 @@ class Simulation:
     def pose_world_in_odom(self) -> Pose:
         """Pose of the world in odom, by the filtered odometry."""
         filtered = self._odometer.filtered.pose_base_in_odom
-        return self._robot.world_in_odom(self._chassis.state.pose_in_world, filtered)
+        return world_in_odom(self._chassis.state.pose_in_world, filtered)
+
+    @property
+    def ground_height(self) -> float:
+        """Height in the world of the level ground on which the robot stands [m]."""
+        return self._chassis.state.pose_in_world.position[2] - self._robot.base_height
 
     def spawn(self, bodies: Sequence[Body]) -> None:
         """Add all new bodies, or none. Raises PlacementError if a name is taken, or if a body has no room."""
@@ -275,7 +286,7 @@ class Simulation:
         """Put a body, or the robot, somewhere else, at rest.
 
         The robot is put with its wheels on the floor. Its odometry jumps by the same move, so that the frame
-        odom stays where it is in the world.
+        odom stays where it is in the world. Only its height is that of the new floor.
 
         Raises:
             PlacementError: no object has this name, or another object is in the way; then nothing changes.
@@ -313,12 +324,12 @@ class Simulation:
         self._chassis.set_velocity(motion_in_world.velocity, motion_in_world.angular_velocity)
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
-        """Put base_link at a pose, at rest; the odometry jumps, too, so that odom keeps its pose."""
-        world_in_odom = self.pose_world_in_odom
+        """Put base_link at a pose, at rest; the odometry jumps, too, so that odom keeps its x, y and yaw."""
+        pose_world_in_odom = self.pose_world_in_odom
         self._chassis.move(pose_base_in_world)
         self._equipment.imu.restart()
         self._equipment.drive.reset()
-        self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
+        self._odometer.relocate(pose_to_2d(compose(pose_world_in_odom, self._chassis.state.pose_in_world)))
 
     def reset_poses(self) -> None:
         """Put the robot and every body back to their first poses, at rest.

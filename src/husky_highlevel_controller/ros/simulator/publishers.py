@@ -19,7 +19,7 @@ from sensor_msgs.msg import Imu, JointState, LaserScan, MagneticField, NavSatFix
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import OdometrySample, Pose, Scan, Snapshot
-from husky_highlevel_controller.geometry import inverse, pose_from_2d
+from husky_highlevel_controller.geometry import inverse, pose_from_2d, world_in_odom
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
@@ -289,7 +289,7 @@ class Publishers:
     def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
         """Transforms from the world to the robot's true pose, to its wheels, and to odom."""
         base_in_world = snapshot.robot.pose_in_world
-        odom_in_world = inverse(self._robot.world_in_odom(base_in_world, odometry.filtered.pose_base_in_odom))
+        odom_in_world = inverse(world_in_odom(base_in_world, odometry.filtered.pose_base_in_odom))
         wheels = zip(self._wheels, self._wheel_poses(odometry))
         tree = [(WORLD, BASE, base_in_world), (WORLD, ODOM, odom_in_world)]
         tree += [(BASE, wheel.link, pose) for wheel, pose in wheels]

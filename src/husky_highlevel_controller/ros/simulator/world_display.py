@@ -180,7 +180,9 @@ class WorldDisplay:
     def _move_robot(self, msg: PoseWithCovarianceStamped) -> str:
         """Put the robot at a pose that was set in RViz, and return a sentence about it."""
         pose = self._in_world(msg.pose.pose, msg.header.frame_id)
-        self._simulation.move(ROBOT, pose_from_2d(pose_to_2d(pose)))
+        # the message has no height, so the robot keeps the height of its floor, which may be a deck
+        on_floor = pose_from_2d(pose_to_2d(pose), self._simulation.ground_height)
+        self._simulation.move(ROBOT, on_floor)
         return f"'{ROBOT}' was moved"
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:

@@ -14,13 +14,10 @@ from typing import List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller import urdf
-from husky_highlevel_controller.datatypes import Pose, Pose2D, Vector3
+from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.geometry import (
     compose,
-    inverse,
     matrix_from_quat,
-    pose_from_2d,
-    pose_to_2d,
     quat_from_rpy,
     quat_multiply,
     rotate,
@@ -87,15 +84,6 @@ class RobotModel:
     def base_height(self) -> float:
         """Height of base_link over level ground on which the wheels stand [m]."""
         return self.wheels[0].radius - self.wheels[0].position[2]
-
-    def world_in_odom(self, base_in_world: Pose, base_in_odom: Pose2D) -> Pose:
-        """Return the pose of the world in odom, from the true and the estimated pose of base_link.
-
-        The estimate is planar, with base_link at z = 0 in odom. So odom is level, and its origin is
-        `base_height` above the ground.
-        """
-        level_base_in_world = pose_from_2d(pose_to_2d(base_in_world), self.base_height)
-        return compose(pose_from_2d(base_in_odom), inverse(level_base_in_world))
 
 
 def robot_model(
