@@ -115,6 +115,7 @@ def function_of_dev(name):
     [
         ("groups_of_launch controller.launch real_time_factor:=0", "", ""),
         ("groups_of_launch controller.launch", ":0", "rviz"),
+        ("groups_of_launch controller.launch gui:=false", ":0", ""),
         ("groups_of_launch controller.launch gui:=false web:=true", "", "page"),
         ("groups_of_launch web.launch", "", "page"),
         ("groups_of_launch ../my/launch/my.launch", "", "page"),

@@ -99,8 +99,8 @@ def launched_nodes() -> Set[str]:
 
 
 def launched_nodes_of_others() -> Set[str]:
-    """Names of the launched nodes except OWN_NODES; a controller may be among them."""
-    return launched_nodes() - OWN_NODES
+    """Names of the launched nodes except OWN_NODES in any namespace; a controller may be among them."""
+    return {name for name in launched_nodes() if name.rsplit("/", 1)[-1] not in OWN_NODES}
 
 
 def nodes_of_same_launch(name: str) -> Set[str]:

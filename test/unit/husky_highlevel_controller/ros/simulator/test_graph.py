@@ -9,7 +9,7 @@ pytest.importorskip("rospy")
 from test_wrong_topics import TWIST, graph
 
 from husky_highlevel_controller.ros.simulator import graph as graph_module
-from husky_highlevel_controller.ros.simulator.graph import GraphWatch
+from husky_highlevel_controller.ros.simulator.graph import GraphWatch, launched_nodes_of_others
 
 DEADLINE = 20.0  # [s]
 
@@ -27,6 +27,12 @@ def test_the_watch_warns_once_and_five_simulated_seconds_after_the_node_has_join
     now[0] = 200.0
     watch.look(wrong)
     assert len(warnings) == 1, "once for each"
+
+
+def test_the_nodes_of_our_launch_files_are_known_in_any_namespace(monkeypatch):
+    nodes = {"husky_simulator", "robot_1/husky_simulator", "robot_1/robot_state_publisher", "robot_1/walker"}
+    monkeypatch.setattr(graph_module, "launched_nodes", lambda: nodes)
+    assert launched_nodes_of_others() == {"robot_1/walker"}
 
 
 def test_an_error_of_one_look_does_not_end_the_watch(monkeypatch):
