@@ -97,7 +97,7 @@ def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:
     """Return a vector turned by a unit quaternion (x, y, z, w), as q v q*."""
     qx, qy, qz, qw = quat
     vx, vy, vz = vector
-    # with t = 2 q x v, the turned vector is v + w t + q x t
+    # with u = (qx, qy, qz) and the vector product t = 2 u x v, the turned vector is v + qw t + u x t
     tx = 2.0 * (qy * vz - qz * vy)
     ty = 2.0 * (qz * vx - qx * vz)
     tz = 2.0 * (qx * vy - qy * vx)

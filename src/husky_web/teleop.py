@@ -93,8 +93,8 @@ class Teleop:
         self._wake = threading.Event()  # set if there may be a command, so that the thread wakes up at once
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
-        # a simulator keeps its last message on `locked` for pages that start later; a twist_mux has no topic
-        # `locked`
+        # The page learns the state of the emergency stop from two topics. On `locked`, a simulator also tells
+        # it to pages that start later. A robot with a twist_mux has no such topic, so `e_stop` is read, too.
         for topic in ("e_stop", f"{simulator}/locked"):
             rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()

@@ -204,8 +204,8 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # packages that may drive the robot; they are the same for all launch files. If the exercise is about a
-    # filter of the robot (`by_submission`), a launch file need not drive, so the set is empty.
+    # Packages that may drive the robot; they are the same for all launch files. In exercise 4, the launch
+    # file of the student starts only a filter, and nothing that drives, so the set is empty.
     driving = files[0].driving_packages if files and not facts.parts.by_submission else frozenset()
     if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
