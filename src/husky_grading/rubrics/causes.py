@@ -52,7 +52,8 @@ HINTS = {
     Kind.MISSING_INCLUDE: "hand in the file that is named, or take its <include> out of the launch file",
     Kind.MISSING_PACKAGE: "hand in the package that is named, or do without it",
 }
-# kinds of notes on packages and nodes of others, which are a cause only if no node of the submission runs
+# Kinds of notes on packages and nodes of others. `causes` leaves them out; `first_cause` takes one of them if
+# no node of the submission runs.
 OF_OTHERS = {Kind.MISSING_PACKAGE, Kind.OTHERS_NODE}
 # kinds of notes that never explain lost points
 HARMLESS = {
