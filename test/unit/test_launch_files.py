@@ -44,6 +44,18 @@ def test_an_argument_that_is_true_or_false_may_be_1_or_0(word, value, load):
     assert [config.params[f"/husky_simulator/{name}"].value for name in names] == [value] * 4
 
 
+def test_a_file_of_the_user_changes_the_profile_of_the_real_robot(load, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("robot_profile: {lidar: {range_max: 5.0}, hard: {friction: 0.3}}")
+    parameters = load(
+        "simulator.launch", "gui:=false", "profile:=robot", f"simulator_parameters:={file}"
+    ).params
+    profile = "/husky_simulator/robot_profile"
+    assert parameters[f"{profile}/lidar/range_max"].value == 5.0
+    assert parameters[f"{profile}/hard/friction"].value == 0.3
+    assert parameters[f"{profile}/lidar/beams"].value == 541, "the others keep their defaults"
+
+
 def test_a_folder_of_bags_is_looked_for_where_the_user_types():
     text = (share_folder() / "launch" / "record_exercise_4.launch").read_text()
     assert 'cwd="cwd"' in text

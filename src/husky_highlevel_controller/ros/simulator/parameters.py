@@ -15,7 +15,7 @@ from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
 from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetup
-from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig
+from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     if start.profile == "robot":
         (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
         config = replace(config, real=real.on(start.ground))
+        if config.lidar != simulator_config(robot.name).lidar:
+            rospy.logwarn(f"{source}lidar has no effect with profile:=robot; set {source}robot_profile/lidar")
     return start, config, camera
 
 
