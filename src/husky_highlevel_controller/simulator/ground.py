@@ -23,7 +23,9 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, transform_point
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
-FALL_DEPTH = 10.0  # [m] a robot this far below its start has fallen off the world
+FALL_DEPTH = 10.0  # [m] a robot this far below the floor on which it was put has fallen off the world
+# [m] a floor is searched down to this depth, which is twice the greatest height that the simulator accepts
+_SEARCH_DEPTH = 2e4
 # [m] if the robot starts on a slab that is not higher than this, the slab is the floor; the robot's hull is
 # above it
 MAX_SLAB = 0.12
@@ -42,6 +44,13 @@ _MIDDLE_POINTS = (
 _FLOOR_REACH = 1.0
 _RISE_STEP = 0.1  # [m] step of the search for the top of a floor
 _LEVEL_TOLERANCE = 1e-3  # [m] a floor is level if its heights differ by less than this
+# [m] a floor whose heights under the wheels differ by less than this is uneven ground, such as a terrain or a
+# ramp; a greater difference is the edge of a floor
+_MAX_UNEVENNESS = 0.3
+# points of the robot's outline [m] at which the highest point of uneven ground is searched
+_OUTLINE = [(0.1 * i, 0.1 * j) for i in range(-5, 6) for j in range(-4, 5)]
+# [m] on uneven ground, the robot is put this much higher, because the ground is higher between those points
+_CLEARANCE = 0.02
 _LOOKING_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
 # rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
@@ -50,7 +59,7 @@ log = logging.getLogger("rosout.world")
 
 
 def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
-    """Return the world, with a plane at z = 0 if nothing is within FALL_DEPTH below the robot's start.
+    """Return the world, with a plane at z = 0 if nothing is below the robot's start, or below this plane.
 
     Args:
         world: the world.
@@ -59,8 +68,9 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
     """
     parts = [(body.pose_in_world, part) for body in world.bodies for part in body.collisions]
     scene = make_scene([(part.shape, compose(pose, part.pose_in_body)) for pose, part in parts])
-    # the search begins above any slab on which the robot may start; inf means that there is no ground
-    if isfinite(_drop(scene, (start.x, start.y, height + MAX_SLAB))):
+    # A robot that starts below a plane is lifted out of it. So a start below 0 needs no new plane if the
+    # world has a floor at 0.
+    if has_floor(scene, (start.x, start.y, max(height, 0.0))) or has_floor(scene, (start.x, start.y, height)):
         return world
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
@@ -72,11 +82,18 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
     return replace(world, bodies=(*world.bodies, ground))
 
 
+def has_floor(scene: RayScene, point: Vector3) -> bool:
+    """Return whether a body is below a point, or is a slab on which a robot at this point stands."""
+    x, y, z = point
+    return isfinite(_drop(scene, (x, y, z + MAX_SLAB)))
+
+
 def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
-    """Return the height of the level floor under all wheels, over a level pose [m]; 0 if there is none.
+    """Return the height of the floor under all wheels, over a level pose [m]; 0 if there is none.
 
     The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
-    slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
+    slab, the floor is the top of that body. A narrow body is an obstacle and not a floor. The height of
+    uneven ground is that of its highest point under the robot, and _CLEARANCE, so that nothing is inside it.
     """
     top, drops = _drops_at_wheels(scene, pose_on_ground)
     # [m] height of the floor under the first corner of the robot; used below only if the floor is level
@@ -87,9 +104,19 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
     # a drop of 0 (inside a body) or of inf (no body below) means that there is no floor; then the robot stays
     # at the pose
-    is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL_TOLERANCE and all(drops)
-    # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
-    return height if is_level and abs(height) > _LEVEL_TOLERANCE else 0.0
+    if not (all(drops) and isfinite(max(drops))):
+        return 0.0
+    unevenness = max(drops) - min(drops)
+    if unevenness < _LEVEL_TOLERANCE:
+        # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
+        return height if abs(height) > _LEVEL_TOLERANCE else 0.0
+    if unevenness < _MAX_UNEVENNESS:
+        return (
+            top
+            - min(_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _OUTLINE)
+            + _CLEARANCE
+        )
+    return 0.0
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
@@ -121,5 +148,5 @@ def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -
 
 
 def _drop(scene: RayScene, point: Vector3) -> float:
-    """Return the distance from a point down to the first body [m]; inf beyond FALL_DEPTH."""
-    return float(cast_rays(scene, Pose(point, _LOOKING_DOWN), even_beams(0.0, 0.0, 1), FALL_DEPTH)[0])
+    """Return the distance from a point down to the first body [m]; inf if there is none."""
+    return float(cast_rays(scene, Pose(point, _LOOKING_DOWN), even_beams(0.0, 0.0, 1), _SEARCH_DEPTH)[0])

@@ -33,7 +33,7 @@ from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
 from husky_highlevel_controller.simulator.equipment import POINTS_STREAM, Equipment, equip
-from husky_highlevel_controller.simulator.ground import MAX_DROP, floor_height
+from husky_highlevel_controller.simulator.ground import FALL_DEPTH, MAX_DROP, floor_height, has_floor
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.odometry import Odometer
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays
@@ -141,6 +141,7 @@ class Simulation:
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
         self._chassis.place(self._pose_on_or_above_floor(self._start_pose), self._world.gravity)
+        self._height_of_last_floor = self.ground_height
         self._odometer.reset(self._chassis.wheels())
 
     def _pose_on_floor(self, pose: Pose) -> Pose:
@@ -272,6 +273,11 @@ class Simulation:
         """Height in the world of the level ground on which the robot stands [m]."""
         return self._chassis.state.pose_in_world.position[2] - self._robot.base_height
 
+    @property
+    def has_fallen(self) -> bool:
+        """Return whether the robot has left the world, because it is far below its last floor."""
+        return self.ground_height < self._height_of_last_floor - FALL_DEPTH
+
     def spawn(self, bodies: Sequence[Body]) -> None:
         """Add all new bodies, or none. Raises PlacementError if a name is taken, or if a body has no room."""
         self._objects.add(bodies)
@@ -295,6 +301,19 @@ class Simulation:
             self._move_robot(self._pose_on_floor(pose_in_world))
         else:
             self._objects.move(name, pose_in_world)
+
+    def move_robot_level(self, pose: Pose2D) -> None:
+        """Put the robot at a pose of the plane, at rest, on the floor at its present height.
+
+        If there is no floor any more, because the robot falls beside its floor, it is put on that floor.
+
+        Raises:
+            PlacementError: another object is in the way; then nothing changes.
+        """
+        height = self.ground_height
+        if not has_floor(self._objects.scene(), (pose.x, pose.y, height)):
+            height = self._height_of_last_floor
+        self._move_robot(self._pose_on_floor(pose_from_2d(pose, height)))
 
     @property
     def models(self) -> List[str]:
@@ -327,6 +346,7 @@ class Simulation:
         """Put base_link at a pose, at rest; the odometry jumps, too, so that odom keeps its x, y and yaw."""
         pose_world_in_odom = self.pose_world_in_odom
         self._chassis.move(pose_base_in_world)
+        self._height_of_last_floor = self.ground_height
         self._equipment.imu.restart()
         self._equipment.drive.reset()
         self._odometer.relocate(pose_to_2d(compose(pose_world_in_odom, self._chassis.state.pose_in_world)))

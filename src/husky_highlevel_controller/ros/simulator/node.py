@@ -16,7 +16,7 @@ from std_srvs.srv import Empty, Trigger
 
 from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.datatypes import HuskyError, Snapshot, Vector3, World
+from husky_highlevel_controller.datatypes import HuskyError, Snapshot, World
 from husky_highlevel_controller.ros.master_graph import read_graph
 from husky_highlevel_controller.ros.node import contained, run_node
 from husky_highlevel_controller.ros.registration import RegistrationWatch
@@ -50,7 +50,7 @@ from husky_highlevel_controller.simulator.arrival_watch import (
     pillar_of,
 )
 from husky_highlevel_controller.simulator.diff_drive import CommandError
-from husky_highlevel_controller.simulator.ground import FALL_DEPTH, with_ground
+from husky_highlevel_controller.simulator.ground import with_ground
 from husky_highlevel_controller.simulator.models.description import CAMERA_FRAME, variables_without_effect
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
@@ -310,7 +310,7 @@ class SimulatorNode:
             except CommandError as error:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
         snapshot = self._simulation.step()
-        self._notice_fall(snapshot.robot.pose_in_world.position)
+        self._notice_fall(snapshot)
         if snapshot.contacts:
             self._notice_touches(snapshot)
         if snapshot.odometry is not None:
@@ -344,13 +344,12 @@ class SimulatorNode:
         again = partial(self._publishers.publish_clock, self._simulation.stamp)
         self._lockstep.tick(self._serve_during_step, again)
 
-    def _notice_fall(self, position: Vector3) -> None:
-        """Log an error when the robot begins to fall off the world, once for each fall."""
-        has_fallen = position[2] < self._start.z - FALL_DEPTH
+    def _notice_fall(self, snapshot: Snapshot) -> None:
+        """Log an error when the robot has fallen off the world, once for each fall."""
+        has_fallen = self._simulation.has_fallen
         if has_fallen and not self._has_fallen:
-            rospy.logerr(
-                "the robot has fallen off the world near (%.1f, %.1f); ~reset puts it back", *position[:2]
-            )
+            x, y, _ = snapshot.robot.pose_in_world.position
+            rospy.logerr("the robot has fallen off the world near (%.1f, %.1f); ~reset puts it back", x, y)
         self._has_fallen = has_fallen
 
     def _notice_touches(self, snapshot: Snapshot) -> None:

@@ -20,7 +20,7 @@ from interactive_markers.interactive_marker_server import InteractiveMarkerServe
 from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from husky_highlevel_controller.datatypes import Body, Box, Geometry, Pose, Vector3
-from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
+from husky_highlevel_controller.geometry import compose, inverse, pose_to_2d
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
@@ -180,9 +180,7 @@ class WorldDisplay:
     def _move_robot(self, msg: PoseWithCovarianceStamped) -> str:
         """Put the robot at a pose that was set in RViz, and return a sentence about it."""
         pose = self._in_world(msg.pose.pose, msg.header.frame_id)
-        # the message has no height, so the robot keeps the height of its floor, which may be a deck
-        on_floor = pose_from_2d(pose_to_2d(pose), self._simulation.ground_height)
-        self._simulation.move(ROBOT, on_floor)
+        self._simulation.move_robot_level(pose_to_2d(pose))
         return f"'{ROBOT}' was moved"
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:

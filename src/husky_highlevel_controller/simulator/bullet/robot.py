@@ -32,7 +32,7 @@ class RobotWorld(BulletWorld):
         """Add the robot with base_link at `pose`; PlacementError if something stands there."""
         self._model = model
         self._robot = self._load(pose)
-        self._name_by_id[self._robot], self._ids_by_name[ROBOT] = ROBOT, [self._robot]
+        self._ids_by_name[ROBOT] = [self._robot]
         # Bullet's friction is switched off, because traction.py computes it. Bullet's damping, which slows
         # every moving body down, is switched off, too.
         self._engine.changeDynamics(
@@ -41,7 +41,7 @@ class RobotWorld(BulletWorld):
         self.check_room(ROBOT)
 
     def _load(self, pose: Pose) -> int:
-        """Create a body with the robot's shape at a pose, and return its id."""
+        """Create a body with the robot's shape at a pose, or on the ground above it, and return its id."""
         # Bullet reads URDFs only from files and caches them by name, so each URDF gets a new name
         handle, path = tempfile.mkstemp(suffix=".urdf")
         try:
@@ -54,21 +54,25 @@ class RobotWorld(BulletWorld):
         # Bullet's poses are poses of the centre-of-mass frame, so `_set_pose` needs this frame's pose in
         # base_link
         self._inertial_in_body[body_id] = Pose(com_position, com_quat)
-        self._set_pose(body_id, pose)
+        self._name_by_id[body_id] = ROBOT
+        self._put(body_id, pose)
         return body_id
+
+    def _put(self, body_id: int, pose: Pose) -> None:
+        """Put the robot, or a copy of it, at a pose of base_link, or on the ground above this pose."""
+        self._set_pose(body_id, pose)
+        self._lift_out_of_the_ground(body_id)
 
     def move_robot(self, pose: Pose) -> None:
         """Move base_link to a pose, at rest. Raises PlacementError, and moves nothing, without room."""
         self.check_moves({ROBOT: pose}, checked=ROBOT)
-        self._set_pose(self._robot, pose)
+        self._put(self._robot, pose)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
         """Create a copy of a body, or of the robot, at a pose, and return its id."""
         if name != ROBOT:
             return super()._copy(name, pose_in_world)
-        copy = self._load(pose_in_world)
-        self._name_by_id[copy] = ROBOT
-        return copy
+        return self._load(pose_in_world)
 
     def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
         """Pose of base_link, velocity of the centre of mass [m/s] and spin [rad/s], in the world."""

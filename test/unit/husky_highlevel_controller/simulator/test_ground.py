@@ -20,7 +20,7 @@ FLOOR = Box((8.0, 4.0, 0.1))
     [
         world(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), 50.0, 0.0, 0.0),
         world(FLOOR, 0.0, 0.0, -0.05),
-        world(FLOOR, 0.0, 0.0, -9.0),
+        world(FLOOR, 0.0, 0.0, -50.0),
         world(FLOOR, 3.0, 1.0, -0.05),
         world(Sphere(100.0), 0.0, 0.0, -100.0),
     ],
@@ -36,7 +36,6 @@ def test_a_world_that_carries_the_robot_stays_as_it_is(carried, caplog):
         (World("w", ()), Pose2D()),
         (world(FLOOR, 0.0, 0.0, -0.05), Pose2D(5.0, 0.0)),
         (world(FLOOR, 0.0, 0.0, -0.05), Pose2D(0.0, -3.0)),
-        (world(FLOOR, 0.0, 0.0, -11.0), Pose2D()),
         (world(FLOOR, 0.0, 0.0, 3.0), Pose2D()),
         (world(FLOOR, 0.0, 0.0, -0.05, drawn=True), Pose2D()),
     ],
@@ -70,6 +69,23 @@ SLAB = Box((8.0, 8.0, 1.0))
 def test_the_floor_is_what_is_under_all_wheels_at_any_height(shape, middle, height, floor):
     scene = make_scene([(shape, Pose((0.0, 0.0, middle)))])
     assert floor_height(scene, Pose((0.0, 0.0, height))) == pytest.approx(floor, abs=1e-6)
+
+
+def test_on_uneven_ground_the_floor_is_above_its_highest_point():
+    step = (Box((8.0, 8.0, 1.0)), Pose((4.2, 0.0, -0.45)))  # 0.05 m high, from x = 0.2 m on
+    scene = make_scene([(SLAB, Pose((0.0, 0.0, -0.5))), step])
+    for height in (0.0, 3.0, -0.05):
+        found = height + floor_height(scene, Pose((0.0, 0.0, height)))
+        assert found == pytest.approx(0.07, abs=1e-6)
+    high_step = (Box((8.0, 8.0, 1.0)), Pose((4.2, 0.0, -0.1)))
+    edge = make_scene([(SLAB, Pose((0.0, 0.0, -0.5))), high_step])
+    assert floor_height(edge, Pose()) == 0.0, "an edge is no floor"
+
+
+def test_a_start_below_the_ground_needs_no_second_ground(caplog):
+    ground = world(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), 0.0, 0.0, 0.0)
+    assert with_ground(ground, Pose2D(), -0.3) is ground
+    assert with_ground(ground, Pose2D(), 50.0) is ground
 
 
 def test_ground_is_looked_for_from_the_height_at_which_the_robot_starts():
