@@ -60,7 +60,8 @@ def join_copies(paths: List[str]) -> Dict[str, Path]:
             shutil.rmtree(folder.parent, ignore_errors=True)
     packages = rospkg.RosPack(paths)
     known = packages.list()
-    if "gazebo_ros" in known:
+    # in a shell of `./dev run`, our own stand-in of gazebo_ros is in the path
+    if "gazebo_ros" in known and Path(packages.get_path("gazebo_ros")).resolve() != COMPAT / "gazebo_ros":
         return {}
     joined = {}
     for name in [name for name in COURSE_PACKAGES if name in known]:

@@ -1,7 +1,7 @@
 """`./dev run`: what `./dev launch` finds, a command finds too."""
 
 import yaml
-from network import make_package
+from network import make_package, wait_until
 
 from husky_highlevel_controller.paths import share_folder
 
@@ -24,8 +24,8 @@ rostest.rosrun("lab_robot", "passes", Passes)
 
 def test_spawn_model_of_the_stand_in_adds_a_box_while_it_runs(launch, ros, tmp_path):
     (tmp_path / "crate.urdf").write_text(CRATE)
-    launch("simulator.launch", "gui:=false").says("simulating")
-    pose = ("-x", "3", "-z", "0.6")
+    launch("simulator.launch", "gui:=false", "paused:=true").says("simulating")
+    pose = ("-x", "3", "-z", "0.6", "-reference_frame", "map", "-unpause")
     words = (
         "gazebo_ros",
         "spawn_model",
@@ -39,6 +39,9 @@ def test_spawn_model_of_the_stand_in_adds_a_box_while_it_runs(launch, ros, tmp_p
     ran = ros.start(DEV, "run", "rosrun", *words)
     assert ran.wait() == 0, ran.output
     assert "crate" in yaml.safe_load(ros.call("/husky_simulator/list", "world"))["model_names"]
+    wait_until(
+        lambda: yaml.safe_load(ros.call("/gazebo/get_world_properties"))["sim_time"] > 0.0, "time passes"
+    )
 
 
 def test_rostest_takes_a_package_and_a_file(ros, tmp_path, monkeypatch):

@@ -44,6 +44,29 @@ def test_a_model_of_several_links_has_the_pose_of_its_file_and_moves_as_a_whole(
     assert simulation.motion_of("cart").pose.position == pytest.approx(target.position, abs=2e-3)
 
 
+SIGN = """<sdf version='1.6'><world name='w'>
+  <include><uri>model://ground_plane</uri></include>
+  <model name='sign'><static>1</static><pose>3 0 0 0 0 0</pose>
+    <link name='board'><pose>0 0 1.5 0 0 0</pose>
+      <visual name='v'><geometry><box><size>0.1 1 1</size></box></geometry></visual></link>
+    <link name='pole'><pose>0 0 0.5 0 0 0</pose>
+      <collision name='c'>
+        <geometry><cylinder><radius>0.1</radius><length>1</length></cylinder></geometry></collision>
+    </link>
+  </model></world></sdf>"""
+
+
+def test_a_part_that_is_only_drawn_moves_with_its_model(simulate):
+    simulation = simulate(parse_world(SIGN, "sign.world"))
+    for x in (4.0, 5.0):
+        simulation.place_model("sign", ModelMotion(Pose((x, 1.0, 0.0))))
+        assert simulation.motion_of("sign").pose.position == pytest.approx((x, 1.0, 0.0), abs=1e-6)
+        assert simulation.pose_of("sign::pole").position == pytest.approx((x, 1.0, 0.5), abs=1e-6)
+        assert simulation.pose_of("sign::board").position == pytest.approx((x, 1.0, 1.5), abs=1e-6)
+    simulation.reset_poses()
+    assert simulation.pose_of("sign::board").position == pytest.approx((3.0, 0.0, 1.5))
+
+
 def test_a_model_gets_its_velocity_and_physics_takes_over(simulate):
     simulation = simulate(crate())
     simulation.place_model("crate", ModelMotion(Pose((3.0, 0.0, 2.0)), (0.5, 0.0, 0.0), (0.0, 0.0, 1.0)))

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import rospy
 import rosservice
+from gazebo_msgs.srv import SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion
-from husky_highlevel_controller.srv import SpawnObject
+from std_srvs.srv import Empty
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.geometry import quat_from_rpy
@@ -24,6 +25,7 @@ from husky_highlevel_controller.simulator.models.own_description import MODEL_VA
 
 SPAWN_HUSKY = Path(__file__).resolve().parents[2] / "husky_gazebo" / "scripts" / "spawn_husky"
 OWN = "/own_robot_description"  # parameter that takes the robot's URDF to the simulator's launch file
+ARGUMENTS = "HUSKY_SIMULATOR_ARGUMENTS"  # variable with arguments of simulator.launch; the last one counts
 QUIET = 10.0  # [s] wall time without a simulator after which the node logs that it waits
 
 
@@ -40,13 +42,14 @@ def parse() -> argparse.Namespace:
     source.add_argument("-stdin", action="store_true")
     parser.add_argument("-model", required=True)
     parser.add_argument("-reference_frame", default="")
+    parser.add_argument("-unpause", action="store_true")
     for axis in ("-x", "-y", "-z", "-R", "-P", "-Y"):
         parser.add_argument(axis, type=float, default=0.0)
     # without effect
     for option in ("-gazebo_namespace", "-robot_namespace", "-wait"):
         parser.add_argument(option)
     parser.add_argument("-J", nargs=2, action="append")
-    for option in ("-unpause", "-package_to_model", "-b", "-gazebo"):
+    for option in ("-package_to_model", "-b", "-gazebo"):
         parser.add_argument(option, action="store_true")
     return parser.parse_args(rospy.myargv()[1:])
 
@@ -62,11 +65,11 @@ def read_xml(given: argparse.Namespace) -> str:
     return f'<sdf version="1.6"><model><include><uri>model://{given.database}</uri></include></model></sdf>'
 
 
-def find_service() -> str:
-    """Wait for a simulator, and return the name of its service for new objects."""
+def find_service(name: str) -> str:
+    """Wait for a simulator, and return the full name of its service gazebo/NAME."""
     start, told = time.monotonic(), False
     while not rospy.is_shutdown():
-        names = [name for name in rosservice.get_service_list() if name.endswith("/husky_simulator/spawn")]
+        names = [each for each in rosservice.get_service_list() if each.endswith(f"/gazebo/{name}")]
         if names:
             return names[0]
         if not told and time.monotonic() > start + QUIET:
@@ -90,16 +93,22 @@ def main() -> None:
         pose = [f"x:={given.x}", f"y:={given.y}", f"z:={given.z}", f"yaw:={given.Y}"]
         # the SMB's /scan is made of its cloud, by a node of its launch files
         scans = ["laser_topic:=husky_simulator/plane_scan"] * (robot == "smb")
+        if given.unpause:  # the simulator begins with the robot, so it begins without a pause
+            os.environ[ARGUMENTS] = f"{os.environ.get(ARGUMENTS, '')} paused:=false"
         os.execv(SPAWN_HUSKY, ["spawn_husky", f"robot:={robot}", *pose, *scans])
     rospy.init_node("spawn_model", anonymous=True)
     pose = Pose(Point(given.x, given.y, given.z), Quaternion(*quat_from_rpy(given.R, given.P, given.Y)))
-    spawn = rospy.ServiceProxy(find_service(), SpawnObject)
+    spawn = rospy.ServiceProxy(
+        find_service("spawn_sdf_model" if given.sdf else "spawn_urdf_model"), SpawnModel
+    )
     response = spawn(
         model_name=given.model, model_xml=xml, initial_pose=pose, reference_frame=given.reference_frame
     )
     if not response.success:
-        raise SystemExit(f"spawn_model: '{given.model}': {response.status_message}")
+        raise SystemExit(f"spawn_model: {response.status_message}")
     rospy.loginfo(response.status_message)
+    if given.unpause:
+        rospy.ServiceProxy(find_service("unpause_physics"), Empty)()
 
 
 if __name__ == "__main__":

@@ -32,6 +32,8 @@ class WorldObjects:
     def __init__(self, bullet: BulletWorld) -> None:
         self._bullet = bullet
         self._bodies: Dict[str, Body] = {}
+        # present poses in the world of the moved bodies that are only drawn, by name; they are not in Bullet
+        self._drawn_poses: Dict[str, Pose] = {}
 
     @property
     def bodies(self) -> Mapping[str, Body]:
@@ -40,7 +42,7 @@ class WorldObjects:
 
     def load(self, bodies: Sequence[Body]) -> None:
         """Put the bodies of a world into an empty Bullet world."""
-        self._bodies, self._scene_is_stale = {}, True
+        self._bodies, self._drawn_poses, self._scene_is_stale = {}, {}, True
         for body in bodies:
             self._put(body)
 
@@ -90,6 +92,7 @@ class WorldObjects:
         """Remove the body with this name."""
         if self._bodies.pop(name).collisions:
             self._bullet.remove_body(name)
+        self._drawn_poses.pop(name, None)
         self._scene_is_stale = True
 
     def move(self, name: str, pose_in_world: Pose) -> None:
@@ -118,7 +121,8 @@ class WorldObjects:
         members = self.members(model)
         if not members:
             raise self._unknown(model)
-        body = self._bodies[members[0]]  # the first body stands for the whole model
+        # the first body in Bullet stands for the whole model; if there is none, the first body that is drawn
+        body = self._bodies[next((name for name in members if self._bodies[name].collisions), members[0])]
         pose = compose(self.pose_of(body.name), body.pose_model_in_body)
         # a body that physics does not move has no velocity
         if not body.collisions or body.mass == 0.0:
@@ -141,7 +145,6 @@ class WorldObjects:
         # transform in the world from the model's present pose to its new pose; it applies to all bodies of
         # the model
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
-        # a body that is only drawn is not in the Bullet world, and stays where it is
         solid = [name for name in self.members(model) if self._bodies[name].collisions]
         if not solid:
             raise PlacementError(f"'{model}' has no collision shape, so it cannot be moved")
@@ -150,6 +153,9 @@ class WorldObjects:
         for name in solid:
             self._bullet.check_movable(name)
             self._bullet.check_moves(poses, checked=name)
+        for name in self.members(model):
+            if name not in poses:  # a body that is only drawn is not in Bullet
+                self._drawn_poses[name] = compose(shift, self.pose_of(name))
         for name, pose in poses.items():
             self._bullet.move_body(name, pose)
             if self._bodies[name].mass > 0.0:
@@ -161,6 +167,7 @@ class WorldObjects:
         """Move every body back to its initial pose, also a static body that a service has moved."""
         for name, pose in self.initial_poses.items():
             self._bullet.move_body(name, pose)
+        self._drawn_poses.clear()
         self._scene_is_stale = True
 
     @property
@@ -178,7 +185,9 @@ class WorldObjects:
             raise self._unknown(name)
         body = self._bodies[name]
         # a body without a collision shape is only drawn, so it is not in Bullet
-        return self._bullet.pose_of(name) if body.collisions else body.pose_in_world
+        return (
+            self._bullet.pose_of(name) if body.collisions else self._drawn_poses.get(name, body.pose_in_world)
+        )
 
     def _name_is_taken(self, name: str) -> PlacementError:
         return PlacementError(f"a body named '{name}' exists already; choose another name")

@@ -48,7 +48,8 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     mass = 0.0
     # `pose` is the pose of a link in the root link, because the frame of the root link is the frame of the
     # body
-    for link_name, pose in urdf.poses_of_links(roots.pop(), joined).items():
+    (root,) = roots
+    for link_name, pose in urdf.poses_of_links(root, joined).items():
         link, where = links[link_name], urdf.label_of(links[link_name])
         for collision in link.findall("collision"):
             shape = _shape(collision, where, files)
@@ -57,7 +58,10 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         mass += _mass(link, where)
     if not geometries:
         raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder, sphere or mesh")
-    is_static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
+    # In Gazebo, a link with the name `world` is the world, so what is fixed to it cannot move.
+    is_static = root == "world" or any(
+        (item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static")
+    )
     shapes = tuple(geometries)
     # the collision shapes are also drawn; a mass of 0 makes the body static
     return Body(name, pose_in_world, collisions=shapes, visuals=shapes, mass=0.0 if is_static else mass)

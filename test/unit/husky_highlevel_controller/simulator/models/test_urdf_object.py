@@ -49,6 +49,7 @@ def test_the_shapes_of_all_links_are_one_body():
     [
         (link("base", CYLINDER),),
         (link("base", CYLINDER, MASS.format(3)), "<gazebo><static>true</static></gazebo>"),
+        (link("world"), link("base", CYLINDER, MASS.format(3)), joint("world", "base")),
     ],
 )
 def test_without_mass_or_said_to_be_static_it_never_moves(parts):
