@@ -43,11 +43,12 @@ class Obedience(NamedTuple):
         # without a pose, or without a command to move, there is nothing to compare
         if base_in_odom is None or (abs(twist.linear) < MIN_LINEAR and abs(twist.angular) < MIN_ANGULAR):
             return Obedience(stamp=stamp)
-        if self.pose is not None and stamp >= self.stamp:
+        # a longer time between two commands is a jump of a clock, or the robot was not commanded meanwhile
+        if self.pose is not None and 0.0 <= stamp - self.stamp <= STILL_TIME:
             moved = hypot(base_in_odom.x - self.pose.x, base_in_odom.y - self.pose.y)
             turned = abs(wrap_angle(base_in_odom.yaw - self.pose.yaw))
             if not (moved > MOVED or turned > TURNED):
                 return self._replace(stamp=stamp)  # the robot still stands at the old pose
-        # the robot has moved, this is the first command to move, or the time has run back; in all three cases
+        # the robot has moved, this is the first command to move, or the time has jumped; in all three cases
         # the memory begins again with the present pose
         return Obedience(pose=base_in_odom, since=stamp, stamp=stamp)

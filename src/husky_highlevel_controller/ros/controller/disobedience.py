@@ -5,16 +5,23 @@ In: the ROS graph, the simulator's emergency stop. Out: a sentence.
 
 from __future__ import annotations
 
+import time
+from functools import partial
+from typing import Sequence, Set
+
 import rosgraph
 import rospy
+from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.master_graph import read_graph
 
-# node of the web page, which always advertises its topic of commands, but sends only while a person drives
-PAGE = "husky_web"
+# [s] wall time for which the inputs of higher priority are heard. A node that drives sends more often,
+# because the robot forgets a command after 0.5 s.
+LISTENING_TIME = 0.6
+POLL_PERIOD = 0.02  # [s] wall time between two looks at what was heard
 
 
 class Disobedience:
@@ -57,9 +64,29 @@ class Disobedience:
         # `inputs` are in the order of their priority, highest first; a remapped topic is not an input, so it
         # has no priority
         higher_inputs = inputs[: inputs.index(topic)] if topic in inputs else []
-        for other in higher_inputs:
-            # the web page always advertises its topic, even if nobody drives with it, so it is left out
-            nodes = [node for node in publishers.get(other, ()) if node.rsplit("/", 1)[-1] != PAGE]
-            if nodes:
-                return f"{other} of {' and '.join(sorted(nodes))} has priority over {topic}"
+        senders = {name: publishers[name] for name in higher_inputs if publishers.get(name)}
+        other = first_that_speaks(list(senders))
+        if other:
+            return f"{other} of {' and '.join(sorted(senders[other]))} has priority over {topic}"
         return "check the emergency stop, the motors, and whether something blocks the robot"
+
+
+def first_that_speaks(topics: Sequence[str]) -> str:
+    """Return the first of the topics of commands on which a message comes within LISTENING_TIME, or "".
+
+    A web page, a joystick and the guards always advertise their topics, but send only in use.
+    """
+    heard: Set[str] = set()
+    subscribers = [
+        rospy.Subscriber(topic, Twist, partial(_hear, heard, topic), queue_size=1) for topic in topics
+    ]
+    end = time.monotonic() + LISTENING_TIME
+    while subscribers and not heard and time.monotonic() < end:
+        time.sleep(POLL_PERIOD)
+    for subscriber in subscribers:
+        subscriber.unregister()
+    return next((topic for topic in topics if topic in heard), "")
+
+
+def _hear(heard: Set[str], topic: str, _message: Twist) -> None:
+    heard.add(topic)

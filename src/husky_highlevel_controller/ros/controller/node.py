@@ -98,9 +98,11 @@ class ControllerNode:
         # memory of the controller
         self._enabled = start_stop.start_enabled  # true while the robot may drive
         self._controller_state = ControllerState()  # memory of `decide`, which computes the commands
-        # lock that is held during a decision and during a stop, so that no command follows the zero command
-        # of a stop
-        self._decision_lock = threading.Lock()
+        # Lock that is held during a decision and during a stop, so that no command follows the zero command
+        # of a stop. It is an RLock, because the signal that ends the node may interrupt a decision of the
+        # main thread.
+        self._decision_lock = threading.RLock()
+        self._has_ended = False  # true from the begin of the shutdown on; then all commands are zero
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
         # [m] last stop distance of which a warning said that the lidar does not see the pillar from there
         self._blind_stop_distance = 0.0
@@ -148,7 +150,7 @@ class ControllerNode:
         # fills `transforms`, and calls the placement after each message, because a scan may wait for the pose
         # in this message
         self._listener = Listener(transforms, self._placement)
-        rospy.on_shutdown(self._stop)
+        rospy.on_shutdown(self._end)
         rospy.Service(service, SetBool, self._on_start_stop)
         rospy.Subscriber(
             config.scan_topic_name,
@@ -205,6 +207,12 @@ class ControllerNode:
     def _stop(self) -> None:
         self._command(STOP)
 
+    def _end(self) -> None:
+        """Send zero as the last command, at the shutdown; rospy may deliver scans afterwards."""
+        with self._decision_lock:
+            self._has_ended = True
+            self._stop()
+
     def _stand_still(self) -> None:
         with self._decision_lock:
             self._stop()
@@ -215,6 +223,8 @@ class ControllerNode:
             rospy.logwarn_throttle(
                 REPORT_PERIOD, f"standing still: the command {twist} is not finite and was not sent"
             )
+            twist = STOP
+        if self._has_ended:
             twist = STOP
         publish(self._command_publisher, conversions.twist_to_msg(twist))
 

@@ -78,6 +78,10 @@ class Guard:
         # subscriber of the sensor that shows dangers, and whether a message has come since the last check
         self._sensor: Optional[rospy.Subscriber] = None
         self._has_sensor_message = threading.Event()
+        # Set when the shutdown begins. rospy calls this hook before `is_shutdown()` becomes true, and a hook
+        # that is added between the two would never be called, so it is added here.
+        self._is_over = threading.Event()
+        rospy.on_shutdown(self._is_over.set)
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
 
@@ -143,11 +147,11 @@ class Guard:
         """Wait for the service, and serve stops until the node is shut down."""
         threading.Thread(target=self._stop_request.run, args=(rospy.is_shutdown,), daemon=True).start()
         self._registration.start()
-        while not rospy.is_shutdown():
+        while not self._is_over.is_set():
             try:
                 rospy.wait_for_service(self._stop_service, timeout=REPORT_PERIOD)
             except rospy.ROSException:
-                if not rospy.is_shutdown():
+                if not self._is_over.is_set():
                     rospy.logwarn(
                         f"no service {self._stop_service} to stop the controller; check that it is running "
                         f"and that {rospy.get_name()}/start_stop_service_name is its start_stop_service_name"
@@ -158,10 +162,8 @@ class Guard:
 
     def _warn_while_sensor_is_silent(self) -> None:
         """Warn at the end of each REPORT_PERIOD without a message of the sensor, until the shutdown."""
-        is_over = threading.Event()
-        rospy.on_shutdown(is_over.set)
         earlier = rospy.get_time()
-        while not is_over.wait(REPORT_PERIOD):
+        while not self._is_over.wait(REPORT_PERIOD):
             now, has_come = rospy.get_time(), self._has_sensor_message.is_set()
             self._has_sensor_message.clear()
             # if simulated time is paused, the sensors are silent

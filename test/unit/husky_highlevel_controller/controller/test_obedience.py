@@ -38,3 +38,13 @@ def test_a_robot_that_moves_or_need_not_move_or_whose_pose_is_unknown_obeys(pose
 
 def test_a_robot_that_moves_again_obeys_at_once():
     assert obeys([*[Pose2D(0.0, 0.0, 0.0)] * 200, Pose2D(0.03, 0.0, 0.0)], FORWARD)
+
+
+def test_a_jump_of_the_clock_is_not_a_time_for_which_the_robot_stands():
+    memory = Obedience()
+    for number in range(100):  # the clock is set right after one second
+        stamp = number / 50.0 + (10.0 if number > 50 else 0.0)
+        memory = memory.after(stamp, Pose2D(0.01 * number, 0.0, 0.0), FORWARD)
+        assert memory.obeys
+    memory = Obedience().after(0.0, Pose2D(), FORWARD).after(1.8e9, Pose2D(), FORWARD)
+    assert memory.obeys

@@ -391,3 +391,11 @@ def test_with_search_off_it_stops_says_why_once_and_goes_on_when_the_pillar_is_b
     assert controller.answer().linear.x > 0.5
     (driving,) = controller.log[told:]
     assert driving.startswith("driving to the pillar")
+
+
+def test_after_the_last_zero_of_the_shutdown_a_late_scan_moves_nothing(controller):
+    assert controller.answer().linear.x > 0.0
+    (hook,) = (call.args[0] for call in rospy.on_shutdown.call_args_list)
+    hook()
+    assert controller.sent("cmd_vel")[-1] == Twist()
+    assert controller.answer() == Twist()

@@ -1,6 +1,7 @@
 """The guards judge the newest odometry and scan."""
 
 import re
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import ImuSample, Pose, Scan, Twist2D
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety import crash_stop, proximity_stop
 from husky_highlevel_controller.ros.safety import guard as guard_module
 from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig
@@ -186,3 +188,24 @@ def test_a_guard_whose_sensor_is_silent_says_so(monkeypatch, paused, warns):
     # six looks, of which one has seen the message; after it, the sensor has ended
     assert len(warnings) == (5 if warns else 0)
     assert all("guard inactive: no message on /scan for 0.01 s" in warning for warning in warnings)
+
+
+def test_a_guard_ends_if_the_shutdown_begins_while_it_looks_for_the_service(monkeypatch):
+    hooks = []
+
+    def begin_shutdown(*_, **__):
+        for hook in hooks:
+            hook()
+        hooks.clear()  # rospy never calls a hook that is added later; `is_shutdown()` is not true yet
+
+    for name in ("Subscriber", "Publisher", "loginfo"):
+        monkeypatch.setattr(rospy, name, lambda *_, **__: None)
+    monkeypatch.setattr(rospy, "on_shutdown", hooks.append)
+    monkeypatch.setattr(rospy, "wait_for_service", begin_shutdown)
+    monkeypatch.setattr(rospy, "get_time", lambda: 0.0)
+    monkeypatch.setattr(StopRequest, "run", lambda *_: None)
+    monkeypatch.setattr(RegistrationWatch, "start", lambda _: None)
+    running = threading.Thread(target=Guard(ServiceConfig(), load_robot(), 0.3).run, daemon=True)
+    running.start()
+    running.join(timeout=20.0)
+    assert not running.is_alive()
