@@ -131,11 +131,14 @@ def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = de
         # [s] the run continues for this time after the arrival; longer if the robot has to touch the pillar,
         # because it may still push the pillar
         settle=3.0 if setup.control.stop_distance == 0.0 else 1.0,
-        # [s] time limit of the run; longer for a real Husky, because it may first have to search for the
-        # pillar
-        seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,
+        seconds=time_limit(setup),
         controller=controller,
     )
+
+
+def time_limit(setup: Setup) -> float:
+    """Return the time limit of a run [s]; longer for a real Husky, which may first search for the pillar."""
+    return SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS
 
 
 def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:

@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from husky_evaluation.metrics import GOOD, MEANING_OF_BOUND, Drive, DriveResult, run_scene
+from husky_evaluation.metrics import GOOD, MEANING_OF_BOUND, Drive, DriveResult, run_scene, time_limit
 from husky_evaluation.plots import draw_costs
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import (
@@ -59,24 +59,28 @@ class Objective:
     """Cost of one run [s]: its time minus the shortest possible time (the bound), and penalties."""
 
     failure: float = number(
-        0.0, 1e6, "cost of a run that does not arrive, instead of its time [s]", default=60.0
+        0.0, 1e6, "cost of a run that does not arrive, added to its time limit [s]", default=60.0
     )
     touch: float = number(0.0, 1e6, "cost of a touch [s]", default=30.0)
     overshoot: float = number(0.0, 1e6, "cost of each metre beyond the stop distance [s/m]", default=100.0)
     crossing: float = number(0.0, 1e6, "cost of each swing across the pillar's direction [s]", default=1.0)
 
-    def cost(self, drive: DriveResult) -> float:
-        """Return the cost of one run [s]."""
-        time = drive.arrived_at - drive.bound if drive.arrived_at < inf else self.failure
+    def cost(self, drive: DriveResult, limit: float) -> float:
+        """Return the cost of one run [s]; a run that does not arrive has lasted until the time `limit` [s].
+
+        Because of the limit, such a run costs more than the slowest arrival.
+        """
+        time = drive.arrived_at if drive.arrived_at < inf else limit + self.failure
         touch = self.touch if drive.touched else 0.0
-        return time + touch + self.overshoot * drive.overshoot + self.crossing * drive.crossings
+        return time - drive.bound + touch + self.overshoot * drive.overshoot + self.crossing * drive.crossings
 
     @property
     def formula(self) -> str:
         """Return the formula of the objective as text."""
         return (
-            f"mean over the starts of: time beyond the bound [s], or {self.failure:g} if it does not arrive, "
-            f"+ {self.touch:g} for a touch + {self.overshoot:g} x overshoot [m] + {self.crossing:g} x swings"
+            f"mean over the starts of: time, or time limit + {self.failure:g} without arrival, beyond the "
+            f"bound [s] + {self.touch:g} for a touch + {self.overshoot:g} x overshoot [m] "
+            f"+ {self.crossing:g} x swings"
         )
 
 
@@ -165,7 +169,7 @@ def tune(
     """
     optuna = _require_optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
-    defaults = parameter_values(base)
+    defaults, limit = parameter_values(base), time_limit(base)
     # Optuna tries the values of `base` first; a value outside of its range is moved to the limit of the range
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
     rows: List[Dict[str, Any]] = []  # one row for each setup that was tried: its values and its cost
@@ -176,7 +180,7 @@ def tune(
         # every setup drives every scenario; all results of the first setup come first, then those of the next
         # setup
         results = workers.map(drive, product(setups, scenes), f"setups from {len(rows) + 1}")
-        costs = [objective.cost(result) for result in results]
+        costs = [objective.cost(result, limit) for result in results]
         mean_costs = np.reshape(costs, (len(setups), len(scenes))).mean(axis=1).tolist()
         for trial, values, mean in zip(optuna_trials, proposals, mean_costs):
             study.tell(trial, mean)  # Optuna needs the costs so far for its next proposals
@@ -243,7 +247,8 @@ def check(
     # true for scenarios in which the robot arrives with both setups; a missing arrival has the time inf,
     # which would make the mean infinite
     both_arrive = np.isfinite(times).all(axis=0)
-    costs = [[objective.cost(result) for result in side] for side in sides]
+    limit = time_limit(base)
+    costs = [[objective.cost(result, limit) for result in side] for side in sides]
     rows = [
         (f"{GOOD} [%]", *shares, ""),
         paired_row("time to arrival, mean [s]", times[:, both_arrive], "s"),

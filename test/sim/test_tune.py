@@ -11,7 +11,7 @@ import yaml
 from husky_evaluation import tune
 from husky_evaluation.metrics import DriveResult
 from husky_evaluation.scenarios import random_starts
-from husky_evaluation.setup import Setup
+from husky_evaluation.setup import Setup, setup_of
 from husky_evaluation.tasks.workers import Workers
 from husky_evaluation.tune import Objective, Range, parse_range, parse_weights
 from husky_highlevel_controller.config import ConfigError
@@ -63,11 +63,28 @@ def test_an_interrupted_tuning_goes_on_where_it_was(tmp_path, monkeypatch):
 
 def test_the_cost_is_as_it_says():
     drive = DriveResult("a", 12.0, 10.0, 0.0, 0.2, 0.0, (), 2, 0.05, 0.2)
-    assert Objective().cost(drive) == pytest.approx(2.0 + 5.0 + 2.0)
-    assert Objective(crossing=0.0, overshoot=0.0).cost(drive) == 2.0
+    assert Objective().cost(drive, 180.0) == pytest.approx(2.0 + 5.0 + 2.0)
+    assert Objective(crossing=0.0, overshoot=0.0).cost(drive, 180.0) == 2.0
     lost = DriveResult("a", inf, 10.0, 0.0, 0.2, 0.0, ("unit_cylinder",), 0, 0.0, 0.0)
-    assert Objective().cost(lost) == 90.0
+    assert Objective().cost(lost, 180.0) == 170.0 + 60.0 + 30.0
     assert parse_weights(["touch=1", "failure=5"]) == Objective(touch=1.0, failure=5.0)
+
+
+def late_or_never(item):
+    """In place of a drive: with a gain below 1 it arrives late, and else it never arrives."""
+    setup, scene = item
+    time = 590.0 if setup.control.p_gain_vel < 1.0 else inf
+    return DriveResult(scene.name, time, 10.0, 0.0, 0.2, 0.0, (), 0, 0.0, 0.2)
+
+
+def test_a_run_that_never_arrives_costs_more_than_a_late_arrival():
+    pytest.importorskip("optuna")
+    base, scenes = setup_of("robot"), random_starts(1, 0)
+    with Workers(1) as workers:
+        tuned = tune.tune([RANGES[0]], base, scenes, Objective(), 16, 0, workers, late_or_never)
+        fails = base.with_values({"p_gain_vel": 2.0})
+        assert not tune.check(base, fails, scenes, Objective(), workers, late_or_never).is_better
+    assert tuned.values["p_gain_vel"] < 1.0
 
 
 @pytest.mark.parametrize(
