@@ -82,7 +82,7 @@ class FrameTree:
         return frame
 
 
-# frames that the simulator alone publishes; they are used if a run has recorded no frames
+# frames that the simulator alone publishes; they are used if a run has ended before its odometry began
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 

@@ -50,8 +50,12 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     # all runs start the same nodes with the same robot, so frames and topics are taken from the first run
     first = recordings[0]
     exercise = EXERCISES[job.config.exercise]
-    # TF frames of the first run; if no frames were recorded, the frames of a robot that stands still
-    tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
+    tree = FrameTree(first.frames, first.descriptions)
+    if not first.frames or not len(first.times):
+        # Odometry begins with the simulated time. A run that ended before it has only the fixed frames of the
+        # robot and of the submission, so the frames of a robot that stands still are added.
+        descriptions = (*STANDING.descriptions, *first.descriptions)
+        tree = FrameTree({**STANDING.parents, **first.frames}, descriptions)
     view = view_of(submission.rviz, tree)
     # if several items have the same hint, only the first of them shows it
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))

@@ -1,7 +1,12 @@
 """Judging of a hand-in by its files: what is told beside the items, and to whom it could not be marked."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from husky_grading.displays import RvizConfig, RvizDisplay
+from husky_grading.exercises.exercise_3 import SHOWS_DISPLAYS
 from husky_grading.judge import judge, unmarked
 from husky_grading.mark import mark
 from husky_grading.recording import Recording
@@ -22,6 +27,32 @@ def test_fewer_drives_than_asked_for_are_told():
     assert "1 of 3 runs were made" in notes(1, trials=3)
     assert "runs were made" not in notes(3, trials=3)
     assert "runs were made" not in notes(1, trials=3, exercise=5), "it asks for one"
+
+
+DISPLAYS = (
+    RvizDisplay("rviz/TF"),
+    RvizDisplay("rviz/RobotModel", "/robot_description"),
+    RvizDisplay("rviz/LaserScan", "/front/scan"),
+)
+FIXED_FRAMES = {"base_footprint": "base_link", "map": "odom", "front_laser": "base_link"}
+
+
+@pytest.mark.parametrize(
+    ("fixed_frame", "times", "points"),
+    [("odom", [], 20.0), ("map", [], 20.0), ("nowhere", [], 0.0), ("odom", [0.02], 0.0)],
+)
+def test_a_node_that_ends_before_the_odometry_begins_keeps_its_points_for_rviz(fixed_frame, times, points):
+    config = RvizConfig("its rviz node, a.rviz", fixed_frame, DISPLAYS)
+    poses = {
+        "times": np.array(times),
+        "poses": np.zeros((len(times), 3)),
+        "speeds": np.zeros((len(times), 2)),
+    }
+    recording = replace(RECORDING, frames=FIXED_FRAMES, **poses)
+    result = judge(
+        replace(SUBMISSION, rviz=config), [recording], Job("ann", "out", MarkingConfig(robot="husky"))
+    )
+    assert {item.name: item.points for item in result.items}[SHOWS_DISPLAYS] == points, result
 
 
 JOB = Job("O'Brien", "/var/tmp/marking_0/hand_in", MarkingConfig(), hand_in="/home/me/my class/O'Brien")
