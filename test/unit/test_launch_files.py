@@ -56,6 +56,21 @@ def test_a_file_of_the_user_changes_the_profile_of_the_real_robot(load, tmp_path
     assert parameters[f"{profile}/lidar/beams"].value == 541, "the others keep their defaults"
 
 
+@pytest.mark.parametrize(
+    ("file", "arguments"),
+    [
+        ("controller.launch", ("gui:=false", "web:=true", "exit_on_arrival:=true")),
+        ("controller.launch", ("gui:=false", "naive:=true")),
+        ("robot.launch", ("rviz:=false",)),
+    ],
+)
+def test_a_wrong_parameter_of_an_earlier_launch_is_forgotten(file, arguments, load):
+    config = load(file, *arguments)
+    names = [f"/{node.name}/" for node in config.nodes if node.package == "husky_highlevel_controller"]
+    assert len(names) > 1
+    assert sorted(config.clear_params) == sorted(names)
+
+
 def test_a_folder_of_bags_is_looked_for_where_the_user_types():
     text = (share_folder() / "launch" / "record_exercise_4.launch").read_text()
     assert 'cwd="cwd"' in text

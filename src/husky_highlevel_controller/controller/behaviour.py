@@ -384,7 +384,7 @@ def _search(
     # the search has turned once around before it drives. An earlier scan showed walls (`in_room`), but this
     # scan has no return, so the lidar is faulty: the robot must not drive, and the search keeps its old state
     if twist.linear > 0.0 and not measured and controller_state.in_room:
-        problem = "no beam of a whole turn returned anything; check that the lidar is uncovered"
+        problem = "no beam returns anything, although many did before; check that the lidar is uncovered"
         return _wait(problem, controller_state.search)
     motion = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
     return _Action(State.SEARCHING, twist, f"{motion}: {no_pillar}", search)

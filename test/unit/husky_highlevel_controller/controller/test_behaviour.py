@@ -348,7 +348,7 @@ def test_a_lidar_that_goes_blind_in_a_room_turns_once_and_then_stands_until_it_s
     assert all(hypot(step.pose.x - x, step.pose.y - y) < 0.05 for step in steps[10:]), "it drives nowhere"
     assert sum(step.output.state is State.SEARCHING for step in steps) < 150, "one turn"
     assert (steps[-1].output.state, steps[-1].output.twist) == (State.WAITING, STOP)
-    assert "no beam of a whole turn returned anything" in steps[-1].output.reason
+    assert "no beam returns anything, although many did before" in steps[-1].output.reason
     is_blind[0] = False
     assert toy.drive(40.0)[-1].output.state is State.ARRIVED
 
