@@ -60,7 +60,12 @@ class Comparison:
         """Return why B is worse than A, because it fails more often or is too slow; empty if it is not worse.
 
         `margin` is the allowed slowdown of B, as a fraction of A's mean time.
+
+        Raises:
+            HuskyError: neither A nor B succeeds from any start, so that nothing can be compared.
         """
+        if not any(outcome.success for outcome in (*self.a, *self.b)):
+            raise HuskyError("neither A nor B succeeds from any start")
         # letter of the failing side, for each start at which only one side fails
         letters = [letter for letter, _, _ in self.failures]
         only_b_fails, only_a_fails = letters.count("B"), letters.count("A")

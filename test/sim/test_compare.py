@@ -56,11 +56,23 @@ FAILS = "starts at which only B fails: 1, only A: 0"
         ([10.0, 20.0], [10.0, inf], FAILS),
         ([10.0, inf], [10.0, 20.0], ""),
         ([10.0, inf, 10.0], [inf, 20.0, 10.0], ""),
-        ([inf, inf], [inf, inf], ""),
+        ([10.0, inf], [inf, 20.0], ""),
+        ([inf, inf], [inf, 20.0], ""),
+        ([10.0, inf], [inf, inf], FAILS),
     ],
 )
 def test_worse_is_what_fails_more_often_or_may_be_slower_than_the_margin(a, b, why):
     assert comparison(a, b).worse(0.05) == why
+
+
+def test_two_sides_that_never_succeed_cannot_be_compared(tmp_path, capsys, monkeypatch):
+    with pytest.raises(HuskyError, match="neither A nor B succeeds from any start"):
+        comparison([inf, inf], [inf, inf]).result(0.05, "")
+    monkeypatch.setattr(metrics, "DRIVE_SECONDS", 2.0)
+    (tmp_path / "lazy.yaml").write_text("p_gain_vel: 0")
+    with pytest.raises(SystemExit, match="2"):
+        compare.main([f"{tmp_path}/lazy.yaml"] * 2 + ["--starts", "1", "--jobs", "1", "--out", str(tmp_path)])
+    assert "neither A nor B succeeds from any start" in capsys.readouterr().err
 
 
 def test_times_are_compared_where_both_succeed():
