@@ -35,8 +35,9 @@ PUBLIC = frozenset({
 })  # fmt: skip
 # packages of PUBLIC to which students add worlds and launch files
 EXTENDED = {"husky_gazebo", "smb_gazebo"}
-# valid name of a package, which also becomes the name of a folder
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")
+# valid name of a package, which also becomes the name of a folder; catkin builds a name that begins with a
+# digit with a warning, and the university ENSTA uses such a name
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 # name of a package that a line of Python imports
 _IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([A-Za-z]\w*)", re.MULTILINE)
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
@@ -171,8 +172,8 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         if len(name) > 80:
             shown += f" and {len(name) - 80} more characters"
         raise NotMarkableError(
-            f"{path}: <name> is {shown}, which is not a valid name of a package; it needs a letter, and at "
-            "most 99 more letters, digits, _ and -"
+            f"{path}: <name> is {shown}, which is not a valid name of a package; it needs a letter or a "
+            "digit, and at most 99 more letters, digits, _ and -"
         )
     return name, frozenset(dependencies_of(root))
 

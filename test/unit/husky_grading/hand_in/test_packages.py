@@ -45,6 +45,13 @@ def test_the_name_of_a_package_is_a_name(name, ann):
     assert "which is not a valid name of a package" in contents.notes[0]
 
 
+def test_the_name_of_a_package_may_begin_with_a_digit_as_that_of_a_course_does(ann):
+    package(ann / "controller", "5ro14_husky_controller")
+    contents = opened(ann)
+    assert [each.name for each in contents.packages] == ["5ro14_husky_controller"]
+    assert contents.notes == ()
+
+
 def test_a_hand_in_of_thousands_of_packages_is_refused(ann):
     for number in range(packages_module.MAX_PACKAGES + 1):
         package(ann / f"p{number}", f"p{number}")
