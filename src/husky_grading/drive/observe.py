@@ -82,7 +82,8 @@ def _write_no_run(submission: Submission, trial: Trial, robot: RobotChoice, out:
         notes.insert(0, Note(Kind.ROBOT, robot.why))
     folder = out / f"drive_{trial.number}"
     folder.mkdir(parents=True)
-    recording = replace(not_begun(trial, robot.config), notes=tuple(notes))
+    # the facts of the submission's files, such as its plots, count even without a run
+    recording = replace(not_begun(trial, robot.config), notes=tuple(notes), watched=submission.facts)
     write_whole(folder / RECORDING, recording_to_json(recording))
 
 

@@ -10,6 +10,8 @@ from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.observe import observe
 from husky_grading.drive.run import Driven, not_begun
 from husky_grading.drive.trials import draw_trials
+from husky_grading.notes import Kind, Note
+from husky_grading.recording import recordings_in
 from husky_grading.records import Launchable, MarkingConfig
 from husky_grading.submission import NamedRobot, Submission
 
@@ -61,3 +63,12 @@ def test_only_a_robot_that_never_moves_in_its_first_drive_has_no_further_one(dri
     moves[1] = False
     observe(SUBMISSION, draw_trials(3, 0), AUTO, simulate, tmp_path)
     assert [number for number, _ in made] == [1]
+
+
+def test_the_facts_of_a_submission_that_cannot_be_started_are_kept(tmp_path):
+    problem = (Note(Kind.LAUNCH_FILE, "the launch file cannot be loaded"),)
+    facts = {"players": ["--clock a.bag"], "curves": [["/odometry/x", "/odometry/y"]]}
+    submission = replace(SUBMISSION, problem=problem, facts=facts)
+    observe(submission, draw_trials(1, 0), MarkingConfig(exercise=4), simulate, tmp_path)
+    (recording,) = recordings_in(tmp_path)
+    assert recording.watched == facts
