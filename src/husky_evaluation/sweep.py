@@ -34,7 +34,7 @@ from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.drawing.templates import write_page
-from husky_highlevel_controller.result import Result, Table, every_row
+from husky_highlevel_controller.result import PARAMETERS, Result, Table, every_row
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Sweep:
         order = np.lexsort((np.where(np.isnan(times), inf, times), -success))[:count]
         header = [*(axis.name for axis in self.axes), "success [%]", "time to arrival, median [s]"]
         rows = [(*self.points[n], float(success[n]), float(times[n])) for n in order]
-        return Table("Best points", header, rows)
+        return Table("Best points", header, rows, number_format=PARAMETERS)
 
     @property
     def finding(self) -> str:

@@ -43,7 +43,7 @@ from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import write_page
-from husky_highlevel_controller.result import Result, Table, every_row
+from husky_highlevel_controller.result import PARAMETERS, Result, Table, every_row
 
 # number of setups that are proposed at once; the same for any number of processes, because the proposals
 # depend on it
@@ -274,7 +274,11 @@ def result_of_tuning(
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     header = ("", *HEADER[:2])  # a parameter has no column for the difference
-    tables = [Table("Parameters", header, values), fresh.table, every_row("Every setup", tuned.trials)]
+    tables = [
+        Table("Parameters", header, values, number_format=PARAMETERS),
+        fresh.table,
+        every_row("Every setup", tuned.trials),
+    ]
     lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {MEANING_OF_BOUND}"
     verdict = ""
     if all(value == defaults[name] for name, value in tuned.values.items()):

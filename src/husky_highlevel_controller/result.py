@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, List, Mapping, NamedTuple, Sequence
 
+PARAMETERS = ".6g"  # number format of a table of parameters, whose values may be far below 0.001
 WIDTH = 110  # largest number of characters of a line
 # smallest number of characters of a wrapped column, even if the line then becomes longer than WIDTH
 MIN_WRAPPED = 30
@@ -39,6 +40,8 @@ class Table:
     header: Sequence[str]  # names of the columns; not printed if all are empty
     rows: Sequence[Sequence[Any]]
     folded: bool = False  # true if the table is shown only on the web page, and not in the text
+    # format of the numbers in the text
+    number_format: str = ".3f"
 
     def __post_init__(self) -> None:
         """Turn the lists of a JSON file into rows."""
@@ -60,14 +63,14 @@ class Table:
         """Title and aligned columns, numbers to the right; the last column is wrapped."""
         columns = list(zip(self.header, *self.values))
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
-        widths = [max(len(_text(value)) for value in column) for column in columns]
+        widths = [max(len(self._text(value)) for value in column) for column in columns]
         indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # position at which the last column begins
         last_width = max(WIDTH - indent, MIN_WRAPPED)
         lines = [self.title] if self.title else []
         # a header of empty names is not printed
         rows = [self.header, *self.values] if any(self.header) else self.values
         for row in rows:
-            *texts, last = map(_text, row)
+            *texts, last = map(self._text, row)
             last_lines = [
                 part for line in last.split("\n") for part in textwrap.wrap(line, last_width) or [""]
             ]
@@ -79,7 +82,7 @@ class Table:
 
     def to_markdown(self) -> str:
         """A table of Markdown that no text breaks."""
-        texts = [self.header, ["---"] * len(self.header), *(map(_text, row) for row in self.values)]
+        texts = [self.header, ["---"] * len(self.header), *(map(self._text, row) for row in self.values)]
         return "\n".join(f"| {' | '.join(map(plain_markdown, line))} |" for line in texts)
 
     def to_csv(self) -> str:
@@ -103,6 +106,9 @@ class Table:
         columns = map(list, zip(*self.values))
         parquet.write_table(Columns.from_pydict(dict(zip(self.header, columns))), files[1])
         return files
+
+    def _text(self, value: Any) -> str:
+        return format(value, self.number_format) if isinstance(value, float) else str(value)
 
 
 def every_row(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -135,10 +141,6 @@ class Result:
         lead, verdict = plain_markdown(self.lead), plain_markdown(self.verdict)
         tables = [text for each in self.tables for text in (plain_markdown(each.title), each.to_markdown())]
         return "\n\n".join(filter(None, [f"### {plain_markdown(self.title)}", lead, *tables, verdict]))
-
-
-def _text(value: Any) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
 
 
 def plain_markdown(text: str) -> str:

@@ -64,6 +64,13 @@ def test_the_best_points_are_told_and_points_that_fail_are_hatched(tmp_path, cap
     assert result.panels()[0].hatched.tolist() == [[True, True], *[[False, False]] * 3]
 
 
+def test_small_values_of_the_best_points_stay_different(tmp_path, capsys):
+    result, source = swept(["p_gain_vel=0.00012,0.00034"], 2)
+    sweep.write_sweep(result, "title", source, {}, tmp_path)
+    lines = capsys.readouterr().out.split("Best points\n")[1].splitlines()[1:3]
+    assert [line.split()[0] for line in lines] == ["0.00034", "0.00012"]
+
+
 def test_the_command_drives_what_a_drive_alone_gives_and_the_second_time_takes_it_from_the_file(tmp_path):
     words = ["p_gain_vel=4", "--starts", "1", "--jobs", "1", "--out", str(tmp_path)]
     sweep.main(words)

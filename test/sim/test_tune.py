@@ -17,6 +17,7 @@ from husky_evaluation.tune import Objective, Range, parse_range, parse_weights
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.result import Table
 
 RANGES = [Range("p_gain_vel", 0.1, 10.0), Range("p_gain_ang", 0.1, 10.0), Range("min_beams", 2, 20)]
 CALLS = "calls"
@@ -85,6 +86,12 @@ def test_a_run_that_never_arrives_costs_more_than_a_late_arrival():
         fails = base.with_values({"p_gain_vel": 2.0})
         assert not tune.check(base, fails, scenes, Objective(), workers, late_or_never).is_better
     assert tuned.values["p_gain_vel"] < 1.0
+
+
+def test_a_small_value_is_shown_with_its_digits():
+    tuned = tune.Tuned({"p_gain_vel": 0.0001234}, [{"p_gain_vel": 0.0001234, "objective": 1.0}])
+    fresh = tune.Check(Table("", (), []), True)
+    assert "0.0001234" in str(tune.result_of_tuning(tuned, Setup(), Objective(), fresh, "of 1", "by"))
 
 
 @pytest.mark.parametrize(

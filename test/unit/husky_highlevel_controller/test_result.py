@@ -5,7 +5,7 @@ from math import inf
 
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.drawing.templates import write_page
-from husky_highlevel_controller.result import Cell, Result, Table, every_row
+from husky_highlevel_controller.result import PARAMETERS, Cell, Result, Table, every_row
 
 
 def report(value=inf):
@@ -29,6 +29,12 @@ missed: t"""
 
 def test_the_text_aligns_what_is_not_folded_and_ends_with_the_verdict():
     assert str(report(2.0)).splitlines() == TEXT.splitlines()
+
+
+def test_a_table_of_parameters_shows_their_significant_digits():
+    table = Table("", ("gain", "n"), [(0.00012, 3), (2.0, 3)], number_format=PARAMETERS)
+    assert str(table).splitlines() == ["   gain  n", "0.00012  3", "      2  3"]
+    assert "| 0.00012 |" in table.to_markdown()
 
 
 def test_page_and_json_hold_every_table_and_what_is_not_finite_is_null(tmp_path):
