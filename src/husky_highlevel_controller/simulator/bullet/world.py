@@ -146,6 +146,15 @@ class BulletWorld:
                 others.append(body_id)
             if is_movable:
                 self._lift_out_of_the_ground(body_id)
+            else:  # it may be a floor
+                self._make_springy(body_id)
+
+    def _make_springy(self, body_id: int) -> None:
+        """Let contacts with all parts of a static body act like springs, see _GROUND_STIFFNESS."""
+        for index in self._indices(body_id):
+            self._engine.changeDynamics(
+                body_id, index, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
+            )
 
     def _set_collides(self, body_id: int, others: List[int], collides: bool) -> None:
         """Set whether a body collides with other bodies, or passes through them."""
@@ -347,9 +356,7 @@ class BulletWorld:
         shape = self._engine.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=normal)
         pose = compose(body.pose_in_world, pose_in_body)
         plane = self._create_body(body.name, [_Part(shape)], pose)
-        self._engine.changeDynamics(
-            plane, BASE_INDEX, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
-        )
+        self._make_springy(plane)
         # Bullet has only the pose of the plane; with this entry, `_pose` returns the pose of the body
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
