@@ -12,7 +12,7 @@ from functools import partial
 from itertools import product
 from math import inf, nan
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 from urllib.parse import quote
 
 import numpy as np
@@ -53,6 +53,26 @@ TOUCHING = ControlConfig(stop_distance=0.0)  # control with which the robot driv
 
 HEADER = ("figure", "value", "wanted", "verdict")
 Row = Tuple[Any, ...]  # row of a table, with the columns of HEADER
+
+
+class Replays:
+    """Folder of the pages that play the runs, with the names of the pages that were written."""
+
+    def __init__(self, folder: Path) -> None:
+        """Make the folder if it does not exist."""
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self._names: Set[str] = set()
+
+    def write(self, name: str, page: str) -> None:
+        """Write a page to a file of this name."""
+        (self.folder / name).write_text(page)
+        self._names.add(name)
+
+    def links(self) -> Table:
+        """Return a table of the written pages; the folder may have others, of earlier evaluations."""
+        links = [[Cell(Path(name).stem.replace("_", " "), "", quote(name))] for name in sorted(self._names)]
+        return Table(f"All {len(links)} replays", ("drive",), links, folded=True)
 
 
 def figure(
@@ -166,7 +186,7 @@ def touch_figures(run: DriveResult) -> List[Row]:
 
 
 def evaluate_robot(
-    seed: int, starts: int, workers: Workers, ground: str, replays: Optional[Path] = None
+    seed: int, starts: int, workers: Workers, ground: str, replays: Optional[Replays] = None
 ) -> Dict[str, List[Row]]:
     """Return the figures of the runs on a real Husky's profile, by title.
 
@@ -193,7 +213,7 @@ def evaluate(
     scans: int,
     starts: int,
     workers: Workers,
-    replays: Optional[Path] = None,
+    replays: Optional[Replays] = None,
     robot: str = "husky",
 ) -> Dict[str, List[Row]]:
     """Return all metrics on Gazebo's profile, by title.
@@ -244,18 +264,18 @@ def drives(
     scenes: Sequence[Scenario],
     workers: Workers,
     title: str,
-    replays: Optional[Path],
+    replays: Optional[Replays],
 ) -> List[DriveResult]:
     """Return the result of every setup in every scene.
 
-    If `replays` is a folder, each run gets a page there that plays it.
+    With `replays`, each run gets a page there that plays it.
     """
     items = list(product(setups, scenes))
     if replays is None:
         return workers.map(run_scene, items, title)
     pages = workers.map(run_with_page, items, title)
     for result, page in pages:
-        (replays / result.replay).write_text(page)
+        replays.write(result.replay, page)
     return [result for result, _ in pages]
 
 
@@ -272,13 +292,6 @@ def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source
     missed = "; ".join(name for name, _, _, verdict in rows if verdict.style == "missed")
     verdict = f"missed: {missed}" if missed else "every figure is within its limits"
     return Result("Evaluation of the controller", lead, tables, verdict, failed=bool(missed), source=source)
-
-
-def replay_links(folder: Path) -> Table:
-    """Return a table of all replays in a folder."""
-    names = sorted(path.name for path in folder.glob("*.html") if path.name != "index.html")
-    links = [[Cell(Path(name).stem.replace("_", " "), "", quote(name))] for name in names]
-    return Table(f"All {len(names)} replays", ("drive",), links, folded=True)
 
 
 def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
@@ -310,10 +323,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     with exit_codes(name_as_typed("evaluate")):
         # only a check: it raises an error if profile, ground and robot do not fit together
         setup_of(options.profile, options.ground, options.robot)
-        if options.replays is not None:
-            options.replays.mkdir(parents=True, exist_ok=True)
+        replays = None if options.replays is None else Replays(options.replays)
         with Workers(options.jobs, options.cluster, options.resume) as workers:
-            seed, starts, replays = options.seed, options.starts, options.replays
+            seed, starts = options.seed, options.starts
             if options.profile == "robot":
                 figures = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
@@ -324,6 +336,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         print(result.source, file=sys.stderr)
         print(result)
         if replays is not None:
-            write_page(replace(result, tables=[*result.tables, replay_links(replays)]), replays)
+            write_page(replace(result, tables=[*result.tables, replays.links()]), replays.folder)
     if result.failed:
         raise SystemExit(1)

@@ -103,16 +103,21 @@ def test_a_turn_past_a_pillar_not_yet_seen_is_no_swing():
 
 
 def test_the_figures_do_not_depend_on_the_number_of_processes_and_a_missed_one_ends_with_1(
-    capfd, monkeypatch
+    capfd, monkeypatch, tmp_path
 ):
     monkeypatch.setattr(evaluate, "course_scenario", lambda seed: replace(NEAR, seed=seed))
-    tables = []
-    for jobs in ("1", "2"):
+    tables, replays = [], tmp_path / "replays"
+    replays.mkdir()
+    (replays / "start_1_earlier.html").touch()
+    for words in (["--jobs", "1"], ["--jobs", "2", "--replays", str(replays)]):
         with pytest.raises(SystemExit, match="1"):  # over so short a way the ramps weigh too much
-            evaluate.main(["--seed", "2", "--scans", "10", "--starts", "1", "--jobs", jobs])
+            evaluate.main(["--seed", "2", "--scans", "10", "--starts", "1", *words])
         captured = capfd.readouterr()
         tables.append(captured.out)
         assert "starts" not in captured.err, "progress is for a terminal"
     assert tables[0] == tables[1]
+    page = (replays / "index.html").read_text()
+    assert "All 4 replays" in page
+    assert "earlier" not in page, "a replay of another evaluation"
     missed = [line for line in tables[0].splitlines() if "MISSED" in line]
     assert [line.split("  ")[0] for line in missed] == ["time to arrival divided by its bound"]
