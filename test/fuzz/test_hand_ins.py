@@ -8,8 +8,8 @@ from packages import manifest, put
 
 from husky_grading.displays import STANDING, view_of
 from husky_grading.exercises.catalogue import EXERCISES
-from husky_grading.hand_in.build import copy_packages
 from husky_grading.hand_in.class_folder import find_hand_ins
+from husky_grading.hand_in.copies import copy_packages
 from husky_grading.hand_in.launch_choice import (
     choose_launch_files,
     read_launch_files,

@@ -7,7 +7,7 @@ from packages import manifest, put
 from husky_grading.hand_in import build as build_module
 from husky_grading.hand_in import packages as packages_module
 from husky_grading.hand_in.archives import Allowance, unpack
-from husky_grading.hand_in.build import copy_packages
+from husky_grading.hand_in.copies import copy_packages
 from husky_grading.hand_in.packages import open_hand_in
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.notes import Kind, Note

@@ -8,8 +8,8 @@ import pytest
 SIZE = 1_000_000  # letters; at the square of it a machine is busy for minutes
 DEADLINE = 60.0  # [s]
 CASES = {
-    "build.needs_old_boost": ("error: ", "_1 was ", "a:1: error: "),
-    "build.build_error": ("a:1: error: ", "CMake Error at ", "\n"),
+    "build_output.needs_old_boost": ("error: ", "_1 was ", "a:1: error: "),
+    "build_output.build_error": ("a:1: error: ", "CMake Error at ", "\n"),
     "submission.exceptions_in": ("Exception in thread ", "[ERROR] [1.1]: bad callback: <function a"),
     "notes_on": ("\n", "ERROR: cannot launch node of type [", "a."),
     "player": ("a", "a/"),
@@ -22,7 +22,7 @@ import sys
 from pathlib import Path
 from husky_grading import submission
 from husky_grading.drive import memcheck
-from husky_grading.hand_in import build
+from husky_grading.hand_in import build_output
 from husky_grading.exercises.exercise_4 import Playback, judge_player
 
 def notes_on(text):
@@ -38,7 +38,7 @@ def valgrind(text):
     memcheck.reads_in("Conditional jump\\n" + text, Path("/no/sources"))
 
 read, size = eval(sys.argv[1]), int(sys.argv[2])
-arguments = [Path("/")] if read is build.build_error else []
+arguments = [Path("/")] if read is build_output.build_error else []
 for piece in sys.argv[3:]:
     print(repr(piece), flush=True)
     read((piece * size)[:size - 1] + ")", *arguments)

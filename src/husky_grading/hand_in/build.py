@@ -5,21 +5,24 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import shutil
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Match, NamedTuple, Optional, Sequence, Set, Tuple
-from xml.sax.saxutils import escape
+from typing import FrozenSet, List, NamedTuple, Optional, Set, Tuple
 
-from catkin_pkg.package import parse_package
-
-from husky_grading.hand_in.archives import MAX_BYTES, MAX_FILE, OWNER_EXECUTES, large_files_note
-from husky_grading.hand_in.dependencies import debian_packages, missing_note
-from husky_grading.hand_in.packages import BUILT, NotMarkableError, Package
+from husky_grading.hand_in.build_output import (
+    build_error,
+    has_compiler_error,
+    misses_header,
+    missing_packages,
+    missing_return,
+    needs_old_boost,
+)
+from husky_grading.hand_in.copies import Folders
+from husky_grading.hand_in.dependencies import missing_note
+from husky_grading.hand_in.packages import NotMarkableError
 from husky_grading.isolation.files import (
     UnreadableFileError,
-    file_suffix,
     is_below,
     is_regular,
     read_regular,
@@ -35,7 +38,6 @@ from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] longest wall time of each build
-MAX_TEXT = 1_000_000  # [bytes] paths of another computer are replaced only in launch files up to this size
 # at most this number of builds look for missing packages; CMake reports only one missing package in each
 # build
 MAX_BUILDS = 10
@@ -57,7 +59,6 @@ PLAIN_TYPES = "\n".join(
 )
 # this text lets code for old versions of Boost compile, because it makes _1 known without a namespace
 OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
-_PLACEHOLDER = re.compile(r"\b_[1-9]\b")  # placeholder of boost::bind in an error of the compiler
 OLD_BOOST_NOTE = (
     "_1 of boost::bind was made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
@@ -67,26 +68,6 @@ PLAIN_PUBLISH_NOTE = (
     "publish(true) and the like were made to compile; newer versions of ROS need a message, such as "
     "std_msgs::Bool"
 )
-# first line of a script that names python or python2, or that ends with a carriage return, as on Windows
-_OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
-_HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")  # path below a home folder of Linux or macOS
-# CMake's error for a missing package
-_NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]{1,100})"')
-# the compiler's error, with file and line (`where`)
-_ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
-# the compiler's warning for a function that must return a value, but does not
-_MISSING_RETURN = re.compile(
-    r"^(?P<where>[^\s:][^:\n]*:\d+)(?::\d+)?: warning: "
-    r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
-    re.MULTILINE,
-)
-# pattern of the compiler's error for a missing header; a second build may find a header that the first one
-# generated too late
-_NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
-# CMake writes this line if a program that it calls fails
-_PROGRAM_FAILED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
-# line of a Python traceback that is in a file of the submission; `build_error` makes only such paths relative
-_TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 
 
 class BuildOutcome(NamedTuple):
@@ -120,161 +101,6 @@ class Build:
     notes: Tuple[Note, ...] = ()
 
 
-@dataclass(frozen=True)
-class Folders:
-    """A catkin workspace on disk."""
-
-    root: Path
-    # folder of each package's sources, by the name of the package
-    packages: Dict[str, Path] = field(default_factory=dict)
-
-    @property
-    def setup(self) -> Path:
-        """Return the setup file that the build writes."""
-        return self.root / "devel" / "setup.bash"
-
-    @property
-    def stand_ins(self) -> Path:
-        """Return the folder of empty CMake packages in place of missing ones; the build cannot write it."""
-        return self.root.with_name("stand_ins") / "prefix"
-
-    @property
-    def log(self) -> Path:
-        """Return the file with the output of the build, which the build itself cannot write."""
-        return self.root.with_name("build.log")
-
-
-def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
-    """Copy packages into a new workspace at `root`, and return its folders and notes for the student.
-
-    Links, special files, build folders and too large files are left out. Copies are repaired if an archive or
-    another computer has spoilt them: modes and interpreters of scripts, package.xml, paths in launch files.
-    """
-    remove_tree(root)
-    (root / "src").mkdir(parents=True)
-    notes: List[str] = []
-    large: List[str] = []  # names of files that are too large, and are left out
-    room = MAX_BYTES  # [bytes] packages that are not copied yet may have this size together
-    copies: Dict[str, Path] = {}
-    for package in packages:
-        copies[package.name] = root / "src" / package.name
-        copied = _copy_package(package, copies[package.name], room)
-        room -= copied.size
-        large += copied.large
-        if copied.made_executable:
-            names = ", ".join(copied.made_executable)
-            notes.append(f"scripts were made executable, because an archive may lose this: {names}")
-        if copied.other_interpreter:
-            names = ", ".join(copied.other_interpreter)
-            notes.append(f"scripts run by Python 3 instead of the program in their first line: {names}")
-        notes += _repair_manifest(copies[package.name], package)
-    notes += large_files_note(large)
-    paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
-    if paths:
-        shown = ", ".join(dict.fromkeys(paths))
-        notes.append(f"paths of another computer were replaced by files of the submission: {shown}")
-    (root / "src" / ".catkin_workspace").touch()  # marks a workspace, as catkin does
-    return Folders(root, copies), notes
-
-
-class _CopiedPackage(NamedTuple):
-    """Facts of a copy of a package; files are given by their names."""
-
-    size: int  # [bytes] size of all files that were copied
-    large: List[str]  # names of files that were too large to be copied
-    made_executable: List[str]  # scripts that the copy has made executable
-    other_interpreter: List[str]  # scripts whose first line was changed, so that Python 3 runs them
-
-
-def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
-    """Copy the files of a package into a new folder, and make scripts executable.
-
-    A file of more than MAX_FILE bytes is left out. A file that does not fit into the rest of `room` [bytes]
-    is left out, too. The smallest files are copied first, so that large files are left out before small ones.
-    """
-    copied = _CopiedPackage(size=0, large=[], made_executable=[], other_interpreter=[])
-    target.mkdir()
-    # sizes of the contents, and not of the blocks on the disk, because the copy of a sparse file takes its
-    # full size
-    sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
-    for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
-        # a file is left out if it is larger than one file may be, or larger than the bytes that are left
-        if size > min(MAX_FILE, room - copied.size):
-            copied.large.append(path.name)
-            continue
-        copied = copied._replace(size=copied.size + size)
-        copy = target / path.relative_to(package.path)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, copy)
-        is_executable = bool(path.stat().st_mode & OWNER_EXECUTES)
-        with copy.open("rb") as file:
-            is_script = file.read(2) == b"#!"
-        if is_script and _repair_interpreter(copy):
-            copied.other_interpreter.append(path.name)
-        if is_script and not is_executable:
-            copied.made_executable.append(path.name)
-        copy.chmod(0o755 if is_executable or is_script else 0o644)
-    return copied
-
-
-def _repair_interpreter(script: Path) -> bool:
-    """Let Python 3 run a script that names another Python, or whose first line ends as on Windows.
-
-    Return whether the script was changed.
-    """
-    line, _, code = script.read_bytes().partition(b"\n")
-    if _OTHER_PYTHON.fullmatch(line):
-        script.write_bytes(b"#!/usr/bin/env python3\n" + code)
-        return True
-    return False
-
-
-def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
-    """Replace paths of the student's computer in launch files by $(find PACKAGE)/...
-
-    A path is replaced only if one of the packages has such a file. The replaced paths are returned.
-    """
-    paths: List[str] = []
-
-    def local_path(match: Match[str]) -> str:
-        """Return the text that replaces a path below /home; the path itself if no package has the file."""
-        for name, package in packages.items():
-            # split the path at the name of the package: `place` is the part behind the name, and `separator`
-            # is empty if the path does not contain the name
-            _, separator, place = match.group().rpartition(f"/{name}/")
-            if separator and ".." not in place and is_regular(package / place):
-                paths.append(match.group())
-                return f"$(find {name})/{place}"
-        return match.group()
-
-    for path in walk(folder):
-        if file_suffix(path) == ".launch" and path.stat().st_size <= MAX_TEXT:
-            text = path.read_bytes().decode("utf-8", "surrogateescape")
-            path.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
-    return paths
-
-
-def _repair_manifest(folder: Path, package: Package) -> List[str]:
-    """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes."""
-    manifest = folder / "package.xml"
-    # `read_manifest` has already read this file, and would have rejected XML entities, so catkin's parser is
-    # safe here
-    try:
-        parse_package(str(manifest), warnings=[])
-        return []
-    except Exception as error:  # catkin's parser may raise any error for a hostile file
-        refusal = str(error)
-    depends = "".join(f"<depend>{escape(name)}</depend>" for name in sorted(package.needs) if name)
-    manifest.write_text(
-        f'<package format="2"><name>{package.name}</name><version>0.0.0</version>'
-        '<description>Marked with this manifest.</description><maintainer email="a@b.org">a</maintainer>'
-        f"<license>unknown</license><buildtool_depend>catkin</buildtool_depend>{depends}</package>\n"
-    )
-    # the last line of the error, with single blanks
-    reason = " ".join((refusal.strip().splitlines() or ["unknown"])[-1].split())[:200]
-    return [f"catkin rejects the package.xml of {package.name} ({reason}); a corrected copy was used"]
-
-
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
     """Build the needed packages of a submission; the other packages are used without a build.
 
@@ -289,7 +115,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     (output, code), used_old_boost = _make_again(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
-    if code and not _ERROR.search(output):
+    if code and not has_compiler_error(output):
         _check_machine_builds(folders.root.with_name("check"), underlay)
     if code == 0:
         # The server process of `forked` imports its modules while the run is prepared, so the run begins
@@ -318,7 +144,7 @@ def _make_with_stand_ins(
     outcome = BuildOutcome("", None)
     for _ in range(MAX_BUILDS):
         outcome = _catkin_make(folders, needed, underlay, repair="")
-        not_found = set(_NOT_FOUND.findall(outcome.output))
+        not_found = missing_packages(outcome.output)
         forgotten = not_found & set(folders.packages) - needed  # handed in, but not built yet
         # packages that CMake did not find, without those that already have a stand-in or are handed in
         unknown = not_found - missing - set(folders.packages)
@@ -348,7 +174,7 @@ def _make_again(
     """
     # text that is compiled before each source
     repair = OLD_BOOST if outcome.code and needs_old_boost(outcome.output) else ""
-    if outcome.code and (repair or _NO_HEADER.search(outcome.output)):
+    if outcome.code and (repair or misses_header(outcome.output)):
         outcome = _catkin_make(folders, needed, underlay, repair=repair)
     if outcome.code and not repair and needs_old_boost(outcome.output):
         # the errors of code for an old version of Boost may appear only in the second build
@@ -378,8 +204,8 @@ def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
         notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, root)}"))
-    if warning := _MISSING_RETURN.search(output.replace(f"{root}/src/", "")):
-        text = f"{warning['where']}: {warning['what']}; a node crashes there, or continues anywhere"
+    if place := missing_return(output, root):
+        text = f"{place}; a node crashes there, or continues anywhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
     return notes
 
@@ -414,12 +240,6 @@ def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
     remove_tree(folder)
     if code != 0:
         raise MarkingError(f"catkin_make cannot build even an empty workspace: {build_error(output, folder)}")
-
-
-def needs_old_boost(output: str) -> bool:
-    """Return whether a build has failed at a placeholder of an old version of Boost, such as _1."""
-    errors = [line for line in output.splitlines() if "error:" in line or "was not declared" in line]
-    return any(map(_PLACEHOLDER.search, errors))
 
 
 def _publishes_plain_values(libraries: Path) -> bool:
@@ -472,31 +292,3 @@ def is_built(node: str, folders: Folders) -> bool:
     candidates = [folders.root / "devel" / "lib" / package / name]
     candidates += [path for path in walk(folders.packages[package]) if path.name == name]
     return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
-
-
-def build_error(output: str, root: Path) -> str:
-    """Return the compiler's first error; if there is none, the most informative line of the output."""
-    # the student knows only paths inside the submission
-    output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
-    match = _ERROR.search(output)
-    if match:
-        # a header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
-        missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
-        debian = debian_packages([missing_header.group(1)]).values() if missing_header else ()
-        hint = "".join(f" (apt install {package})" for package in debian)
-        return f"{match['where']}: {match['what']}"[:300] + hint
-    lines = [line.strip() for line in output.splitlines() if line.strip()]
-    for number, line in enumerate(lines):
-        # This line of CMake reports that a program of the build has failed. The line before it is the last
-        # output of the program, and gives the cause. A Python traceback gives file and line.
-        if number and _PROGRAM_FAILED.search(line):
-            entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
-            innermost = entries[-1] if entries else None
-            place = f"{innermost['file']}:{innermost['line']}: " if innermost else ""
-            return f"{place}{lines[number - 1]}"[:300]
-    # patterns of lines with errors, the most informative pattern first
-    for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
-        for number, line in enumerate(lines):
-            if re.search(pattern, line):
-                return " ".join(lines[number : number + 2])[:300]  # the next line often gives the cause
-    return " ".join(lines[-2:])[:300]

@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Set, Tuple
 
-from husky_grading.hand_in.build import Folders
+from husky_grading.hand_in.copies import Folders
 from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.packages import (
     Contents,

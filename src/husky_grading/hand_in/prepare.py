@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import List, NamedTuple, Optional, Sequence, Tuple
 
-from husky_grading.hand_in.build import Build, Folders, build, copy_packages, is_built
+from husky_grading.hand_in.build import Build, build, is_built
+from husky_grading.hand_in.copies import Folders, copy_packages
 from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.launch_choice import (
     LaunchFile,

@@ -146,7 +146,7 @@ class BulletWorld:
                 others.append(body_id)
             if is_movable:
                 self._lift_out_of_the_ground(body_id)
-            else:  # it may be a floor
+            else:  # a static body may be a floor
                 self._make_springy(body_id)
 
     def _make_springy(self, body_id: int) -> None:

@@ -11,7 +11,8 @@ from husky_grading.hand_in import build as build_module
 from husky_grading.hand_in import launch_choice
 from husky_grading.hand_in import packages as packages_module
 from husky_grading.hand_in import prepare as prepare_module
-from husky_grading.hand_in.build import Build, copy_packages
+from husky_grading.hand_in.build import Build
+from husky_grading.hand_in.copies import copy_packages
 from husky_grading.hand_in.packages import NotMarkableError, exercise_numbers
 from husky_grading.hand_in.prepare import prepare
 from husky_grading.isolation.sandbox import Workspace

@@ -1,0 +1,89 @@
+"""Reader of the output of a build: missing packages and headers, errors, and hints.
+
+In: the text that catkin_make, CMake and the compiler print. Out: names, and sentences for the student.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Optional, Set
+
+from husky_grading.hand_in.dependencies import debian_packages
+
+_PLACEHOLDER = re.compile(r"\b_[1-9]\b")  # placeholder of boost::bind in an error of the compiler
+# CMake's error for a missing package
+_NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]{1,100})"')
+# the compiler's error, with file and line (`where`)
+_ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
+# the compiler's warning for a function that must return a value, but does not
+_MISSING_RETURN = re.compile(
+    r"^(?P<where>[^\s:][^:\n]*:\d+)(?::\d+)?: warning: "
+    r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
+    re.MULTILINE,
+)
+# pattern of the compiler's error for a missing header; a second build may find a header that the first one
+# generated too late
+_NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")
+# CMake writes this line if a program that it calls fails
+_PROGRAM_FAILED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
+# line of a Python traceback that is in a file of the submission; `build_error` makes only such paths relative
+_TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
+
+
+def missing_packages(output: str) -> Set[str]:
+    """Return the names of the packages that CMake did not find."""
+    return set(_NOT_FOUND.findall(output))
+
+
+def has_compiler_error(output: str) -> bool:
+    """Return whether the compiler has found an error in the code."""
+    return bool(_ERROR.search(output))
+
+
+def misses_header(output: str) -> bool:
+    """Return whether the compiler did not find a header; a second build may find a generated one."""
+    return bool(_NO_HEADER.search(output))
+
+
+def needs_old_boost(output: str) -> bool:
+    """Return whether a build has failed at a placeholder of an old version of Boost, such as _1."""
+    errors = [line for line in output.splitlines() if "error:" in line or "was not declared" in line]
+    return any(map(_PLACEHOLDER.search, errors))
+
+
+def missing_return(output: str, root: Path) -> Optional[str]:
+    """Return file, line and warning of a function that forgets to return its value; None if there is none.
+
+    `root` is the workspace of the submission; the student knows only paths inside it.
+    """
+    warning = _MISSING_RETURN.search(output.replace(f"{root}/src/", ""))
+    return f"{warning['where']}: {warning['what']}" if warning else None
+
+
+def build_error(output: str, root: Path) -> str:
+    """Return the compiler's first error; if there is none, the most informative line of the output."""
+    # the student knows only paths inside the submission
+    output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
+    match = _ERROR.search(output)
+    if match:
+        # a header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
+        missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
+        debian = debian_packages([missing_header.group(1)]).values() if missing_header else ()
+        hint = "".join(f" (apt install {package})" for package in debian)
+        return f"{match['where']}: {match['what']}"[:300] + hint
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    for number, line in enumerate(lines):
+        # This line of CMake reports that a program of the build has failed. The line before it is the last
+        # output of the program, and gives the cause. A Python traceback gives file and line.
+        if number and _PROGRAM_FAILED.search(line):
+            entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
+            innermost = entries[-1] if entries else None
+            place = f"{innermost['file']}:{innermost['line']}: " if innermost else ""
+            return f"{place}{lines[number - 1]}"[:300]
+    # patterns of lines with errors, the most informative pattern first
+    for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
+        for number, line in enumerate(lines):
+            if re.search(pattern, line):
+                return " ".join(lines[number : number + 2])[:300]  # the next line often gives the cause
+    return " ".join(lines[-2:])[:300]
