@@ -7,12 +7,8 @@ contract" of its wiki; GitHub Actions, "Adding a job summary".
 from __future__ import annotations
 
 import json
-import os
-from datetime import datetime, timezone
-from pathlib import Path
 from typing import Any, Dict, List, Mapping
 
-from husky_grading.isolation.files import write_whole
 from husky_grading.records import MarkingResult
 from husky_grading.reports.tables import to_markdown
 
@@ -28,24 +24,21 @@ CLASSROOM50_FIELDS = {
 }
 
 
-def write_exports(result: MarkingResult, out: Path) -> None:
-    """Write each platform's file with the name that it expects, in a folder of its own.
+def exports(result: MarkingResult, variables: Mapping[str, str], moment: str) -> Dict[str, str]:
+    """Return the text of each platform's file, by the path that it expects; an empty text means no file.
 
     Classroom 50 needs a score, so it gets no file for a submission that could not be marked.
+
+    Args:
+        result: result of the student.
+        variables: environment, in which the runner of Classroom 50 names the submission.
+        moment: time of the result in UTC, such as 2026-06-01T14:32:01Z.
     """
-    # time of this result in UTC, such as 2026-06-01T14:32:01Z
-    moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-    classroom50 = to_classroom50(result, os.environ, moment)
-    for path, text in (
-        (out / "gradescope" / "results.json", to_gradescope(result)),
-        (out / "classroom50" / "result.json", "" if result.problem else classroom50),
-        (out / "github" / "summary.md", to_markdown([result])),
-    ):
-        path.parent.mkdir(exist_ok=True)
-        if text:
-            write_whole(path, text)
-        else:  # a file of an earlier result must not stay
-            path.unlink(missing_ok=True)
+    return {
+        "gradescope/results.json": to_gradescope(result),
+        "classroom50/result.json": "" if result.problem else to_classroom50(result, variables, moment),
+        "github/summary.md": to_markdown([result]),
+    }
 
 
 def to_gradescope(result: MarkingResult) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -19,7 +20,7 @@ from husky_grading.isolation.files import (
 from husky_grading.isolation.places import hide_places
 from husky_grading.recording import ADD, Recording, drive_folders
 from husky_grading.records import Item, MarkingResult, printable
-from husky_grading.reports.exports import write_exports
+from husky_grading.reports.exports import exports
 from husky_grading.reports.page import class_page, feedback_page, replay_title
 from husky_grading.reports.tables import (
     to_csv,
@@ -62,19 +63,27 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     Raises:
         OSError: a file cannot be written, for example on a full disk.
     """
-    write_whole(out / "table.txt", f"{to_result(result)}\n")
-    write_whole(out / "junit.xml", to_junit([result]))
     # HTML of each run's replay, by the number of the run
     pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
-    feedback = out / "feedback.html"  # page for the student
-    if result.held:  # the teacher holds the feedback back
-        feedback.unlink(missing_ok=True)
-    else:
-        write_whole(feedback, feedback_page(result, _read_pictures(out), pages, _ends_of_logs(out, packages)))
-    write_exports(result, out)
+    page = feedback_page(result, _read_pictures(out), pages, _ends_of_logs(out, packages))
+    # time of this result in UTC, such as 2026-06-01T14:32:01Z
+    moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     # other programs find the sums of points in result.json, too
     sums = {name: getattr(result, name) for name in SUMS}
-    write_whole(out / RESULT, to_json(result, **sums))
+    # text of each file, in the order in which they are written; an empty text means that there is no file
+    texts = {
+        "table.txt": f"{to_result(result)}\n",
+        "junit.xml": to_junit([result]),
+        "feedback.html": "" if result.held else page,  # `held` means that the teacher holds the page back
+        **exports(result, os.environ, moment),
+        RESULT: to_json(result, **sums),
+    }
+    for name, text in texts.items():
+        if text:
+            (out / name).parent.mkdir(exist_ok=True)
+            write_whole(out / name, text)
+        else:  # a file of an earlier result must not stay
+            (out / name).unlink(missing_ok=True)
 
 
 def load_result(path: Path) -> MarkingResult:
