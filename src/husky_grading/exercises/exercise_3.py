@@ -125,6 +125,8 @@ class Explanation(NamedTuple):
 
     ending: str  # end of the sentence in the report, such as "; it drives backwards"; may be empty
     hint: str
+    # true if the robot turned away from a pillar to its side, and did not only drive straight on
+    is_seen_to_turn_away: bool = False
 
 
 def judge_approach(recording: Recording) -> Item:
@@ -148,7 +150,7 @@ def judge_approach(recording: Recording) -> Item:
         stays_far = gaps[nearest] > max(PASSING_FRACTION * first_gap, MIN_PASSING)
         drives_past = gaps[-1] > gaps[nearest] + MIN_PASSING
         if stays_far and drives_past:
-            ending, hint = _explain_steering(recording)
+            ending, hint, _ = _explain_steering(recording)
             evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{ending}"
             return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
         return replace(item, points=20.0, evidence=evidence, at=half_time)
@@ -186,14 +188,17 @@ def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered
         evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
     # finding that explains why the robot stopped, such as an exception in the node; None if there is none
     cause = cause_of_stop(recording)
-    if cause:
+    # the robot has moved, but perhaps it has only turned; if no command had a forward speed,
+    # `_explain_steering` says so
+    ending, hint, turns_away = _explain_steering(recording)
+    if cause and cause.kind is Kind.COMMANDS_CEASE and turns_away:
+        # Many nodes send no command while the pillar is out of sight. The turns away from it come first, so
+        # the hint is on them.
+        ending = as_ending(cause)
+    elif cause:
         ending, hint = as_ending(cause), hint_on(cause)
-    elif _stands_since(recording) is not None and recording.driving.any():
+    elif _stands_since(recording) is not None and recording.driving.any() and not turns_away:
         ending, hint = "", STOPS  # the robot has driven, and then has stood until the end
-    else:
-        # the robot has moved, but perhaps it has only turned; if no command had a forward speed,
-        # `_explain_steering` says so
-        ending, hint = _explain_steering(recording)
     return replace(item, points=points, evidence=evidence + ending, at=at, hint=hint)
 
 
@@ -226,7 +231,10 @@ def _explain_steering(recording: Recording) -> Explanation:
         return Explanation(ending="", hint=f"{hint}while the angle is large")
     # if most turns lead away from the pillar, the sign of angular.z is wrong
     if right_fraction <= 1.0 - MOSTLY:
-        return Explanation(ending="", hint=TURNS)
+        # for each fast turn with the pillar to the side, true if it leads towards the pillar
+        fast_turns_to_pillar = turns_to_pillar[np.abs(turns[is_aside]) > TURNS_ON]
+        turns_away = len(fast_turns_to_pillar) > 0 and float(np.mean(fast_turns_to_pillar)) <= 1.0 - MOSTLY
+        return Explanation(ending="", hint=TURNS, is_seen_to_turn_away=turns_away)
     large_turns = turns[np.abs(turns) > TURNS_ON]
     if len(large_turns) and max(np.mean(large_turns > 0.0), np.mean(large_turns < 0.0)) >= ONE_WAY:
         side = "left" if large_turns[0] > 0.0 else "right"
@@ -285,7 +293,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     elif cause:
         ending, hint = as_ending(cause), hint_on(cause)
     elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:
-        ending, hint = _explain_steering(recording)
+        ending, hint, _ = _explain_steering(recording)
     else:
         ending, hint = "", STOPS
     return replace(item, evidence=evidence + ending, at=at, hint=hint)

@@ -12,6 +12,7 @@ from husky_grading.exercises import exercise_3
 from husky_grading.exercises.exercise_3 import find_placements, judge_approach, judge_arrival, judge_place
 from husky_grading.notes import Kind, Note
 from husky_grading.records import DEFAULT_RULES, Rules
+from husky_grading.rubrics.causes import hint_on
 
 
 @pytest.mark.parametrize(
@@ -102,6 +103,34 @@ def test_points_for_reaching_the_pillar(recording, points, at, evidence):
     assert at is None or item.at == pytest.approx(at, abs=0.1)
     assert evidence in item.evidence
     assert ("then none" in item.evidence) == (recording is HUNG)
+
+
+def turning(rate, **more):
+    """A robot that turns [rad/s] while it covers 0.5 m, with the pillar to its left, and then stands."""
+    recording = drive((0.5, 0.5), (9.0, 0.0), sharpest=abs(rate))
+    poses, speeds = recording.poses.copy(), recording.speeds.copy()
+    speeds[:, 1] = np.where(speeds[:, 0] > 0.0, rate, 0.0)
+    poses[:, 2] = np.cumsum(speeds[:, 1]) * 0.02
+    return replace(recording, poses=poses, speeds=speeds, pillar=(10.0, 3.0), **more)
+
+
+CEASE = {"commands": np.array([0.02, 1.0]), "command_count": 50}
+
+
+@pytest.mark.parametrize("more", [{}, CEASE], ids=["it sends zero", "it sends nothing"])
+@pytest.mark.parametrize("rate", [-0.5, 0.1, 0.0])
+def test_a_robot_that_turns_away_and_then_stops_is_told_the_sign(rate, more):
+    recording = turning(rate, **more)
+    item = judge_approach(recording)
+    assert item.points == 0.0
+    assert (item.hint == exercise_3.TURNS) == (rate < 0.0), item
+    assert judge_arrival(recording, approach=item).hint == item.hint
+    assert ("then none" in item.evidence) == bool(more)
+
+
+def test_a_robot_that_turns_away_and_then_fails_is_told_of_its_failure():
+    failed = Note(Kind.NODE_FAILED, "node x ends")
+    assert judge_approach(turning(-0.5, notes=(failed,))).hint == hint_on(failed)
 
 
 @pytest.mark.parametrize(
