@@ -12,7 +12,7 @@ import argparse
 import sys
 from dataclasses import dataclass, fields
 from itertools import product
-from math import inf, isfinite
+from math import ceil, floor, inf, isfinite
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
@@ -102,8 +102,11 @@ class Tuned(NamedTuple):
 def parse_range(text: str, base: Setup) -> Range:
     """Return a range from NAME=LOW:HIGH, or from NAME alone for the whole allowed range.
 
+    The range of a parameter of whole numbers begins and ends with a whole number.
+
     Raises:
-        ConfigError: the text has neither form, or names no parameter of the controller.
+        ConfigError: the text has neither form, or names no parameter of the controller, or a limit is not
+            allowed, or fewer than two values are in the range.
     """
     name, equals, limits = text.partition("=")  # `equals` is empty if the text contains no "="
     values = parameter_values(base)
@@ -124,6 +127,10 @@ def parse_range(text: str, base: Setup) -> Range:
         base.with_values({name: type(values[name])(limit)})
     if not low < high:
         raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
+    if type(values[name]) is int:
+        low, high = ceil(low), floor(high)
+        if not low < high:
+            raise ConfigError(f"{name} = {limits}: the range has fewer than two whole numbers")
     return Range(name, low, high)
 
 
@@ -337,6 +344,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
+        names = [each.name for each in ranges]
+        if len(set(names)) < len(names):
+            raise ConfigError(f"{max(names, key=names.count)} is given twice; give one range")
         _require_optuna()  # called now, so that a missing Optuna causes an error before the first run
         seed = options.seed
         # the check needs starts that the tuning has not seen, so the fresh starts have another seed

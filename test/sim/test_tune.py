@@ -104,6 +104,8 @@ def test_a_small_value_is_shown_with_its_digits():
         ("min_beams=nan:3", "min_beams = 'nan:3' is not LOW:HIGH"),
         ("p_gain_vel=1:11", "p_gain_vel = 11.0 is out of range"),
         ("p_gain_vel=2:1", "p_gain_vel = 2:1: 2 is not below 1"),
+        ("min_beams=3.2:3.8", "min_beams = 3.2:3.8: the range has fewer than two whole numbers"),
+        ("min_beams=3.5:4.5", "min_beams = 3.5:4.5: the range has fewer than two whole numbers"),
         (["time=1"], "'time' is not known"),
         (["touch=a"], "'a' is not a number"),
         (["touch=-1"], "-1.0 is out of range"),
@@ -117,6 +119,16 @@ def test_what_is_no_range_or_no_weight_is_named(text, sentence):
 def test_a_range_without_limits_is_all_that_is_allowed():
     assert parse_range("p_gain_vel", Setup()) == ("p_gain_vel", 0.0, 10.0)
     assert parse_range("min_beams=2:9", Setup()) == ("min_beams", 2.0, 9.0)
+
+
+def test_a_range_of_whole_numbers_holds_no_number_outside_of_its_limits():
+    assert parse_range("min_beams=3.5:6.5", Setup()) == ("min_beams", 4.0, 6.0)
+
+
+def test_a_parameter_has_one_range(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        tune.main(["p_gain_vel=1:2", "p_gain_vel=3:4", "--out", str(tmp_path)])
+    assert "p_gain_vel is given twice; give one range" in capsys.readouterr().err
 
 
 def test_without_optuna_the_message_says_what_to_install(monkeypatch):
