@@ -109,10 +109,9 @@ def parse_range(text: str, base: Setup) -> Range:
             allowed, or fewer than two values are in the range.
     """
     name, equals, limits = text.partition("=")  # `equals` is empty if the text contains no "="
-    values = parameter_values(base)
-    of_controller = [item.name for record in (base.control, base.detector) for item in fields(record)]
+    values = controller_values(base)
     # a bool would pass isinstance(..., int), but it is not a number here, so the exact type is compared
-    numeric = sorted(key for key in of_controller if type(values[key]) in (int, float))
+    numeric = sorted(key for key, value in values.items() if type(value) in (int, float))
     if name not in numeric:
         raise ConfigError(f"{name} is not a numeric controller parameter; there are: {', '.join(numeric)}")
     allowed = f"{METADATA[name]['min']}:{METADATA[name]['max']}"
@@ -132,6 +131,12 @@ def parse_range(text: str, base: Setup) -> Range:
         if not low < high:
             raise ConfigError(f"{name} = {limits}: the range has fewer than two whole numbers")
     return Range(name, low, high)
+
+
+def controller_values(setup: Setup) -> Dict[str, Any]:
+    """Return the parameters of the controller of a setup, by name."""
+    values = parameter_values(setup)
+    return {item.name: values[item.name] for each in (setup.control, setup.detector) for item in fields(each)}
 
 
 def parse_weights(assignments: Sequence[str]) -> Objective:
@@ -295,18 +300,38 @@ def result_of_tuning(
     return Result("Parameters found by tune", lead, tables, verdict, source=source)
 
 
-def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
+def launch_arguments(profile: str, ground: str, robot: str) -> List[str]:
+    """Return the arguments of controller.launch with which it simulates what `setup_of` returns for these."""
+    chosen = {"profile": (profile, "gazebo"), "ground": (ground, "hard"), "robot": (robot, "husky")}
+    return [f"{name}:={value}" for name, (value, default) in chosen.items() if value != default]
+
+
+def write_tuned(
+    result: Result,
+    tuned: Tuned,
+    tried: str,
+    out: Path,
+    others: Optional[Mapping[str, Any]] = None,
+    arguments: Sequence[str] = (),
+) -> None:
     """Write parameters, trials and page into a folder, and print the result.
 
-    `tried` is text such as "of 64 setups on 10 starts, seed 0, profile gazebo".
+    Args:
+        result: result of `result_of_tuning`.
+        tuned: result of `tune`.
+        tried: text such as "of 64 setups on 10 starts, seed 0, profile gazebo".
+        out: folder for the files.
+        others: other parameters, with which all setups drove and which controller.launch does not set.
+        arguments: result of `launch_arguments`.
     """
     file = out / "tuned.yaml"
-    file.write_text(tuned_to_yaml(tuned.values, f"Found by tune {tried}."))
+    file.write_text(tuned_to_yaml({**(others or {}), **tuned.values}, f"Found by tune {tried}."))
     every_row("Every setup", tuned.trials).write(out / "trials")
     page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
     print(f"{result}\n\nparameters: {file}\npage: {page}")
     if not is_typed_by_one_command():  # a user of the pip package may not have roslaunch
-        print(f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
+        words = " ".join([*arguments, f"parameters:={file.resolve()}"])
+        print(f"roslaunch husky_highlevel_controller controller.launch {words}")
 
 
 def tune_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
@@ -358,5 +383,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             tried += f", seed {seed}, profile {options.profile}"
             computed_by = workers.summary
         result = result_of_tuning(tuned, base, objective, figures, tried, computed_by)
-        write_tuned(result, tuned, tried, options.out)
+        # controller.launch has the parameters of Gazebo's profile; those of the real Husky differ
+        launched = controller_values(setup_of(robot=options.robot))
+        others = {name: value for name, value in controller_values(base).items() if value != launched[name]}
+        arguments = launch_arguments(options.profile, options.ground, options.robot)
+        write_tuned(result, tuned, tried, options.out, others, arguments)
         print(computed_by, file=sys.stderr)

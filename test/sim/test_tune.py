@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from husky_evaluation import tune
+from husky_evaluation import metrics, tune
 from husky_evaluation.metrics import DriveResult
 from husky_evaluation.scenarios import random_starts
 from husky_evaluation.setup import Setup, setup_of
@@ -160,6 +160,24 @@ def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypa
         name = "/husky_highlevel_controller/p_gain_vel"
         assert config.params[name].value == loaded
         assert config.params["/husky_highlevel_controller/p_gain_ang"].value == 2.0
+
+
+def test_the_printed_line_launches_what_was_tuned(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("optuna")
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")  # a robot may be running
+    monkeypatch.setattr(metrics, "SEARCH_SECONDS", 2.0)
+    words = ["p_gain_ang=0.5:4", "--setups", "1", "--starts", "1", "--fresh", "1", "--jobs", "1"]
+    tune.main([*words, "--profile", "robot", "--ground", "soft", "--out", str(tmp_path)])
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("roslaunch "))
+    assert line.split()[3:] == ["profile:=robot", "ground:=soft", f"parameters:={tmp_path}/tuned.yaml"]
+    assert tune.launch_arguments("gazebo", "hard", "smb") == ["robot:=smb"]
+    roslaunch = pytest.importorskip("roslaunch.config")
+    launch = str(share_folder() / "launch" / "controller.launch")
+    config = roslaunch.load_config_default(
+        [(launch, ["rviz:=false", *line.split()[3:]])], None, verbose=False
+    )
+    for name, value in tune.controller_values(setup_of("robot")).items():
+        assert config.params[f"/husky_highlevel_controller/{name}"].value == value, name
 
 
 def test_it_is_told_if_the_defaults_outside_of_the_range_are_better():
