@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 TF, ROBOT, SCAN, CLOUD = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan", "rviz/PointCloud2"
-MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
+MARKER, MARKER_ARRAY = "rviz/Marker", "rviz/MarkerArray"
+MARKERS = {MARKER, MARKER_ARRAY}
 BASE = "base_link"  # frame of the robot
 MAX_TEXT = 200  # longer names of topics, frames and namespaces are cut to this number of characters
 MAX_DISPLAYS = 500  # only so many displays and groups of a configuration are read
@@ -53,6 +54,8 @@ class RvizView(RvizConfig):
     robot: bool = False  # true if the robot model is visible
     scan: bool = False  # true if the laser's points are visible
     hidden: Tuple[Tuple[str, str], ...] = ()  # topic and namespace of markers that no display shows
+    # visible displays of markers whose topic has messages of the other type, which RViz does not show
+    mistyped: Tuple[RvizDisplay, ...] = ()
 
     @property
     def clouds(self) -> Tuple[RvizDisplay, ...]:
@@ -187,11 +190,22 @@ def _full_name(topic: str) -> str:
     return "/" + topic[:MAX_TEXT].strip("/")
 
 
-def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
+def _fits(display: str, message: Optional[str]) -> bool:
+    """Return whether a display of markers shows messages of a type; True if the type is unknown (None)."""
+    return message is None or display.partition("/")[2] == message.partition("/")[2]
+
+
+def view_of(config: RvizConfig, tree: FrameTree, marker_types: Mapping[str, str]) -> RvizView:
     """Return the view of RViz with a submission's configuration, in a run with these frames.
 
     The view shows nothing if there is no configuration, if it cannot be read, or if its fixed frame is not a
     frame of the run.
+
+    Args:
+        config: configuration of the submission.
+        tree: frames and robot descriptions of the run.
+        marker_types: types of the topics of markers, such as "visualization_msgs/Marker". A topic whose type
+            is unknown is shown by both displays of markers.
     """
     view = RvizView(**vars(config))  # has all fields of the configuration, and shows nothing yet
     if not config.source or config.problem:  # no configuration was handed in, or it cannot be read
@@ -209,12 +223,16 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
         # the SMB's launch file sets /smb_description, but our simulator does not; so a display of
         # /smb_description counts as a display of /robot_description
         descriptions.add("/smb_description")
-    marker_topics = []
+    marker_topics, mistyped = [], []
     for each in markers:
-        marker_topics.append(each.source)
+        if _fits(each.kind, marker_types.get(each.source)):
+            marker_topics.append(each.source)
+        else:
+            mistyped.append(each)
         # a Marker display with topic NAME also shows the MarkerArray messages on NAME_array
-        if each.kind == "rviz/Marker":
-            marker_topics.append(f"{each.source}_array")
+        array_topic = f"{each.source}_array"
+        if each.kind == MARKER and _fits(MARKER_ARRAY, marker_types.get(array_topic)):
+            marker_topics.append(array_topic)
     return replace(
         view,
         topics=tuple(dict.fromkeys([*(each.source for each in scans), *marker_topics])),
@@ -225,6 +243,7 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
             for name in each.hidden
             if all(name in other.hidden for other in markers if other.source == each.source)
         ),
+        mistyped=tuple(mistyped),
         tf=bool(frame_displays),
         # RViz shows a robot model only if the run has a robot description of this name
         robot=any(each.source in descriptions for each in models),

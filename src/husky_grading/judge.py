@@ -56,7 +56,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         # robot and of the submission, so the frames of a robot that stands still are added.
         descriptions = (*STANDING.descriptions, *first.descriptions)
         tree = FrameTree({**STANDING.parents, **first.frames}, descriptions)
-    view = view_of(submission.rviz, tree)
+    view = view_of(submission.rviz, tree, first.marker_types)
     # if several items have the same hint, only the first of them shows it
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
     if submission.equals:  # several launch files fit the exercise equally well

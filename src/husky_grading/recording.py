@@ -92,6 +92,8 @@ class Recording:
     markers: Tuple[MarkerSample, ...] = ()
     # topics on which the submission advertises markers, even if no marker came
     marker_topics: Tuple[str, ...] = ()
+    # type of each of these topics, such as "visualization_msgs/Marker"; older recordings have no types
+    marker_types: Mapping[str, str] = field(default_factory=dict)
     subscribed: bool = False  # true if the submission subscribes to the scans
     advertised: bool = True  # true if the submission has a publisher of velocity commands
     # topics to which the submission subscribes, but on which no node publishes

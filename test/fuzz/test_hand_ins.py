@@ -106,7 +106,7 @@ def test_rviz_files_and_arguments_are_read_as_far_as_they_go(cases, tmp_path):
         node = RvizNode("rviz", arguments, ())
         setup = find_rviz_config(Plan(rviz=(node,), package_path=tmp_path))
         assert setup.source
-        view_of(setup, STANDING)
+        view_of(setup, STANDING, {})
 
 
 def test_events_are_taken_only_as_they_are_written(cases, tmp_path):

@@ -7,7 +7,7 @@ from typing import List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
-from husky_grading.displays import MARKERS, ROBOT, SCAN, TF, RvizView
+from husky_grading.displays import MARKER, MARKERS, ROBOT, SCAN, TF, RvizView
 from husky_grading.drive.drive_end import NO_COMMAND, DriveEnd
 from husky_grading.exercises.exercise import Exercise
 from husky_grading.exercises.watch import DriveState, RosAccess, Watch
@@ -492,10 +492,19 @@ def _explain_no_display(view: RvizView, topics: Set[str]) -> Tuple[str, str]:
         evidence += f": {view.problem}"
     if switched_off:
         evidence += f": the display of {', '.join(sorted(switched_off))} is switched off"
+    # displays of these topics that are for the other type of messages
+    mistyped = [display for display in view.mistyped if display.source in topics]
+    if mistyped:
+        kind, topic = mistyped[0].kind, mistyped[0].source
+        # names of the display and of the other one, which are also the names of the types that they show
+        wrong, right = ("Marker", "MarkerArray") if kind == MARKER else ("MarkerArray", "Marker")
+        evidence += f": its display {wrong} does not show {topic}, whose type is visualization_msgs/{right}"
     if view.problem:
         return evidence, hint_on_view(view)
     if switched_off:
         return evidence, f"tick the display Marker, {SAVED}"
+    if mistyped:
+        return evidence, f"add a display {right} of {topic} instead, {SAVED}"
     if any(display.kind in MARKERS for display in view.displays):
         return evidence, f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}"
     return evidence, f"add a display Marker of this topic, {SAVED}"

@@ -65,6 +65,7 @@ class MarkerWatch:
         # namespace)
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}  # subscribers by topic
+        self._types: Dict[str, str] = {}  # type of each topic, one of KINDS
         # number of messages on each topic that cannot be read, because they are not of the topic's type
         self._unreadable: Dict[str, int] = {}
         # keeps all transforms of the run, because markers are placed only after it
@@ -75,6 +76,11 @@ class MarkerWatch:
     def topics(self) -> Tuple[str, ...]:
         """Return the topics of markers that were published."""
         return tuple(sorted(self._topics))
+
+    @property
+    def types(self) -> Dict[str, str]:
+        """Return the type of each topic of markers, such as "visualization_msgs/Marker"."""
+        return dict(self._types)
 
     @property
     def notes(self) -> Tuple[Note, ...]:
@@ -117,6 +123,7 @@ class MarkerWatch:
         # a topic with a longer name is ignored, because drawing a very long name in a picture could take
         # minutes
         if kind in KINDS and is_new and len(topic) <= MAX_NAME:
+            self._types[topic] = kind
             # the messages come as raw bytes, so that a large message is rejected before it is deserialised
             self._topics[topic] = rospy.Subscriber(
                 topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True

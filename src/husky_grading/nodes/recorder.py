@@ -405,6 +405,7 @@ class DriveRecorder:
                 times, [each.pose_in_world for each in states], self._initial.pillar
             ),
             marker_topics=self._markers.topics,
+            marker_types=self._markers.types,
             subscribed=self._subscribed,
             advertised=self._advertises,
             silent_topics=tuple(self._silent),

@@ -25,9 +25,9 @@ MODEL = {"Class": "rviz/RobotModel"}
 MARKER = {"Class": "rviz/Marker", "Marker Topic": "/marker"}
 
 
-def shown(*displays, frame="odom", tree=STANDING, **more):
+def shown(*displays, frame="odom", tree=STANDING, types=(), **more):
     options = {"Displays": list(displays), "Global Options": {"Fixed Frame": frame}}
-    return view_of(read_rviz_config("a.rviz", {"Visualization Manager": options}, **more), tree)
+    return view_of(read_rviz_config("a.rviz", {"Visualization Manager": options}, **more), tree, dict(types))
 
 
 def parts(view):
@@ -36,7 +36,7 @@ def parts(view):
 
 def test_our_own_configuration_shows_everything():
     text = (share_folder() / "rviz" / "controller.rviz").read_text()
-    view = view_of(read_rviz_config("controller.rviz", yaml.safe_load(text)), STANDING)
+    view = view_of(read_rviz_config("controller.rviz", yaml.safe_load(text)), STANDING, {})
     assert parts(view) == (True, True, True)
     assert "/front/scan" in view.topics
     assert not view.problem
@@ -105,7 +105,7 @@ def test_topics_and_namespaces_of_markers():
 @pytest.mark.parametrize("content", [None, [], "x", {"Visualization Manager": []}])
 def test_what_is_no_configuration_of_rviz_is_told_and_one_of_any_depth_ends(content):
     assert (
-        view_of(read_rviz_config("a.rviz", content), STANDING).problem
+        view_of(read_rviz_config("a.rviz", content), STANDING, {}).problem
         == "the file is not a configuration of RViz"
     )
     deep = [TF]
@@ -116,6 +116,27 @@ def test_what_is_no_configuration_of_rviz_is_told_and_one_of_any_depth_ends(cont
 
 def rviz_file(display):
     return f"Visualization Manager: {{Displays: [{{Class: rviz/{display}}}]}}"
+
+
+@pytest.mark.parametrize(
+    ("display", "topic", "message", "is_shown"),
+    [
+        ("Marker", "/marker", "Marker", True),
+        ("Marker", "/marker", "MarkerArray", False),
+        ("Marker", "/marker_array", "MarkerArray", True),
+        ("Marker", "/marker_array", "Marker", False),
+        ("MarkerArray", "/marker", "MarkerArray", True),
+        ("MarkerArray", "/marker", "Marker", False),
+        ("MarkerArray", "/marker_array", "MarkerArray", False),
+        ("MarkerArray", "/marker", None, True),
+        ("Marker", "/marker", None, True),
+    ],
+)
+def test_a_display_of_markers_shows_messages_of_its_type(display, topic, message, is_shown):
+    types = {topic: f"visualization_msgs/{message}"} if message else {}
+    view = shown({**MARKER, "Class": f"rviz/{display}"}, types=types)
+    assert (topic in view.topics) == is_shown
+    assert [each.source for each in view.mistyped] == ["/marker"] * (not is_shown and topic == "/marker")
 
 
 SLAM = {"slam.rviz": rviz_file("TF")}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drives import FULL_VIEW, GOOD, RIGHT, SCAN, TO_PILLAR, WAY, drive, markers
 
-from husky_grading.displays import RvizView
+from husky_grading.displays import RvizDisplay, RvizView
 from husky_grading.drive.drive_end import NODES_ENDED
 from husky_grading.exercises import exercise_3
 from husky_grading.exercises.exercise_3 import find_placements, judge_approach, judge_arrival, judge_place
@@ -178,6 +178,17 @@ def test_the_marker_in_rviz_counts_only_where_it_is_right(view, position, points
     item = shown(replace(FULL_VIEW, **view), position)
     assert item.points == points
     assert evidence in item.evidence
+
+
+@pytest.mark.parametrize(("kind", "other"), [("Marker", "MarkerArray"), ("MarkerArray", "Marker")])
+def test_a_display_of_the_other_type_of_markers_is_told_with_the_one_that_fits(kind, other):
+    display = RvizDisplay(f"rviz/{kind}", "/marker")
+    item = shown(replace(FULL_VIEW, topics=(SCAN,), displays=(display,), mistyped=(display,)))
+    assert item.points == 0.0
+    assert (
+        f"its display {kind} does not show /marker, whose type is visualization_msgs/{other}" in item.evidence
+    )
+    assert f"add a display {other} of /marker" in item.hint
 
 
 def test_a_marker_elsewhere_that_rviz_shows_is_not_the_marker_at_the_pillar():

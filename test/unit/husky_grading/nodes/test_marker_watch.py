@@ -145,6 +145,7 @@ def test_a_message_of_many_megabytes_is_not_taken_apart(watch, monkeypatch):
 
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     watch.follow("/viz", "visualization_msgs/MarkerArray")
+    assert watch.types == {"/viz": "visualization_msgs/MarkerArray"}
     raw = rospy.AnyMsg()
     raw._buff = bytes(MAX_MESSAGE + 1)
     receive[0](raw)
