@@ -220,6 +220,10 @@ def judge_calls(recording: Recording) -> List[Item]:
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
+        if len(observed.services) > 1:  # another service may be the one that stops it
+            others = ", ".join(observed.services[1:])
+            evidence = by_hand(f"{service} stops nothing, and {others} of the same type was not called")
+            return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
         return _judge_no_stop(stop, start, service, calls_while_driving, observed.callers)
     stop_value = _stopping_value(effects)  # value of the request that stops the robot
     stop = _judge_stops(stop, service, [effect for effect in effects if effect.call.data is stop_value])

@@ -101,6 +101,20 @@ def test_another_node_that_calls_a_service_which_stops_nothing_is_named(callers,
     assert "/waits" not in stop.evidence
 
 
+def test_another_service_of_the_right_type_is_left_to_a_person_if_the_first_one_stops_nothing():
+    services = ("/enable_log", "/start_stop")
+    never_stops = [(False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5)]
+    items = judge_exercise_5([called(*never_stops, services=services)], VIEW, SCAN)
+    assert [item.points for item in items] == [None] * 4
+    assert items[0].evidence.endswith(
+        "/enable_log stops nothing, and /start_stop of the same type was not called"
+    )
+    items = judge_exercise_5([called(*STOPS, services=services)], VIEW, SCAN)
+    assert [item.points for item in items] == [50.0, 50.0, None, None]
+    items = judge_exercise_5([called(*STANDS, still=(0.0, 99.0), services=services)], VIEW, SCAN)
+    assert [item.points for item in items] == [0.0, 0.0, None, None], "it never drives"
+
+
 def test_a_call_that_takes_long_is_judged_from_its_answer():
     late = called((False, 0.0))
     speeds = late.speeds.copy()
