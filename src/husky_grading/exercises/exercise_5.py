@@ -70,6 +70,7 @@ class Call:
     # [s] simulated time of the answer; on a busy machine, the answer may come more than a second after the
     # call
     answered_at: float
+    is_error: bool = False  # true if the call failed, and `answer` is its error; older recordings have False
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,13 @@ class ServiceWatch(Watch):
             if answer is None:  # the answer has not come yet, so the run goes on
                 return None
             self._calls.append(
-                replace(self._waiting_call, success=answer.success, answer=answer.text, answered_at=state.now)
+                replace(
+                    self._waiting_call,
+                    success=answer.success,
+                    answer=answer.text,
+                    answered_at=state.now,
+                    is_error=answer.is_error,
+                )
             )
             self._plan.answered(state.now)
             self._waiting_call = None
@@ -385,6 +392,11 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
         evidence += f"; after {value} at {shown_call.at:.2f} s it drives at {speed:.2f} m/s"
         if shown_call.answer and not shown_call.success:  # the answer may say why the call failed
             evidence += f" ({shown_call.answer})"
+    errors = [effect.call.answer for effect in effects if effect.call.is_error]
+    if (
+        errors and not failures
+    ):  # the robot obeys, but who calls the service gets an error, which costs nothing
+        evidence += f", but {len(errors)} of them had an error: {errors[0]}"
     share = 1.0 if not failures else 0.5 if successes else 0.0
     return replace(item, points=share * item.max_points, evidence=evidence, at=shown_call.at)
 

@@ -18,6 +18,7 @@ class Answer(NamedTuple):
 
     success: bool
     text: str
+    is_error: bool = False  # true if the call failed, and `text` is its error
 
 
 class RosAccess(Protocol):

@@ -99,7 +99,7 @@ class DriveAccess:
             except Exception as error:
                 # The submission answers this call, so any error is possible. The error becomes the answer,
                 # because the run waits for an answer.
-                answers.append(Answer(False, str(error) or type(error).__name__))
+                answers.append(Answer(False, str(error) or type(error).__name__, is_error=True))
 
         threading.Thread(target=ask, daemon=True).start()
 
@@ -109,7 +109,7 @@ class DriveAccess:
             return self._answers[0]
         if time.monotonic() < self._give_up_at:
             return None
-        return Answer(False, f"no answer within {ANSWER_DEADLINE:g} s")
+        return Answer(False, f"no answer within {ANSWER_DEADLINE:g} s", is_error=True)
 
     def callers(self, service: str) -> Dict[str, int]:
         """Return the number of lookups of a service by each node of the submission."""

@@ -115,6 +115,20 @@ def test_another_service_of_the_right_type_is_left_to_a_person_if_the_first_one_
     assert [item.points for item in items] == [0.0, 0.0, None, None], "it never drives"
 
 
+def test_an_error_of_a_service_that_works_is_told_and_costs_nothing():
+    obeys = called(*STOPS)
+    calls = obeys.watched_as(ServiceCalls).calls
+    refused = [replace(each, success=False, answer="handler returned None") for each in calls]
+    said = judge_calls(with_calls(obeys, *refused))
+    assert "None" not in said[0].evidence, "an answer without success may be meant so"
+    errors = judge_calls(with_calls(obeys, *(replace(each, is_error=True) for each in refused)))
+    assert [item.points for item in errors] == [50.0, 50.0]
+    for item in errors:
+        assert item.evidence.endswith(
+            " after 2 of 2 calls, but 2 of them had an error: handler returned None"
+        )
+
+
 def test_a_call_that_takes_long_is_judged_from_its_answer():
     late = called((False, 0.0))
     speeds = late.speeds.copy()
@@ -210,7 +224,8 @@ def test_the_service_of_the_right_type_is_called_and_its_answer_is_kept_with_the
     assert watch.kept()["calls"] == []
     answers.append(Answer(True, "stopped"))
     assert watch.look(DriveState(9.0, 0.0)) is None
-    made = {"at": 8.0, "data": False, "success": True, "answer": "stopped", "answered_at": 9.0}
+    call = {"at": 8.0, "data": False, "success": True, "answer": "stopped", "answered_at": 9.0}
+    made = {**call, "is_error": False}
     services = {"services": ["/stop"], "other_services": ["/go (std_srvs/Empty)"]}
     assert watch.kept() == {**services, "calls": [made], "callers": {"/other": 3}}
     assert watch.look(DriveState(60.0, 0.0)).kind is Kind.DEADLINE

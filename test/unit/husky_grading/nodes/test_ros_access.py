@@ -47,8 +47,9 @@ def test_a_call_that_fails_in_whatever_way_is_answered_by_what_went_wrong(access
     monkeypatch.setattr(rospy, "ServiceProxy", lambda *_: fail)
     access.call("/go", True)
     until(access.answer)
-    success, text = access.answer()
+    success, text, is_error = access.answer()
     assert not success
+    assert is_error
     assert "odd" in text
 
 
