@@ -2,12 +2,14 @@
 
 from math import pi
 
+import pytest
 import rospy
 from gazebo_msgs.msg import ModelState, ModelStates
 from gazebo_msgs.srv import DeleteModel, GetModelState, GetWorldProperties, SetModelState, SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from harness import RosTest, twist
 from nav_msgs.msg import Odometry
+from std_srvs.srv import Empty
 
 BASE_HEIGHT = 0.13  # [m] height of base_link on the floor
 CRATE = """<sdf version="1.6"><model name="any"><link name="l"><pose>0 0 0.2 0 0 0</pose>
@@ -142,6 +144,16 @@ class GazeboServicesAnswer(RosTest):
             (self.spawn_sdf("crate", "<sdf", "", Pose(), ""), "'crate'"),
         ):
             self.refuses(answer, *words)
+
+    def test_a_refused_reset_is_an_error_for_the_caller_though_its_response_has_no_fields(self):
+        reset = self.service("reset_world", Empty)
+        self.agrees(self.set(state("husky", 5.0, 5.0)))
+        self.agrees(self.spawn_sdf("crate", CRATE, "", Pose(), "world"))
+        with pytest.raises(rospy.ServiceException, match="'husky' would stand inside 'crate'"):
+            reset()
+        self.agrees(self.delete("crate"))
+        reset()
+        self.at(self.agrees(self.get("husky", "world")).pose, 0.0, 0.0, BASE_HEIGHT)
 
     def test_the_answer_agrees_with_the_true_odometry(self):
         truth = self.remember("/ground_truth/odom", Odometry)

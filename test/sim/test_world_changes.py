@@ -485,3 +485,11 @@ def test_a_robot_that_would_start_in_something_is_told_what_to_do(simulate):
         simulate,
         body("crate", Box((1.0, 1.0, 1.0)), z=0.3),
     )
+
+
+def test_a_robot_that_would_be_put_into_something_is_told_what_stands_there_only(simulate):
+    simulation = simulate(body("crate", Box((1.0, 1.0, 1.0)), x=3.0, z=0.5))
+    refused("'husky' would stand inside 'crate'$", simulation.move, "husky", Pose((3.0, 0.0, 0.0), UPRIGHT))
+    simulation.move("husky", Pose((-3.0, 0.0, 0.0), UPRIGHT))
+    simulation.spawn([body("post", Cylinder(0.2, 1.0), z=0.5)])
+    refused("'husky' would stand inside 'post'$", simulation.reset_poses)

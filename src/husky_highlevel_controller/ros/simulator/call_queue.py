@@ -66,12 +66,17 @@ class CallQueue:
         """Offer a service that lets the owner do `work` for each request.
 
         The response has a success and a message, as `ask` returns them; the `options` are `changes` and
-        `between_steps` of `ask`.
+        `between_steps` of `ask`. The response of an Empty service has no fields, so a refused call of it ends
+        with an error for the caller.
         """
 
         def respond(request: Any) -> Tuple:
-            answer = self.ask(partial(work, request), **options)
-            return () if kind is Empty else answer  # the response of an Empty service has no fields
+            success, message = self.ask(partial(work, request), **options)
+            if kind is not Empty:
+                return success, message
+            if not success:
+                raise rospy.ServiceException(message)
+            return ()
 
         rospy.Service(name, kind, respond)
 

@@ -317,8 +317,8 @@ class BulletWorld:
             for other in sorted(near.difference(checked_ids, ignored, self._planes, *same_model_ids)):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
-                    # only the robot's start has the launch arguments x, y and z
-                    remedy = "; choose another x, y or z" if name == ROBOT else ""
+                    # only the robot's start has the launch arguments x, y and z; a move checks a copy
+                    remedy = "; choose another x, y or z" if name == ROBOT and copy is None else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
 
     def pose_of(self, name: str) -> Pose:
