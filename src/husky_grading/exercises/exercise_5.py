@@ -37,7 +37,8 @@ MANY = 5
 # [m/s] the robot stands up to the speed STANDING_SPEED, and drives from the speed DRIVING_SPEED on
 STANDING_SPEED, DRIVING_SPEED = 0.05, 0.1
 SET_BOOL = "std_srvs/SetBool"
-# values of the four calls; a submission may stop at False and start at True, or the other way round
+# Values of the four calls; a submission may stop at False and start at True, or the other way round. The
+# first value that stops the robot is sent twice, because a second stop must not start the robot.
 CALLS = (False, True, False, True)
 DRIVES = 0.1  # [m/s] the robot has begun to drive if its speed is above this
 # [s] the first call comes FIRST_CALL after the robot has begun to drive, but at the latest at the simulated
@@ -87,9 +88,14 @@ class ServiceCalls:
 
 @dataclass
 class CallPlan:
-    """Plan of the calls of one run: the values CALLS, each sent after the effect of the call before it."""
+    """Plan of the calls of one run: the values CALLS, each sent after the effect of the call before it.
 
-    made: int = 0  # number of calls so far
+    The first value that stops the robot is sent once more.
+    """
+
+    made: int = 0  # number of calls so far, without the repeated one
+    has_repeated: bool = False  # true if a value was sent once more
+    drove_before: bool = False  # true if the robot drove when the last call was made
     # [s] simulated time of the last answer; inf while an answer is awaited, -inf before the first call
     answered_at: float = -inf
     drove_at: float = inf  # [s] simulated time at which the robot first drove; inf if it has not driven
@@ -104,11 +110,17 @@ class CallPlan:
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
         # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only
         # then. While an answer is awaited, `answered_at` is inf, so no call is due.
-        if self.made >= len(CALLS) or now < max(begin, self.answered_at + EFFECT_END):
+        if now < max(begin, self.answered_at + EFFECT_END):
             return None
-        value = CALLS[self.made]
-        self.made, self.answered_at = self.made + 1, inf
-        return value
+        is_repeat = not self.has_repeated and self.drove_before and abs(speed) <= STANDING_SPEED
+        if self.made >= len(CALLS) and not is_repeat:
+            return None
+        if is_repeat:
+            self.has_repeated = True
+        else:
+            self.made += 1
+        self.drove_before, self.answered_at = abs(speed) > DRIVES, inf
+        return CALLS[self.made - 1]
 
     def answered(self, now: float) -> None:
         """Note that the last call was answered at this time [s], or will not be answered."""
@@ -225,6 +237,16 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
+    # for each effect after the first one, true if its call repeats the value of the call before it
+    repeats = [each.call.data is previous.call.data for previous, each in zip(effects, effects[1:])]
+    # repeated calls that start the robot again, although the same value had stopped it
+    restarts = [
+        effect
+        for previous, effect, repeats_value in zip(effects, effects[1:], repeats)
+        if repeats_value and previous.stopped and effect.after >= DRIVING_SPEED
+    ]
+    # a repeated call that changes nothing is right, and proves nothing more
+    effects = [effect for effect, repeats_value in zip(effects, [False, *repeats]) if not repeats_value]
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
         if len(observed.services) > 1:  # another service may be the one that stops it
@@ -232,16 +254,22 @@ def judge_calls(recording: Recording) -> List[Item]:
             evidence = by_hand(f"{service} stops nothing, and {others} of the same type was not called")
             return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
         return _judge_no_stop(stop, start, service, calls_while_driving, observed.callers)
-    stop_value = _stopping_value(effects)  # value of the request that stops the robot
-    stop = _judge_stops(stop, service, [effect for effect in effects if effect.call.data is stop_value])
+    # value of the request that stops the robot
+    stop_value = restarts[0].call.data if restarts else _stopping_value(effects)
+    effects_of_stops = [effect for effect in effects if effect.call.data is stop_value]
+    stop = _judge_stops(stop, service, effects_of_stops, restarts)
     if not calls_while_driving:
         return [stop, _judge_starts_from_rest(start, service, recording, effects)]
     # a call that starts the robot counts only if the call before it had stopped the robot
     starts = [
         effect
         for previous, effect in zip(effects, effects[1:])
-        if effect.call.data is not stop_value and previous.stopped
+        if effect.call.data is not stop_value and previous.stopped and not effect.drove_before
     ]
+    if restarts and not starts:
+        value = str(stop_value).lower()
+        evidence = by_hand(f"{service}: it ignores its value, because a second {value} starts the robot")
+        return [stop, replace(start, points=None, evidence=evidence)]
     return [stop, _judge_starts(start, service, starts)]
 
 
@@ -322,7 +350,9 @@ def _measure_effects(recording: Recording, calls: Sequence[Call]) -> List[Effect
     return effects
 
 
-def _judge_stops(item: Item, service: str, effects: Sequence[Effect]) -> Item:
+def _judge_stops(
+    item: Item, service: str, effects: Sequence[Effect], restarts: Sequence[Effect] = ()
+) -> Item:
     """Return the item on stops, by the share of calls that stopped a driving robot.
 
     A call to a robot that already stood proves nothing. If there are only such calls, the item is graded by
@@ -332,13 +362,14 @@ def _judge_stops(item: Item, service: str, effects: Sequence[Effect]) -> Item:
         item: item on stops, without evidence.
         service: name of the service.
         effects: effects of the calls with the value that stops the robot.
+        restarts: effects of calls that repeat this value, and start the robot by it.
     """
     while_driving = [effect for effect in effects if effect.drove_before]
     if not while_driving:
         evidence = by_hand(f"{service}: the robot already stood before each call")
         return replace(item, points=None, evidence=evidence)
     failures = [effect for effect in while_driving if not effect.stopped]
-    return _with_points(item, f"{service}: stands", while_driving, failures)
+    return _with_points(item, f"{service}: stands", [*while_driving, *restarts], [*failures, *restarts])
 
 
 def _judge_starts(item: Item, service: str, effects: Sequence[Effect]) -> Item:

@@ -115,6 +115,37 @@ def test_another_service_of_the_right_type_is_left_to_a_person_if_the_first_one_
     assert [item.points for item in items] == [0.0, 0.0, None, None], "it never drives"
 
 
+@pytest.mark.parametrize(
+    ("pairs", "stop", "start"),
+    [
+        ([(False, 0.0), (False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5)], 50.0, 50.0),
+        ([(False, 0.5), (True, 0.0), (True, 0.0), (False, 0.5), (True, 0.0)], 50.0, 50.0),
+        # it changes between driving and standing at each call
+        ([(False, 0.0), (False, 0.5), (True, 0.0), (False, 0.5), (True, 0.0)], 25.0, None),
+        ([(False, 0.5), (True, 0.0), (True, 0.5), (False, 0.0), (True, 0.5)], 25.0, None),
+        # it starts again after some time
+        ([(False, 0.0), (False, 0.5), (True, 0.5), (False, 0.0), (True, 0.5)], 25.0, 50.0),
+    ],
+)
+def test_a_value_that_has_stopped_the_robot_must_not_start_it_when_it_is_repeated(pairs, stop, start):
+    items = judge_calls(called(*pairs))
+    assert [item.points for item in items] == [stop, start]
+    assert ("it drives at 0.50 m/s" in items[0].evidence) == (stop < 50.0)
+    assert ("2 of 2" in items[0].evidence) == (stop == 50.0)
+
+
+@pytest.mark.parametrize(("stopping", "values"), [(False, "FFTFT"), (True, "FTTFT"), (None, "FTFT")])
+def test_the_first_value_that_stops_the_robot_is_sent_once_more(stopping, values):
+    plan, made, speed = CallPlan(), "", 0.5
+    for tick in range(600):
+        value = plan.due(0.1 * tick, speed)
+        if value is not None:
+            made += str(value)[0]
+            speed = 0.0 if value is stopping else 0.5
+            plan.answered(0.1 * tick)
+    assert made == values
+
+
 def test_an_error_of_a_service_that_works_is_told_and_costs_nothing():
     obeys = called(*STOPS)
     calls = obeys.watched_as(ServiceCalls).calls
