@@ -19,7 +19,8 @@ class Kind(Enum):
     BUILD = "build"
     # a C++ function must return a value, but has no return statement, so the node may crash in it
     MISSING_RETURN = "missing return"
-    LAUNCH_FILE = "launch file"  # the launch file cannot be loaded, or starts no node
+    LAUNCH_FILE = "launch file"  # the launch file cannot be loaded
+    NO_NODE = "no node"  # the launch file can be loaded, but starts no node of the submission
     # the launch file names a node of the grader's own package, so this node is not started
     OWN_NODE = "own node"
     MISSING_INCLUDE = "missing include"  # the launch file includes a file that does not exist
@@ -100,6 +101,7 @@ MISSES_PACKAGES = frozenset(
         Kind.BUILD,
         Kind.MISSING_PACKAGE,
         Kind.LAUNCH_FILE,
+        Kind.NO_NODE,
         Kind.MISSING_INCLUDE,
         Kind.NOT_STARTED,
         Kind.NODE_FAILED,

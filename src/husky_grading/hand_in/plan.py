@@ -109,7 +109,7 @@ def plans(
         if read_plan is None:  # the events normally give the reason; `problem` is used if they do not
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
         elif not read_plan.nodes:
-            notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
+            notes.append(Note(Kind.NO_NODE, "it starts no node of its own"))
         planned.append(
             replace(
                 read_plan or Plan(),

@@ -49,6 +49,10 @@ HINTS = {
     Kind.COMMANDS_CEASE: "check which branch your callback takes at that moment, and for what it waits",
     Kind.BUILD: "fix this error first, because nothing can be started before; others may follow from it",
     Kind.LAUNCH_FILE: "fix this in the launch file; roslaunch prints the same error and starts nothing",
+    Kind.NO_NODE: (
+        "add <node pkg=... type=... name=.../> for your node to the launch file; in exercise 4, for "
+        "ekf_localization_node of robot_localization"
+    ),
     Kind.MISSING_INCLUDE: "hand in the file that is named, or take its <include> out of the launch file",
     Kind.MISSING_PACKAGE: "hand in the package that is named, or do without it",
 }

@@ -205,7 +205,7 @@ def marked(batch, ann, monkeypatch):
     monkeypatch.setattr(batch_module, "run_program", None)
     job = job_of(HandIn("ann", ann, "ann"), Override(), MarkingConfig(), batch)
     out = Path(job.out)
-    notes = (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),)
+    notes = (Note(Kind.NO_NODE, "it starts no node of its own"),)
     recording = Recording(Pose2D(), (20.0, 5.0), 120.0, notes=notes)
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
     notes = (Note(Kind.HAND_IN, "a note"),)

@@ -8,6 +8,7 @@ from packages import put
 from husky_grading.hand_in.plan import misspelt_dependencies, package_path, plan
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.records import Launchable
+from husky_grading.rubrics.causes import hint_on
 from husky_grading.submission import Event
 
 
@@ -71,6 +72,15 @@ def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_p
     assert made.nodes == ("p/t",), made
     assert made.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
     assert made.notes == ()
+
+
+def test_a_launch_file_without_a_node_is_told_to_start_one(tmp_path):
+    made = planned(tmp_path / "empty", {"a.launch": "<launch/>"}, tmp_path)
+    (note,) = made.notes
+    assert made.is_read
+    assert "add <node pkg=" in hint_on(note)
+    broken = planned(tmp_path / "broken", {"a.launch": "<launch>"}, tmp_path)
+    assert "prints the same error" in hint_on(broken.notes[0])
 
 
 @pytest.mark.parametrize(
