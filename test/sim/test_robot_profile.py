@@ -7,7 +7,7 @@ import pytest
 from stage import drive
 
 from husky_evaluation.rollout import model_of
-from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
@@ -99,6 +99,19 @@ def test_rates_are_the_real_drivers(simulate):
     assert sum(s.power is not None for s in snapshots) == 20
     assert sum(s.mag is not None for s in snapshots) == sum(s.imu is not None for s in snapshots) == 100
     assert all(s.mag is None and s.power is None for s in drive(simulate(GAZEBO), 0.2))
+
+
+@pytest.mark.parametrize("steps", [0, 2, 10])
+@pytest.mark.parametrize("config", [HARD, GAZEBO], ids=["robot", "gazebo"])
+def test_odom_stays_when_a_robot_that_drives_is_put_elsewhere(config, steps, simulate):
+    simulation = simulate(config)
+    drive(simulation, 2.06, 1.0)
+    before = simulation.pose_world_in_odom
+    drive(simulation, steps * simulation.dt, 1.0)
+    simulation.move("husky", Pose((0.0, 3.0, 0.0)))
+    drive(simulation, 1.0)
+    after = simulation.pose_world_in_odom
+    assert after.position == pytest.approx(before.position, abs=0.01)
 
 
 def peak(simulation, *twists):

@@ -35,8 +35,13 @@ class Odometer:
         self._from_wheels = self.filtered = Odometry()
 
     def relocate(self, pose_base_in_odom: Pose2D) -> None:
-        """Set the pose of the filtered odometry, at rest."""
+        """Set the pose of the filtered odometry, at rest; the wheel odometry stays where it is, at rest.
+
+        `sample` must have advanced both to the present step, with a reading of the wheels. Otherwise the next
+        sample would add the distance that the robot drove before.
+        """
         self.filtered = Odometry(pose_base_in_odom)
+        self._from_wheels = Odometry(self._from_wheels.pose_base_in_odom)
 
     def sample(self, wheels: Optional[WheelState], yaw_rate: float, step: int) -> OdometrySample:
         """Advance both odometries to a physics step, and return them.
@@ -49,7 +54,8 @@ class Odometer:
             yaw_rate: yaw rate of the gyro [rad/s].
             step: number of physics steps since the reset.
         """
-        if wheels is not None:
+        # a second reading in the same step has nothing new
+        if wheels is not None and step > self._last_wheel_step:
             turned_for = (step - self._last_wheel_step) * self._dt  # [s] time since the last reading
             # mean speeds [rad/s] of the wheels since the last reading
             front_left, front_right, rear_left, rear_right = (

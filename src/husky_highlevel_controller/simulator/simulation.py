@@ -344,8 +344,11 @@ class Simulation:
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
         """Put base_link at a pose, at rest; the odometry jumps, too, so that odom keeps its x, y and yaw."""
-        pose_world_in_odom = self.pose_world_in_odom
+        pose_before = self._chassis.state.pose_in_world
         self._chassis.move(pose_base_in_world)
+        # the odometry is late until its next sample, so it first catches up with the robot
+        self._odometer.sample(self._chassis.wheels(), self._equipment.imu.yaw_rate, self._steps_since_reset)
+        pose_world_in_odom = world_in_odom(pose_before, self._odometer.filtered.pose_base_in_odom)
         self._height_of_last_floor = self.ground_height
         self._equipment.imu.restart()
         self._equipment.drive.reset()
