@@ -64,6 +64,7 @@ class Kind(Enum):
     AT_ORIGIN = "at the origin"  # the marker is always at the origin of its frame, or at the lidar
     NO_RETURN = "no return"  # the marker is at the lidar when no beam measures a range
     WRONG_HEIGHT = "wrong height"
+    NO_FRAME = "no frame"  # TF has no frame of the marker's name
     INVISIBLE = "invisible"
     DELETED = "deleted"  # each marker is deleted as soon as it has come, so RViz never draws one
     OLD_ONES = "old ones"  # most markers are right, but RViz also shows older markers, which are wrong

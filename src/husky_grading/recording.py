@@ -50,6 +50,7 @@ class MarkerSample:
     action: str = ADD
     problem: str = ""  # reason why RViz would not draw the marker; empty if RViz draws it
     finite: bool = True  # false if a number of the marker is inf or nan
+    has_frame: bool = True  # false if TF never had a frame of the marker's name
 
 
 @dataclass(frozen=True, eq=False)

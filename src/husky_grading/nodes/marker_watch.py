@@ -227,9 +227,12 @@ class MarkerWatch:
         """
         # without poses of the robot, no marker can be placed
         samples = list(self._samples) if len(times) else []
+        parents = self.frames if samples else {}
+        known_frames = {BASE, *parents, *parents.values()}
         # a deletion, or a marker that RViz does not draw, has no place
         return tuple(
             sample if sample.problem or sample.action != ADD
+            else _without_frame(sample) if sample.frame not in known_frames
             else self._placed(sample, marker, times, poses, pillar)
             for sample, marker in samples
         )  # fmt: skip
@@ -312,6 +315,11 @@ class MarkerWatch:
         """
         transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time.from_sec(moment))
         return conversions.pose_from_transform(transform)
+
+
+def _without_frame(sample: MarkerSample) -> MarkerSample:
+    """Return a sample whose frame TF does not know, with this problem."""
+    return replace(sample, problem=f"there is no frame {sample.frame!r}", has_frame=False)
 
 
 def _is_file_of(folder: Path, place: str) -> bool:

@@ -47,6 +47,7 @@ HINTS = {
     Kind.AT_ORIGIN: "set pose.position from the nearest valid range and its angle before you publish it",
     Kind.NO_RETURN: "if no beam has a return, the marker sits on the lidar, so publish none then",
     Kind.WRONG_HEIGHT: "check pose.position.z and scale.z: z is 0 at the height of header.frame_id",
+    Kind.NO_FRAME: "set header.frame_id of the marker to the one of the scan's header",
     Kind.INVISIBLE: "RViz does not draw such a marker; correct what is wrong with it",
     Kind.DELETED: "give it a longer lifetime, or do not delete it before the next one comes",
     Kind.OLD_ONES: "send each marker with the same ns and id, because otherwise the old markers stay in RViz",
@@ -77,6 +78,13 @@ class Seen(NamedTuple):
         return hypot(self.x - x, self.y - y) <= self.slack
 
 
+def fault_of_invisible(marker: MarkerSample) -> Kind:
+    """Return the kind of fault of a marker that RViz does not draw."""
+    if not marker.finite:
+        return Kind.NOT_A_NUMBER
+    return Kind.INVISIBLE if marker.has_frame else Kind.NO_FRAME
+
+
 def find_fault(
     recording: Recording, wrong: Sequence[MarkerSample], wrong_share: float, rules: Rules
 ) -> Optional[Kind]:
@@ -94,7 +102,7 @@ def find_fault(
         return Kind.NOT_A_NUMBER
     drawn = [marker for marker in wrong if not marker.problem]
     if not drawn:
-        return Kind.INVISIBLE
+        return fault_of_invisible(wrong[0])
     mount = load_robot(recording.robot).lidar_mount  # mount.x is the lidar's distance ahead of base_link [m]
     if _are_mostly_true([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
         # true if most of these markers came after a scan in which no beam measured a range

@@ -21,6 +21,7 @@ from husky_grading.rubrics.marker_faults import (
     FAULTS,
     FEW,
     distance_to_pillar,
+    fault_of_invisible,
     fault_text,
     find_fault,
     height_score,
@@ -111,9 +112,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
         evidence = f"{title}: not visible: {invisible[0].problem}"
-        # a marker is not `finite` if one of its numbers is NaN or infinity
-        kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
-        return Placement(0.0, evidence, invisible[0].at, kind)
+        return Placement(0.0, evidence, invisible[0].at, fault_of_invisible(invisible[0]))
     # score of each marker; the key is `id()`, because several markers may be equal
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _score_moments(markers, scores)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rospy
 import tf2_ros
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, TransformStamped
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
@@ -46,8 +46,19 @@ def test_a_frame_that_tf_refuses_costs_its_marker_only(watch, frame, stamp):
     strange.header.stamp = rospy.Time.from_sec(stamp)
     watch.add([strange, marker()], "/viz")
     first, second = samples(watch)
-    assert first.problem
-    assert not second.problem
+    assert first.problem == f"there is no frame {frame!r}"
+    assert not first.has_frame
+    assert (second.problem, second.has_frame) == ("", True)
+
+
+def test_a_marker_in_a_frame_of_tf_is_placed(watch):
+    laser = TransformStamped(child_frame_id="front_laser")
+    laser.header.frame_id, laser.transform.translation.x, laser.transform.rotation.w = "base_link", 0.5, 1.0
+    watch._buffer.set_transform_static(laser, "")
+    watch.add([marker("front_laser"), marker("base_laser")], "/viz")
+    first, second = samples(watch)
+    assert (first.problem, first.position[0]) == ("", pytest.approx(0.5))
+    assert second.problem == "there is no frame 'base_laser'"
 
 
 def test_messages_that_are_no_markers_are_counted_and_end_nothing(watch):

@@ -14,6 +14,16 @@ from husky_grading.records import Rules
 LOST = '"map" passed to lookupTransform does not exist'
 
 
+def test_a_marker_in_an_unknown_frame_is_told_the_frame_of_the_scan():
+    lost = markers(GOOD, (nan, nan, nan), problem="there is no frame 'base_laser'")
+    samples = [replace(each, has_frame=False) for each in lost.markers]
+    item = place(replace(lost, markers=tuple(samples)))
+    assert "not visible: there is no frame 'base_laser'" in item.evidence
+    assert item.hint == "set header.frame_id of the marker to the one of the scan's header"
+    half = [each if row % 2 else markers(GOOD, RIGHT).markers[row] for row, each in enumerate(samples)]
+    assert place(replace(lost, markers=tuple(half))).hint == item.hint
+
+
 @pytest.mark.parametrize(
     ("recording", "evidence"),
     [
