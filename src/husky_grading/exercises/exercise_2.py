@@ -35,6 +35,9 @@ TOLERANCE = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
 # item gets no points
 LEAST_LINES = 5
+# A line with more numbers than this is a list of ranges, which always has the smallest one, so the line does
+# not count. A line with the smallest range, its position and angle, limits and speeds has fewer numbers.
+MOST_NUMBERS = 10
 # [s] a line may print the smallest range of a scan that is older than the line by up to this simulated time,
 # because a slow node with a long queue of scans prints late
 LATEST = 1.0
@@ -59,6 +62,8 @@ PARAMETERS = "read both as private parameters of the node, from the launch file 
 
 _QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
+# pattern of a number, or of a range without a return
+_RANGE = re.compile(r"(?<![\w.])(?:\d+\.\d+|inf\b|nan\b)", re.IGNORECASE)
 # pattern of the beginning of a line in a ROS log, such as "[ INFO] [17.5, 2.0]:". Its numbers are not ranges;
 # the second number is the simulated time.
 _PREFIX = re.compile(
@@ -121,6 +126,7 @@ class PrintedLine(NamedTuple):
 
     numbers: List[float]
     stamp: Optional[float]  # [s] simulated time at which the line was printed; None if it has no such stamp
+    is_list: bool  # true if the line has more than MOST_NUMBERS numbers, inf and nan
 
 
 def read_lines(output: str) -> List[PrintedLine]:
@@ -129,9 +135,10 @@ def read_lines(output: str) -> List[PrintedLine]:
     for text in output.splitlines():
         prefix = _PREFIX.match(text)
         stamp = float(prefix["stamp"]) if prefix and prefix["stamp"] else None
-        numbers = [float(word) for word in _NUMBER.findall(text[prefix.end() :] if prefix else text)]
+        printed = text[prefix.end() :] if prefix else text
+        numbers = [float(word) for word in _NUMBER.findall(printed)]
         if numbers:
-            lines.append(PrintedLine(numbers, stamp))
+            lines.append(PrintedLine(numbers, stamp, is_list=len(_RANGE.findall(printed)) > MOST_NUMBERS))
     return lines
 
 
@@ -168,7 +175,7 @@ def judge_output(recording: Recording) -> Item:
     # [m] numbers that were printed while the robot stood, and that are near the smallest range, but wrong.
     # All scans have the same smallest range then, so such a line is not just late.
     wrong_at_rest, is_right_at_rest = [], False
-    for numbers, stamp in lines:
+    for numbers, stamp in ((line.numbers, line.stamp) for line in lines if not line.is_list):
         low, high = smallest_ranges(nearest, stamp)
         right = [number for number in numbers if low - TOLERANCE <= number <= high + TOLERANCE]
         printed += right[:1]
@@ -177,8 +184,11 @@ def judge_output(recording: Recording) -> Item:
             wrong_at_rest += [number for number in numbers if TOLERANCE < abs(number - high) < NEAR]
     low, high = smallest_ranges(nearest, None)
     if len(printed) < LEAST_LINES:
-        # if there are lines with numbers, the student does not take the minimum of the valid ranges
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
+        lists = sum(line.is_list for line in lines)
+        if lists:
+            evidence += f"; {lists} lines with more than {MOST_NUMBERS} numbers do not count"
+        # if there are lines with numbers, the student does not take the minimum of the valid ranges
         return replace(item, evidence=evidence, hint=MINIMUM if lines else PRINT)
     if len(wrong_at_rest) >= LEAST_LINES and not is_right_at_rest:
         evidence = f"prints {wrong_at_rest[0]:.2f} m while the robot stands, "

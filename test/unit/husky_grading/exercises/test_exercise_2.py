@@ -48,6 +48,13 @@ def printed_of(ranges, delay=0.0, every=5):
     )
 
 
+def test_lists_of_ranges_are_told_not_to_count():
+    item = judge_output(recording(subscribed=True, output=told(20.0, 15.0, shape="{:.2f}" + ", inf" * 10)))
+    assert "0 lines have a range" in item.evidence
+    assert "; 50 lines with more than 10 numbers do not count" in item.evidence
+    assert "take the smallest of the valid ranges" in item.hint
+
+
 @pytest.mark.parametrize(
     ("item", "changes", "points"),
     [
@@ -63,6 +70,14 @@ def printed_of(ranges, delay=0.0, every=5):
         (0, {"output": printed_of(NEAREST[:, 1], delay=0.9)}, 40.0),  # a slow node with a long queue
         (0, {"output": printed_of(NEAREST[:, 1] + 0.07)}, 0.0),  # the largest range of the same pillar
         (0, {"output": told(20.0, 15.0, lines=3)}, 0.0),
+        # all ranges of the scan in one line, with few or with many returns
+        (0, {"output": told(20.0, 15.0, shape="[inf, " + "inf, " * 400 + "{:.2f}, 20.1, nan]")}, 0.0),
+        (0, {"output": told(20.0, 15.0, shape="(" + "25.5, " * 10 + "{:.2f})")}, 0.0),
+        (
+            0,
+            {"output": told(20.0, 15.0, shape="{:.2f} of [0.1, 30.0] at 0.35 rad: 1.0, 2.0, v 0.5, w 0.1")},
+            40.0,
+        ),
         (0, {"output": told(1.0, 2.0)}, 0.0),  # the stamps of the log alone are not ranges
         (0, {"output": ""}, 0.0),
         # topic and queue size are parameters
