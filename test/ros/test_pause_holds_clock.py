@@ -3,15 +3,23 @@
 from math import isfinite
 
 import rospy
-from harness import RosTest
+from geometry_msgs.msg import Point, Pose, Quaternion
+from harness import RosTest, simulator_service
+from husky_highlevel_controller.srv import MoveObject
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
-from std_srvs.srv import Empty
+from std_srvs.srv import Empty, Trigger
 from tf2_msgs.msg import TFMessage
 
 
 def children(messages):
     return {transform.child_frame_id for msg in list(messages) for transform in msg.transforms}
+
+
+def positions(messages, child):
+    """Where the transforms put a frame in its parent [m], with their stamps [s]."""
+    found = [t for msg in list(messages) for t in msg.transforms if t.child_frame_id == child]
+    return [(t.header.stamp.to_sec(), t.transform.translation.x, t.transform.translation.y) for t in found]
 
 
 class PauseHoldsClock(RosTest):
@@ -26,10 +34,14 @@ class PauseHoldsClock(RosTest):
 
         self.wait_until(lambda: len(clock) >= 10, "a paused clock is told all the same")
         self.assertEqual(set(times()), {0.0}, "paused from the start")
-        scans, transforms = self.remember("front/scan", LaserScan), self.remember("tf", TFMessage)
-        self.wait_until(lambda: scans, "a scan of the beginning")
-        self.assertGreater(sum(isfinite(distance) for distance in scans[0].ranges), 0, "of the pillar")
+        transforms = self.remember("tf", TFMessage)
         self.wait_until(lambda: len(children(transforms)) == 5, "base_link and the wheels are told")
+        self.move_and_see(transforms)
+        # scans have had no subscriber before the move
+        scans = self.remember("front/scan", LaserScan)
+        self.wait_until(lambda: scans, "a scan of the beginning")
+        nearest = min(distance for distance in scans[0].ranges if isfinite(distance))
+        self.assertAlmostEqual(nearest, 20.0 - 10.0 - 0.337 - 0.2, delta=0.05, msg="of the pillar")
         count = len(clock)
         self.wait_until(lambda: len(clock) > count + 10, "the held clock is told")
         self.assertEqual([msg.header.stamp.to_sec() for msg in list(scans)], [0.0], "one scan")
@@ -43,3 +55,23 @@ class PauseHoldsClock(RosTest):
         unpause()
         self.wait_until(lambda: times()[-1] > held + 1.0, "time goes on where it was held")
         self.assertEqual(times(), sorted(times()), "it never ran backwards")
+
+    def move_and_see(self, transforms):
+        """Move the robot during the pause, twice; those who subscribe already see it."""
+        self.addCleanup(simulator_service("reset", Trigger))
+        move, truth = (
+            simulator_service("move", MoveObject),
+            self.remember("husky_simulator/world_tf", TFMessage),
+        )
+        for x in (5.0, 10.0):
+            self.assertTrue(
+                move("husky", Pose(Point(x, 5.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)), "").success
+            )
+            for messages in (transforms, truth):
+                self.wait_until(
+                    lambda messages=messages, x=x: positions(messages, "base_link")[-1][1:] == (x, 5.0),
+                    "the move is shown",
+                )
+        stamps = [stamp for stamp, _, _ in positions(transforms, "base_link")]
+        self.assertEqual(len(stamps), len(set(stamps)), "TF ignores a repeated stamp")
+        self.assertLess(stamps[-1], 0.005, "before the next step")

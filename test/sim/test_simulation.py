@@ -263,10 +263,20 @@ def test_the_same_seed_gives_the_same_run_to_the_last_bit_also_after_a_reset(con
 def test_a_look_before_the_first_step_shows_the_pillar_and_changes_nothing(config, simulate):
     pillar = body("pillar", Cylinder(0.2, 2.0), x=3.0, z=1.0)
     first, second = (simulate(pillar, robot=HUSKY, seed=5, config=config) for _ in range(2))
-    look = first.at_start()
+    look = first.look()
     assert look.scan.stamp == look.stamp == 0.0
     assert look.scan.ranges[look.scan.valid].min() == pytest.approx(3.0 - 0.2 - 0.337, abs=0.1)
     assert look.odometry.filtered.pose_base_in_odom == Pose2D()
+    assert trace(first) == trace(second)
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
+def test_a_look_during_a_drive_agrees_with_the_odometry_and_changes_nothing(config, simulate):
+    first, second = (simulate(robot=HUSKY, seed=5, config=config) for _ in range(2))
+    (last, *_), _ = (drive(each, 0.1, 0.5, 0.2)[::-1] for each in (first, second))
+    look = first.look()
+    assert (look.stamp, look.step, look.robot) == (last.stamp, last.step, last.robot)
+    assert look.odometry.filtered.pose_base_in_odom == last.odometry.filtered.pose_base_in_odom
     assert trace(first) == trace(second)
 
 

@@ -222,12 +222,13 @@ class Simulation:
             samples["power"] = self._measure_power((left, right))
         return Snapshot(stamp, step, state, command, contacts, **samples)
 
-    def at_start(self) -> Snapshot:
-        """Return the snapshot before the first step, with odometry and scan.
+    def look(self) -> Snapshot:
+        """Return a snapshot between two steps, with odometry and scan.
 
         Copies of the odometer and the lidar make these measurements, so that later results do not change.
         """
-        odometry = copy(self._odometer).sample(wheels=None, yaw_rate=0.0, step=0)
+        yaw_rate, step = self._equipment.imu.yaw_rate, self._steps_since_reset
+        odometry = copy(self._odometer).sample(wheels=None, yaw_rate=yaw_rate, step=step)
         samples = {}
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
@@ -235,9 +236,9 @@ class Simulation:
                 # this scan takes random numbers from a new generator, so that it does not change the noise of
                 # later samples
                 lidar.reset(np.random.default_rng(self._seed))
-                # a swept scan would have the stamp of its first beam, which lies before the start
+                # a swept scan would have the stamp of its first beam, which may lie before the start
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
-        return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
+        return Snapshot(self.stamp, step, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 
     def points(self) -> np.ndarray:
         """Return the points of the 3D lidar now, in its frame, (rings, columns, 3) [m]; NaN for a miss."""

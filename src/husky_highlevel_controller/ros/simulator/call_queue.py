@@ -25,6 +25,7 @@ class CallQueue:
     def __init__(self, report: Callable[[str], None] = lambda _: None) -> None:
         """Call `report` with a sentence about each request that changed the world or read its true state."""
         self.report = report
+        self._has_changed_world = False  # true if work has changed the world since `take_change`
         self._calls: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._calls_between_steps: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._arrived = threading.Event()
@@ -53,8 +54,15 @@ class CallQueue:
         If the work `changes` the world, `report` gets the sentence, too. The work begins at once, or
         `between_steps`, see `call`.
         """
+
+        def change() -> str:
+            """Do work that changes the world, in the owner's thread."""
+            sentence = work()
+            self._has_changed_world = True
+            return sentence
+
         try:
-            sentence = self.call(work, between_steps)
+            sentence = self.call(change if changes else work, between_steps)
             if changes:
                 self.report(sentence)
             return True, sentence
@@ -79,6 +87,11 @@ class CallQueue:
             return ()
 
         rospy.Service(name, kind, respond)
+
+    def take_change(self) -> bool:
+        """Return whether requests have changed the world since the last call of this; for the owner only."""
+        has_changed, self._has_changed_world = self._has_changed_world, False
+        return has_changed
 
     def process(self, timeout: float = 0.0) -> None:
         """Make all calls; if there is none, wait for one up to `timeout` s.

@@ -158,12 +158,15 @@ class SimulatorNode:
         if self._paused:
             # no step is made during the pause, so the scan and the transforms of the start are kept for RViz
             # and other new subscribers
-            publishers.keep_for_new_subscribers(simulation.at_start())
+            publishers.keep_for_new_subscribers(simulation.look())
         start_stamp = simulation.stamp
         self._pacer.restart(simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
+            has_changed = self._calls.take_change()
             if self._paused:
+                if has_changed:
+                    publishers.show_change(simulation.look())
                 # the clock is published during the pause, because nodes that start now need the time
                 publishers.publish_clock(simulation.stamp)
                 # The kept scan is out of date after the first step. In lockstep it is not sent, because

@@ -34,6 +34,7 @@ STATE_PUBLISHER = "robot_state_publisher"
 # number of messages that wait for a slow subscriber; older ones are dropped, so a subscriber that hangs
 # cannot stop the simulation
 QUEUE = 200
+LATER = 1e-6  # [s] time between the transforms of two changes of the world in a pause, far below a step
 
 
 class Publishers:
@@ -58,6 +59,7 @@ class Publishers:
         # stamp [s] and sample of the odometry that was published last
         self._last_odometry: Optional[Tuple[float, OdometrySample]] = None
         self._kept_scan: Optional[Scan] = None  # scan for nodes that subscribe before simulated time begins
+        self._shown_stamp = 0.0  # [s] stamp of the transforms of the last change in a pause
         # bodies that the robot has touched since the last message on the topic bumps
         self._bumped_bodies: Set[str] = set()
         # connections to the subscribers of /tf at the last check for new subscribers
@@ -204,12 +206,17 @@ class Publishers:
             return
         self._transform_connections = connections
         stamp, odometry = self._last_odometry
-        # a robot_state_publisher sends no transforms at time 0, so this node sends the transforms of the
-        # wheels
-        with_wheels = stamp == 0.0 or not self._has_state_publisher()
+        with_wheels = self._has_wheels_in_pause(stamp)
         # other nodes may publish the transforms of both wheels and odom; then nothing is left to send
         if with_wheels or not self.has_other_filter:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
+
+    def _has_wheels_in_pause(self, stamp: float) -> bool:
+        """Return whether this node sends the transforms of the wheels while time stands still at `stamp` [s].
+
+        A robot_state_publisher sends no transforms at time 0.
+        """
+        return stamp == 0.0 or not self._has_state_publisher()
 
     @staticmethod
     def _send_to_new(publisher: Any, message: Any) -> None:
@@ -228,6 +235,26 @@ class Publishers:
             if self._world_transforms:  # a latched topic, so new subscribers get this message later
                 publish(self._world_transforms, self._world_tree_to_msg(snapshot, snapshot.odometry))
         self._kept_scan = snapshot.scan
+
+    def show_change(self, snapshot: Snapshot) -> None:
+        """Show a change of the world in a pause, such as a move of the robot; the snapshot has odometry.
+
+        New subscribers get the transforms at the time of the snapshot. TF ignores a second transform of the
+        same time, so all subscribers also get them a little later than that, and than the change before.
+        """
+        assert snapshot.odometry is not None
+        odometry, self._kept_scan = snapshot.odometry, snapshot.scan
+        self._last_odometry = snapshot.stamp, odometry
+        self.send_last_transforms()
+        self._shown_stamp = max(snapshot.stamp, self._shown_stamp) + LATER
+        if self._world_transforms:
+            later = snapshot._replace(stamp=self._shown_stamp)
+            publish(self._world_transforms, self._world_tree_to_msg(later, odometry))
+        with_wheels = self._has_wheels_in_pause(snapshot.stamp)
+        if with_wheels or not self.has_other_filter:
+            publish_if_subscribed(
+                self.transforms, self._moving_tree_to_msg, self._shown_stamp, odometry, with_wheels
+            )
 
     def send_kept_scan(self) -> None:
         """Send the scan that was kept to new subscribers, in the thread that publishes."""
