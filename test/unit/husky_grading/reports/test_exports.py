@@ -1,10 +1,12 @@
-"""Results for teaching platforms: Gradescope and Classroom 50."""
+"""Results for teaching platforms, Gradescope and Classroom 50, and what an earlier result has left."""
 
 import json
+from dataclasses import replace
 
 from test_tables import BROKEN, RESULT
 
 from husky_grading.reports import exports
+from husky_grading.reports.files import load_result, write_result
 
 
 def test_gradescope_has_a_test_for_each_item_and_no_score_where_a_person_gives_it():
@@ -31,3 +33,17 @@ def test_classroom_50_gets_whole_numbers_that_add_up_and_the_runner_s_names():
     assert content["max-score"] == 50
     only_commit = json.loads(exports.to_classroom50(RESULT, {"COMMIT_URL": "c"}, ""))
     assert only_commit["review"] == "c", "where the runner names none"
+
+
+def test_what_could_not_be_marked_leaves_no_score_of_an_earlier_marking(tmp_path):
+    for result in (RESULT, BROKEN):
+        write_result(result, tmp_path)
+        scores = [path for path in tmp_path.glob("*/*.json") if "score" in json.loads(path.read_text())]
+        assert len(scores) == (2 if result is RESULT else 0)
+        assert load_result(tmp_path / "result.json") == result
+
+
+def test_feedback_that_is_held_is_not_there_and_comes_back(tmp_path):
+    for held in (False, True, False):
+        write_result(replace(RESULT, held=held), tmp_path)
+        assert (tmp_path / "feedback.html").exists() is not held
