@@ -14,7 +14,7 @@ from husky_highlevel_controller.ros.simulator import record_bag
 @pytest.fixture(params=ROBOTS, scope="module")
 def bags(request, tmp_path_factory):
     """The bags of a short drive, twice: robot and folders."""
-    folders = tmp_path_factory.mktemp("a"), tmp_path_factory.mktemp("b")
+    folders = tmp_path_factory.mktemp("a") / "made" / "here", tmp_path_factory.mktemp("b")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(record_bag, "DURATION", 10.0)
         for folder in folders:

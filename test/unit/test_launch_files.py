@@ -71,6 +71,15 @@ def test_a_wrong_parameter_of_an_earlier_launch_is_forgotten(file, arguments, lo
     assert sorted(config.clear_params) == sorted(names)
 
 
-def test_a_folder_of_bags_is_looked_for_where_the_user_types():
-    text = (share_folder() / "launch" / "record_exercise_4.launch").read_text()
-    assert 'cwd="cwd"' in text
+@pytest.mark.parametrize("file", sorted(path.name for path in (share_folder() / "launch").glob("*.launch")))
+def test_every_launch_file_loads(file, load):
+    assert load(file).nodes
+
+
+@pytest.mark.parametrize(
+    ("folder", "place"), [("bags", "/home/ann/bags"), ("/data/my bags", "/data/my bags")]
+)
+def test_a_folder_of_bags_is_looked_for_where_the_user_types(folder, place, load, monkeypatch):
+    monkeypatch.setenv("PWD", "/home/ann")
+    (node,) = load("record_exercise_4.launch", f"folder:={folder}").nodes
+    assert node.args.endswith(f"--folder '{place}'")

@@ -19,7 +19,8 @@ VARIABLES = 15
 # indices of the variables that `planar_ekf` estimates: x, y, yaw, vx, vy, yaw rate, ax, ay
 PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]
 INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
-# patterns of names of parameters that are rejected, unless their value is false; the text gives the reason
+# patterns of names of parameters that are rejected, unless their value switches the feature off; the text
+# gives the reason
 REFUSED = {
     re.compile(r"(pose|twist)\d+\w*"): "inputs are odometry (odom0 ...) and IMU (imu0 ...)",
     re.compile(r"\w+_rejection_threshold"): "the filter takes every measurement, however far it is off",
@@ -30,9 +31,11 @@ REFUSED = {
     re.compile(r"publish_acceleration"): "the filter publishes pose and velocity only",
     re.compile(r"invert_tf"): "the transform goes from odom_frame to base_link_frame",
     re.compile(r"disabled_at_startup"): "the filter works from its start",
+    re.compile(r"initial_state"): "the path begins at the origin of odom_frame",
+    re.compile(r"transform_time_offset"): "the transform has the time of the estimate",
 }
 WITHOUT_EFFECT = re.compile(
-    r"print_diagnostics|debug\w*|transform_t\w+|silent_tf_failure|permit_corrected_publication|\w+_nodelay"
+    r"print_diagnostics|debug\w*|transform_timeout|silent_tf_failure|permit_corrected_publication|\w+_nodelay"
     r"|reset_on_time_jump|history_length|stamped_control|control_\w+|(ac|de)celeration_\w+|map_frame"
 )
 
@@ -115,8 +118,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
         of_input = INPUT.fullmatch(key)
         refusal = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
         if refusal is not None:
-            # False switches the unsupported feature off, so it is accepted
-            if value is not False:
+            if not _is_off(key, value):
                 raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):
             continue
@@ -138,6 +140,17 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
     inputs = _read_inputs(values_by_input, source, remarks)
     # the matrices are in the order of the last two fields of FilterConfig
     return FilterConfig(from_plain(FilterOptions, options, source), inputs, *matrices.values()), remarks
+
+
+def _is_off(key: str, value: Any) -> bool:
+    """Return whether a value switches an unsupported feature off: false, 0 or a list of zeros.
+
+    A rejection threshold of 0 is not off, because it would reject every measurement.
+    """
+    if value is False or key.endswith("_rejection_threshold"):
+        return value is False
+    numbers = value if isinstance(value, list) else [value]
+    return all(isinstance(number, (int, float)) and number == 0 for number in numbers)
 
 
 def _read_inputs(

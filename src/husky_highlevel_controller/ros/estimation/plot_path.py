@@ -13,6 +13,7 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 import rosbag
+import rosgraph
 import rospy
 from nav_msgs.msg import Odometry
 
@@ -44,7 +45,13 @@ def paths_of_bag(file: Path) -> Dict[str, Points]:
 
 
 def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
-    """Positions [m] that are published until Ctrl-C."""
+    """Positions [m] that are published until Ctrl-C.
+
+    Raises:
+        HuskyError: there is no ROS master.
+    """
+    if not rosgraph.is_master_online():  # `rospy.init_node` would wait for it
+        raise HuskyError(f"no ROS master answers at {rosgraph.get_master_uri()}; start a launch file first")
     paths: Dict[str, Points] = {topic: [] for topic in topics}
     rospy.init_node("plot_path", anonymous=True, disable_signals=True)
     for topic in topics:

@@ -103,7 +103,7 @@ def messages_of_drive(
 
 
 def record(name: str, ground: str, seed: int, folder: Path) -> None:
-    """Write both bags of a drive into a folder.
+    """Write both bags of a drive into a folder, which is made if it does not exist.
 
     A recording that does not come to its end leaves no bag, because the next call refuses to replace one.
 
@@ -115,6 +115,7 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
         if path.exists():
             raise HuskyError(f"{path} already exists; move it, or choose another folder")
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         _write(paths, messages_of_drive(name, ground, seed, DURATION))
     # Ctrl-C raises KeyboardInterrupt, which is not an Exception; then, too, the unfinished bags are deleted
     except BaseException as error:

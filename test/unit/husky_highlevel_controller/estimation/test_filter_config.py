@@ -22,6 +22,9 @@ LEAST = {"two_d_mode": True, "odom0": "odom", "odom0_config": [False] * 6 + [Tru
         ("publish_acceleration", True, "publishes pose and velocity only"),
         ("invert_tf", True, "from odom_frame to base_link_frame"),
         ("disabled_at_startup", True, "works from its start"),
+        ("initial_state", [1.0, 0.0], "begins at the origin"),
+        ("transform_time_offset", 0.1, "has the time of the estimate"),
+        ("odom0_twist_rejection_threshold", 0, "takes every measurement"),
     ],
 )
 def test_a_parameter_is_refused_with_its_value_and_the_reason_unless_it_is_false(name, value, reason):
@@ -30,3 +33,10 @@ def test_a_parameter_is_refused_with_its_value_and_the_reason_unless_it_is_false
     assert str(refusal.value).startswith(f"/ekf/{name} = {value!r} is not supported: ")
     assert reason in str(refusal.value)
     assert read_filter_config({**LEAST, name: False}, "/ekf/")[1] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("use_control", 0), ("transform_time_offset", 0.0), ("initial_state", [0.0] * 15)]
+)
+def test_a_value_of_a_template_that_switches_a_missing_function_off_is_taken(name, value):
+    assert read_filter_config({**LEAST, name: value}, "/ekf/")[1] == []
