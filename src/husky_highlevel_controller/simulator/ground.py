@@ -111,11 +111,8 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
         return height if abs(height) > _LEVEL_TOLERANCE else 0.0
     if unevenness < _MAX_UNEVENNESS:
-        return (
-            top
-            - min(_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _OUTLINE)
-            + _CLEARANCE
-        )
+        outline = [transform_point(pose_on_ground, (x, y, top)) for x, y in _OUTLINE]
+        return top - min(_drop(scene, point) for point in outline) + _CLEARANCE
     return 0.0
 
 
