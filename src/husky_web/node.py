@@ -6,7 +6,7 @@ import contextlib
 import ctypes
 import gc
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -69,8 +69,8 @@ class WebConfig:
     port: int = number(1, 65535, "port of the page; if it is in use, the next free port", 8080)
     rate: float = number(1.0, 60.0, "rate of the view [Hz]", 20.0)
     fixed_frame: str = setting("frame in which everything is drawn", "odom")
-    controller: str = setting("controller node to start and stop", "/husky_highlevel_controller")
-    simulator: str = setting("simulator node, with services such as pause and spawn", "/husky_simulator")
+    controller: str = setting("controller node to start and stop", "husky_highlevel_controller")
+    simulator: str = setting("simulator node, with services such as pause and spawn", "husky_simulator")
     scan_topic: str = setting("sensor_msgs/LaserScan", load_robot().topics.scan)
     cloud_topic: str = setting("sensor_msgs/PointCloud2", "camera/depth/points")
     odometry_topic: str = setting("nav_msgs/Odometry", load_robot().topics.odometry)
@@ -85,7 +85,10 @@ class WebNode:
 
     def __init__(self) -> None:
         (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
-        self._config: WebConfig = config
+        # relative names get the namespace of this node here, because the page compares them with the full
+        # names of nodes, topics and diagnostics
+        controller, simulator = (rospy.resolve_name(name) for name in (config.controller, config.simulator))
+        config = self._config = replace(config, controller=controller, simulator=simulator)
         self._description = ""  # URDF of the robot that is drawn; empty before the first URDF has come
         self._log = LogBuffer()  # lines of /rosout_agg, also while no page is open
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)

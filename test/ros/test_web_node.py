@@ -1,5 +1,6 @@
 """The page's node without a browser: how many pages it lets in, and what it does without its ROS master."""
 
+import json
 import re
 import socket
 import threading
@@ -67,6 +68,30 @@ def _status(address):
         return urlopen(address).status
     except HTTPError as error:
         return error.code
+
+
+NAMESPACE = """<launch>
+  <group ns="robot1">
+    <include file="$(find husky_highlevel_controller)/launch/controller.launch">
+      <arg name="gui" value="false"/>
+      <arg name="web" value="true"/>
+    </include>
+  </group>
+</launch>"""
+
+
+def test_after_an_emergency_stop_in_a_namespace_the_controller_stays_stopped(ros):
+    (ros.folder / "namespace.launch").write_text(NAMESPACE)
+    launched = ros.start("roslaunch", "-p", str(ros.port), str(ros.folder / "namespace.launch"))
+    launched.says("open this page in a browser")
+    wait_until(lambda: 'value: "driving"' in ros.echo("/diagnostics"), "the controller drives")
+    address = ADDRESS.search(launched.output).group(1)
+    with connect(f"{address.replace('http', 'ws', 1)}/drive") as drive:
+        for is_pressed in (True, False):
+            drive.send(json.dumps({"e_stop": is_pressed}))
+        wait_until(lambda: 'value: "stopped"' in ros.echo("/diagnostics"), "the controller is stopped")
+    subscriptions = ros.subscriptions("/robot1/husky_web")
+    assert {f"/robot1/husky_simulator/{topic}" for topic in ("paused", "locked")} <= subscriptions
 
 
 @pytest.fixture
