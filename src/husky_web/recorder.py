@@ -16,6 +16,8 @@ from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_web.actions import Actions
 
 MAX_TIME = 3600.0  # [s] longest recording, because it is kept in memory
+# [s] if time goes back by more than this, the simulator was started again; less is a late message
+RESTART_STEP = 1.0
 RECORD, END, SAVE = "Record", "End", "Save as a page"
 # row of a recording: time [s]; x, y [m] and yaw [rad] of base_link; x, y [m] of the pillar, NaN if unknown
 Row = Tuple[float, ...]
@@ -39,9 +41,19 @@ class Recorder:
         self._show()
 
     def tick(self, time: Optional[float], base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Record the robot's pose and the pillar's position [m], both in the fixed frame, at a time [s]."""
+        """Record the robot's pose and the pillar's position [m], both in the fixed frame, at a time [s].
+
+        The recording ends if the simulator is started again, because the times of a replay must grow.
+        """
         rows = self._rows
-        if not self._is_on or time is None or base is None or (rows and time <= rows[-1][0]):
+        if not self._is_on or time is None:
+            return
+        if rows and time < rows[-1][0] - RESTART_STEP:
+            if len(rows) > 1:
+                self.stop()
+                return
+            rows.clear()  # the recording was begun between the two runs, so its only row is from the old one
+        if base is None or (rows and time <= rows[-1][0]):
             return
         rows.append((time, *pose_to_2d(base), *(pillar or (nan, nan))[:2]))
         if time - rows[0][0] >= MAX_TIME:

@@ -2,12 +2,14 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from page_elements import Element
 
-from husky_highlevel_controller.datatypes import HuskyError
-from husky_web.recorder import recording_page
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_web.recorder import RECORD, SAVE, Recorder, recording_page
 
 
 def test_a_recording_is_a_page_of_the_drive_and_without_a_pillar_too():
@@ -20,3 +22,21 @@ def test_a_recording_is_a_page_of_the_drive_and_without_a_pillar_too():
         assert drive["times"][-1] == pytest.approx(rows_of_drive[-1][0])
     with pytest.raises(HuskyError, match="nothing is recorded"):
         recording_page([], "husky")
+
+
+def test_a_recording_ends_when_the_simulator_is_started_again_and_a_late_message_does_not_end_it():
+    recorder = Recorder(SimpleNamespace(gui=Element()), None)
+
+    def press(button):
+        recorder._on_click(SimpleNamespace(target=SimpleNamespace(value=button), client=None))
+
+    def recorded(times):
+        for time in times:
+            recorder.tick(time, Pose(), None)
+        return [row[0] for row in recorder._rows]
+
+    press(RECORD)
+    assert recorded([20.0, 20.1, 20.05, 20.2, 0.1, 0.2, 30.0]) == [20.0, 20.1, 20.2]
+    assert recorder._buttons.options == (RECORD, SAVE)
+    press(RECORD)  # after the end of the simulator, whose last time is still the newest one
+    assert recorded([30.0, 30.0, 0.1, 0.2]) == [0.1, 0.2]
