@@ -105,9 +105,10 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
     times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]  # the columns of `Row`
     is_known = np.isfinite(pillars).all(axis=1)
     if is_known.any():
-        # until the controller has found the pillar, the replay shows the pillar at the first position that
-        # was found
-        pillars[~is_known] = pillars[is_known][0]
+        # While the pillar is lost, the replay shows it at its last known position. Until the controller has
+        # found it, the replay shows it at the first position that was found.
+        first_known = np.argmax(is_known)
+        pillars = pillars[np.maximum.accumulate(np.where(is_known, np.arange(len(table)), first_known))]
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(
         Replay(

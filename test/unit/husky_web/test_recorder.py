@@ -24,6 +24,13 @@ def test_a_recording_is_a_page_of_the_drive_and_without_a_pillar_too():
         recording_page([], "husky")
 
 
+def test_a_lost_pillar_stays_where_it_was_last_seen():
+    xs = [np.nan, 3.0, np.nan, 5.0, np.nan]
+    page = recording_page([(0.1 * step, 0.0, 0.0, 0.0, x, 0.0) for step, x in enumerate(xs)], "husky")
+    drive = json.loads(re.search(r'id="data">(.*?)</script>', page).group(1))
+    assert [x for x, _ in drive["pillars"]] == [3.0, 3.0, 3.0, 5.0, 5.0]
+
+
 def test_a_recording_ends_when_the_simulator_is_started_again_and_a_late_message_does_not_end_it():
     recorder = Recorder(SimpleNamespace(gui=Element()), None)
 
