@@ -220,6 +220,8 @@ class WebNode:
             self._numbers.forget()
             self._drive.forget()
             self._drivers.forget()
+        # called each time, because other nodes may switch the emergency stop on or off while no page is open
+        self._state_bar.forget(self._teleop.is_locked, self._teleop.has_listener)
         # the last connection may end later than the last page, and the process keeps its memory until then
         if self._server.gate.last_has_gone():
             give_memory_back()

@@ -158,6 +158,17 @@ class StateBar:
         """Show a new state at once, and new numbers each FIGURES_PERIOD; `now` [s] wall time."""
         if now >= self._figures_due:
             self._figures, self._figures_due = figures, now + FIGURES_PERIOD
+        self._show(status)
+
+    def forget(self, is_locked: bool, has_listener: bool) -> None:
+        """Drop the state and the numbers, because they would be old when the next page opens.
+
+        The emergency stop does not get old: `is_locked` and `has_listener` are as in `RobotStatus`.
+        """
+        self._figures, self._figures_due = Figures(), 0.0
+        self._show(RobotStatus(is_locked=is_locked, has_listener=has_listener))
+
+    def _show(self, status: RobotStatus) -> None:
         self._e_stop.content = e_stop_html(status.is_locked, status.has_listener)
         self._state.content = state_html(status, self._figures)
 

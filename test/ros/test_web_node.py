@@ -22,6 +22,7 @@ from husky_highlevel_controller.ros.registration import Registration
 from husky_web import actions, node
 from husky_web.node import WebConfig, WebNode
 from husky_web.page_server import MAX_PAGES
+from husky_web.state_bar import Figures, RobotStatus, StateBar, e_stop_html, state_html
 
 ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
 VISER = f"viser-v{viser.__version__}"
@@ -192,3 +193,19 @@ def test_a_page_that_a_new_master_does_not_know_says_so_and_listens_anew(page, m
         thread.join()
     assert page._is_master_gone
     page._topics.close.assert_called_once_with()
+
+
+def test_the_next_page_begins_without_the_state_that_the_last_page_showed(page):
+    for name in ("objects", "numbers", "drive", "drivers", "teleop"):
+        setattr(page, f"_{name}", Mock())
+    page._server.gui.add_html.side_effect = lambda html: Mock(content=html)
+    page._state_bar = bar = StateBar(page._server.gui)
+    bar.update(RobotStatus(activity="driving"), Figures(2.0, 1.0, 17.0), now=100.0)
+    for page._teleop.is_locked in (False, True):  # the second time by another node, after the page has gone
+        page._teleop.has_listener = True
+        page._forget()
+        page._topics.is_open = False
+        assert bar._e_stop.content == e_stop_html(page._teleop.is_locked)
+        assert bar._state.content == state_html(RobotStatus(page._teleop.is_locked), Figures())
+    bar.update(RobotStatus(), Figures(time=18.0), now=100.1)
+    assert 'data-time="18.000"' in bar._state.content
