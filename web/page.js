@@ -107,8 +107,11 @@
     drawKnob(linear, angular);
   };
   const release = () => {
-    held.clear();
     pad = null;
+    releaseKeys();
+  };
+  const releaseKeys = () => {
+    held.clear();
     update();
   };
   const drawKnob = (linear, angular) => {
@@ -131,6 +134,7 @@
       if (!event.repeat) send({ e_stop: true });
       return;
     }
+    if (event.key === "Meta") releaseKeys(); // macOS sends no keyup of a letter while the Command key is down
     if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
     event.stopImmediatePropagation(); // viser would move the camera by the same keys
     event.preventDefault();
@@ -146,6 +150,9 @@
       update();
     }
   }, true);
+  window.addEventListener("contextmenu", (event) => { // a menu takes the keyup; the 3D scene opens none
+    if (!event.defaultPrevented) releaseKeys();
+  });
   window.addEventListener("blur", release);
   window.addEventListener("pagehide", release);
   document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });

@@ -415,6 +415,20 @@ def test_a_key_drives_while_it_is_held_and_the_pad_while_it_is_dragged(page, rob
     wait_until_it_stands(page, robot)
 
 
+def test_a_key_whose_release_the_browser_may_not_report_drives_no_more(page, robot):
+    takers = {
+        "Command key": lambda: page.keyboard.down("Meta"),
+        "context menu": lambda: page.click("text=Let go to stop", button="right"),
+    }
+    for taker, take in takers.items():
+        page.keyboard.down("w")
+        wait_until(lambda: robot.speed > 0.4, f"the robot drives before the {taker}")
+        take()
+        wait_until_it_stands(page, robot)
+        for key in ("Meta", "w"):
+            page.keyboard.up(key)
+
+
 def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_standing(
     page, robot, browser, launched, network
 ):
