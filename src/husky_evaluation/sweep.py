@@ -29,10 +29,9 @@ from husky_evaluation.setup import (
     parse_axis,
     setup_of,
 )
-from husky_evaluation.tasks.command import exit_codes, name_as_typed
+from husky_evaluation.tasks.command import exit_codes, name_as_typed, refuse_doubled_name
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
-from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import PARAMETERS, Result, Table, every_row
 
@@ -208,8 +207,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     with exit_codes(name_as_typed("sweep")):
         axes = [parse_axis(text) for text in options.axes]
         names = [axis.name for axis in axes]
-        if len(set(names)) < len(names):
-            raise ConfigError(f"{max(names, key=names.count)} is given twice; give all its values at once")
+        refuse_doubled_name(names, "give all its values at once")
         scenes = random_starts(options.starts, options.seed)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)

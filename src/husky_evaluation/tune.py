@@ -37,6 +37,7 @@ from husky_evaluation.tasks.command import (
     is_typed_by_one_command,
     name_as_typed,
     positive,
+    refuse_doubled_name,
 )
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
@@ -369,9 +370,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
-        names = [each.name for each in ranges]
-        if len(set(names)) < len(names):
-            raise ConfigError(f"{max(names, key=names.count)} is given twice; give one range")
+        refuse_doubled_name([each.name for each in ranges], "give one range")
         _require_optuna()  # called now, so that a missing Optuna causes an error before the first run
         seed = options.seed
         # the check needs starts that the tuning has not seen, so the fresh starts have another seed

@@ -10,8 +10,9 @@ import sys
 import traceback
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Callable, Iterator
+from typing import Any, Callable, Iterator, Sequence
 
+from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 
 STOPPED = 130  # exit code of a command that Ctrl-C ended
@@ -54,6 +55,12 @@ def add_worker_options(
         "--cluster", default="", metavar="tcp://HOST:8786",
         help="address of the scheduler of a Dask cluster that does the work instead, see docs/cluster.md",
     )  # fmt: skip
+
+
+def refuse_doubled_name(names: Sequence[str], remedy: str) -> None:
+    """Raise ConfigError if a parameter is named twice; the error ends with the `remedy`."""
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{max(names, key=names.count)} is given twice; {remedy}")
 
 
 def positive(text: str) -> int:
