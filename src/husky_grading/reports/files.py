@@ -63,9 +63,6 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     Raises:
         OSError: a file cannot be written, for example on a full disk.
     """
-    # HTML of each run's replay, by the number of the run
-    pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
-    page = feedback_page(result, _read_pictures(out), pages, _ends_of_logs(out, packages))
     # time of this result in UTC, such as 2026-06-01T14:32:01Z
     moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     # other programs find the sums of points in result.json, too
@@ -74,7 +71,8 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
     texts = {
         "table.txt": f"{to_result(result)}\n",
         "junit.xml": to_junit([result]),
-        "feedback.html": "" if result.held else page,  # `held` means that the teacher holds the page back
+        # `held` means that the teacher holds the page back
+        "feedback.html": "" if result.held else _feedback(result, out, packages),
         **exports(result, os.environ, moment),
         RESULT: to_json(result, **sums),
     }
@@ -84,6 +82,13 @@ def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ())
             write_whole(out / name, text)
         else:  # a file of an earlier result must not stay
             (out / name).unlink(missing_ok=True)
+
+
+def _feedback(result: MarkingResult, out: Path, packages: Sequence[str]) -> str:
+    """Return the page for the student, with the pictures, replays and logs in `out`."""
+    # HTML of each run's replay, by the number of the run
+    pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
+    return feedback_page(result, _read_pictures(out), pages, _ends_of_logs(out, packages))
 
 
 def load_result(path: Path) -> MarkingResult:
