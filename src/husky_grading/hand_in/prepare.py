@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from husky_grading.hand_in.build import Build, build, is_built
 from husky_grading.hand_in.copies import Folders, copy_packages
@@ -41,7 +41,7 @@ from husky_grading.isolation.process import Process, wait_and_kill
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_grading.notes import Kind, Note
-from husky_grading.records import Job, Launchable, Override
+from husky_grading.records import Job, Launchable
 from husky_grading.submission import COPIES, WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
@@ -56,7 +56,9 @@ Choice = Tuple[List[Package], List[str]]  # packages that are graded, and notes 
 
 
 def prepare(job: Job, facts: Facts) -> Submission:
-    """Unpack, choose, read and build the job's submission, write workspace.json, and return it.
+    """Make a submission ready to be started, save it as workspace.json in the job's folder, and return it.
+
+    Delivered files are unpacked and built. A launch file or node of a sourced workspace needs no build.
 
     Args:
         job: job with delivered files, or with a launchable of a sourced workspace.
@@ -67,17 +69,16 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    # the loop below deletes the results of an earlier call. A job that names a launch file or node makes no
+    # The results of an earlier call are deleted. But if the job names a launch file or node, no call makes
     # FOLDERS. A folder such as `ws` may then be the teacher's, so it stays.
-    names = FILES if job.launchable else (*FILES, *FOLDERS)
-    for old_path in [*(out / name for name in names), *out.glob("drive_*")]:
+    old_names = FILES if job.launchable else (*FILES, *FOLDERS)
+    for old_path in [*(out / name for name in old_names), *out.glob("drive_*")]:
         remove_tree(old_path)
     workspace = Workspace(
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
-    # this check, in the sandbox of a normal submission, finds faults of this machine; later faults are faults
-    # of the submission
+    # without this check, a fault of this machine would later look like a fault of the submission
     _check_sandbox_works(replace(workspace, own=VisibleCode.NOTHING), out / "plan")
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
@@ -118,15 +119,31 @@ def _prepare_launchable(
     """Return submission and plan for a launch file or node of a sourced workspace, where nothing is built.
 
     Raises:
-        NotMarkableError: there is no such package or launch file.
+        NotMarkableError: there is no such package or launch file, so the command line of `grade` is wrong.
     """
-    # a package with the name of our package is our own and may use all our files; but with a setup file, it
-    # may be a student's package of the same name
+    # If the teacher grades our own package, it may use all our files. But with a setup file, the package may
+    # be a student's package of the same name.
     is_our_package = launchable.package == NAME and not job.setups
     workspace = replace(workspace, own=VisibleCode.ALL if is_our_package else VisibleCode.NOTHING)
     workspace = _with_robot_packages(facts, workspace)
     planned = plan(launchable, workspace, Path(job.out, "plan"), facts.parts)
-    _check_exists(launchable, planned)
+    # a launch file that roslaunch can load need not be in a package, because its path may be given
+    if launchable.kind == "launch" and planned.is_read:
+        return Submission(launchable, workspace), planned
+    if not planned.package_path:
+        raise NotMarkableError(
+            f"there is no package '{launchable.package}'. Check the name, source its workspace, or give the "
+            "workspace by --underlay SETUP.bash"
+        )
+    if launchable.kind == "launch":
+        files = walk(planned.package_path.resolve())
+        names = {path.name for path in files if file_suffix(path) == ".launch"}
+        # a launch file that exists, but that roslaunch cannot load, is a fault of the submission
+        if launchable.name not in names:
+            raise NotMarkableError(
+                f"there is no launch file '{launchable.name}' in the package '{launchable.package}'; it has "
+                f"{', '.join(sorted(names)) or 'no launch files'}"
+            )
     return Submission(launchable, workspace), planned
 
 
@@ -148,32 +165,12 @@ def _check_sandbox_works(workspace: Workspace, folder: Path) -> None:
         raise MarkingError(f"no program can be started in the sandbox{setups}: {output}")
 
 
-def _check_exists(launchable: Launchable, planned: Plan) -> None:
-    """Check that package and launch file exist; a wrong name is a mistake in the command line.
-
-    Raises:
-        NotMarkableError: the package does not exist, or does not contain the launch file.
-    """
-    # true if roslaunch could load the launch file; then it need not be in a package, because a launch file
-    # may be given by its path
-    is_read = launchable.kind == "launch" and planned.is_read
-    if not planned.package_path and not is_read:
-        raise NotMarkableError(
-            f"there is no package '{launchable.package}'. Check the name, source its workspace, or give the "
-            "workspace by --underlay SETUP.bash"
-        )
-    if launchable.kind == "launch" and not is_read:
-        files = walk(planned.package_path.resolve()) if planned.package_path else ()
-        names = {path.name for path in files if file_suffix(path) == ".launch"}
-        if launchable.name not in names:
-            raise NotMarkableError(
-                f"there is no launch file '{launchable.name}' in the package '{launchable.package}'; it has "
-                f"{', '.join(sorted(names)) or 'no launch files'}"
-            )
-
-
 def _with_robot_packages(facts: Facts, workspace: Workspace) -> Workspace:
-    """Return a workspace with our replacements of robot packages if an exercise grades the robot's nodes."""
+    """Add our replacements of missing robot packages to a workspace, if the exercise grades such packages.
+
+    In exercise 4, for example, the student's launch file starts robot_localization, which may not be
+    installed on this machine.
+    """
     return with_stand_ins(workspace, facts.visible_code) if facts.parts.by_submission else workspace
 
 
@@ -206,10 +203,11 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
             submission, planned = _prepare_choice(contents, choice, job, underlay, facts)
         except NotMarkableError as error:
             errors.append(error)
-        else:
-            if not submission.problem or len(choices) == 1:
-                return submission, planned
-            unbuilt_choices.append(choice)
+            continue
+        # a single choice is returned even with a problem, because there is nothing else to try
+        if not submission.problem or len(choices) == 1:
+            return submission, planned
+        unbuilt_choices.append(choice)
     if not unbuilt_choices:
         raise errors[0]  # the first choice was the best one
     # no choice of packages can be built, so the first choice is prepared again; later attempts have replaced
@@ -233,134 +231,68 @@ def _prepare_choice(
     notes = [*contents.notes, *choice_notes]
     if not packages:
         raise NotMarkableError("; ".join(["the submission has no catkin package", *notes]))
-    copies, repair_notes = _copy_into_workspaces(contents, packages, out)
-    folders = copies.own_folders
-    candidates: List[LaunchFile] = []
+    folders, repair_notes = copy_packages(packages, out / "ws")
+    # Launch files may need files that the student has added to a public package, such as husky_gazebo. So
+    # launch files find a copy of this package, which is not built and whose repairs are not reported.
+    public_packages = copies_of_public(contents.packages)
+    public_folders, _ = copy_packages(public_packages, out / COPIES)
+    public_paths = public_folders.packages.values()
+    candidates: List[LaunchFile] = []  # launch files that may be started, the best one first
     if not override.node:  # a node that the teacher names is started without a launch file
+        # before the build, launch files find the packages by their sources
+        unbuilt = replace(underlay, packages=(*underlay.packages, folders.root / "src", *public_paths))
         try:
-            candidates = _find_candidates(contents, copies, underlay, override, exercise, facts)
+            candidates = read_launch_files(
+                contents, [*packages, *public_packages], folders, public_folders,
+                _with_robot_packages(facts, unbuilt), override, facts.parts,
+            )  # fmt: skip
+            if override.launch:  # the teacher's launch file is the only candidate
+                notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
+            else:
+                candidates = choose_launch_files(candidates, exercise, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
-    if candidates and override.launch:
-        notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
-    equal_places: List[str] = []
-    if launch and not override.launch:
-        equal_places, reason_notes = _explain_choice(launch, candidates, exercise, facts)
-        notes += reason_notes
-    if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
-        notes.append("RViz's configuration was found outside of the packages")
-    # launch files find the student's packages and the copies of public packages
-    packages_seen = (*built.workspace.packages, *copies.public_folders.packages.values())
+    equal_places: List[str] = []  # the chosen launch file, and others that fit as well; empty without others
+    if launch is None:  # the teacher has named a node; `or ""` tells this to mypy
+        package, node = (override.node or "").split()
+        launchable = Launchable("node", package, node, override.arguments)
+        can_start = is_built(f"{package}/{node}", folders)
+    else:
+        # the result shows the path that the student knows, and not the path of the copy on this machine
+        title = " ".join([str(launch.place), *override.arguments])
+        launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
+        can_start = _is_any_built(launch, folders)
+        if not override.launch:
+            notes.append(reasons(launch, candidates, exercise))
+            other_places = equal_launch_files(launch, candidates, exercise, facts)
+            if other_places:
+                equal_places = [str(launch.place), *other_places]
+                lines = ", ".join(f"`launch: {place}`" for place in other_places)
+                text = (
+                    f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
+                )
+                notes.append(text)
+        if add_rviz_files(contents, exercise, folders.packages[launch.package]):
+            notes.append("RViz's configuration was found outside of the packages")
+    # the submission is started with its built packages and the copies of public packages
+    packages_seen = (*built.workspace.packages, *public_paths)
     workspace = _with_robot_packages(facts, replace(built.workspace, packages=packages_seen))
-    launchable = _launchable_of(launch, override)
     planned = launch.plan if launch else Plan()
     # if the launch file could not be read before the build, it is read again, because it may need files of
     # the build
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    all_notes = (*(Note(Kind.HAND_IN, text) for text in notes), *built.notes)
+    # a build that fails only in parts that the launchable does not need is not a problem
+    build_errors = tuple(note for note in built.notes if note.kind is Kind.BUILD)
     submission = Submission(
-        launchable, workspace, folders.root, problem=_build_problem(launch, launchable, built, folders),
-        notes=all_notes, own=tuple(package.name for package in packages), equals=tuple(equal_places),
+        launchable, workspace, folders.root, problem=() if can_start else build_errors,
+        notes=(*(Note(Kind.HAND_IN, text) for text in notes), *built.notes),
+        own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
-
-
-def _copy_into_workspaces(
-    contents: Contents, packages: List[Package], out: Path
-) -> Tuple[_Copies, List[str]]:
-    """Copy chosen packages, and public packages with files of the student, and return copies and notes."""
-    folders, notes = copy_packages(packages, out / "ws")
-    # launch files of the student may need files that the student has added to a public package, such as
-    # husky_gazebo; repairs of a public package are not reported
-    public = copies_of_public(contents.packages)
-    public_folders, _ = copy_packages(public, out / COPIES)
-    return _Copies(packages, folders, public, public_folders), notes
-
-
-def _build_problem(
-    launch: Optional[LaunchFile], launchable: Launchable, built: Build, folders: Folders
-) -> Tuple[Note, ...]:
-    """Return the notes on a failed build, if it has built no node that the launchable starts.
-
-    A build that fails only in parts that the launchable does not need is not a problem. `launch` is the
-    launchable's launch file, or None for a node.
-    """
-    if launch:
-        can_start = _is_any_built(launch, folders)
-    else:
-        can_start = is_built(f"{launchable.package}/{launchable.name}", folders)
-    return () if can_start else tuple(note for note in built.notes if note.kind is Kind.BUILD)
-
-
-def _explain_choice(
-    launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int, facts: Facts
-) -> Tuple[List[str], List[str]]:
-    """Return the paths of launch files that fit equally well, and notes with the reasons of the choice.
-
-    The first path is that of the chosen launch file. There are no paths if no other launch file fits as well.
-    """
-    notes = [reasons(launch, candidates, exercise)]
-    other_places = equal_launch_files(launch, candidates, exercise, facts)
-    if not other_places:
-        return [], notes
-    lines = ", ".join(f"`launch: {place}`" for place in other_places)
-    notes.append(f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}")
-    return [str(launch.place), *other_places], notes
-
-
-class _Copies(NamedTuple):
-    """Packages of a submission, and the folders of their copies."""
-
-    own: List[Package]  # the student's packages for the exercise
-    own_folders: Folders  # workspace in which the copies of the packages in `own` are built
-    public: List[Package]  # packages of a course or of the robot to which the student has added files
-    # folders with copies of the packages in `public`; launch files can find these copies, but nothing builds
-    # them
-    public_folders: Folders
-
-
-def _find_candidates(
-    contents: Contents,
-    copies: _Copies,
-    underlay: Workspace,
-    override: Override,
-    exercise: int,
-    facts: Facts,
-) -> List[LaunchFile]:
-    """Return the launch files that may be started, the best one first, before anything is built.
-
-    If the teacher names a launch file, only this file is returned.
-
-    Raises:
-        NotMarkableError: no launch file fits.
-    """
-    public_paths = copies.public_folders.packages.values()
-    # workspace as it is before the build; launch files find the packages in it
-    unbuilt = replace(underlay, packages=(*underlay.packages, copies.own_folders.root / "src", *public_paths))
-    files = read_launch_files(
-        contents,
-        [*copies.own, *copies.public],
-        own_copies=copies.own_folders,
-        public_copies=copies.public_folders,
-        workspace=_with_robot_packages(facts, unbuilt),
-        override=override,
-        parts=facts.parts,
-    )
-    return files if override.launch else choose_launch_files(files, exercise, facts)
-
-
-def _launchable_of(launch: Optional[LaunchFile], override: Override) -> Launchable:
-    """Return the chosen launch file, or the node that the teacher names, with the teacher's arguments."""
-    if launch is None:  # the teacher has named a node; `or ""` tells this to mypy
-        package, node = (override.node or "").split()
-        return Launchable("node", package, node, override.arguments)
-    # the result shows the path that the student knows, and not the path of the copy on this machine
-    title = " ".join([str(launch.place), *override.arguments])
-    return Launchable("launch", launch.package, str(launch.path), override.arguments, title=title)
 
 
 def _build_candidates(
@@ -376,33 +308,36 @@ def _build_candidates(
     best = candidates[0] if candidates else None
     # names of the submission's packages to which the launch file refers; all packages if it refers to none
     needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
-    built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+    first_build = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     if best is None or _is_any_built(best, folders):
-        return best, built, []
+        return best, first_build, []
     for other in candidates[1:MAX_TRIED]:
         # packages of launch files that were tried before stay in `needed`, so each build continues the build
         # before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        # `best` may be built now, too, if its node needs a package that its package.xml does not name
+        # the best launch file is checked again, because a package of this build may be one that its node
+        # needs, but does not name in its package.xml
         if _is_any_built(best, folders):
             return best, rebuilt, []
         if _is_any_built(other, folders):
             note = f"launch file {best.place} is not used: {', '.join(best.nodes)} is not built"
             return other, rebuilt, [note]
-    # the first build has the errors of the best launch file
-    return best, built, []
+    return best, first_build, []  # the student learns the errors of the best launch file
 
 
 def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
-    """Return whether a node that may drive the robot is built, or any node if none may."""
+    """Return whether the build has made at least one of the launch file's nodes that can drive the robot.
+
+    If no node of the launch file can drive, any node counts.
+    """
     return any(is_built(node, folders) for node in launch.driving_nodes or launch.nodes)
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
-    """Copy .rviz files outside of all packages, such as ~/.rviz/default.rviz, into a package.
+    """Copy .rviz files outside of all packages, such as ~/.rviz/default.rviz, into a package to be graded.
 
-    Nothing is copied if the package has an .rviz file already.
+    Nothing is copied if the package has an .rviz file already. Files for another exercise are left out.
 
     Returns:
         Whether files were copied.
@@ -410,6 +345,7 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
     if any(path.suffix == ".rviz" for path in walk(package)):
         return False
     added = False
+    # `folder` has files of the student, and `place` is its path inside the submission
     for folder, place in contents.places.items():
         for path in walk(folder, BUILT):
             is_in_package = any(other.path in path.parents for other in contents.packages)
