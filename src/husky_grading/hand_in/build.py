@@ -104,30 +104,25 @@ class Build:
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
     """Build the needed packages of a submission; the other packages are used without a build.
 
-    A build may fail on another machine without a fault of the student. So it is repeated with stand-ins for
-    packages that are not installed, and then with a repair for an old version of Boost.
+    A build may fail here although the same code builds on the student's machine. So a failed build is
+    repeated, first with empty packages in place of those that are not installed, and then with a repair for
+    code that was written for an old version of Boost.
 
     Raises:
         NotMarkableError: the build has made a link that leads out of the workspace.
         MarkingError: nothing can be built here.
     """
     first_outcome, missing, needed = _make_with_stand_ins(folders, needed, underlay)
-    (output, code), used_old_boost = _make_again(folders, needed, underlay, first_outcome)
+    outcome, used_old_boost = _make_again_if_repairable(folders, needed, underlay, first_outcome)
     # if the build failed without an error of the compiler, the fault may be this machine's, so an empty
     # workspace is built as a test
-    if code and not has_compiler_error(output):
+    if outcome.code and not has_compiler_error(outcome.output):
         _check_machine_builds(folders.root.with_name("check"), underlay)
-    if code == 0:
+    if outcome.code == 0:
         # The server process of `forked` imports its modules while the run is prepared, so the run begins
         # sooner. A submission that does not build normally has no run, so it does not need them.
         import_early()
-    notes = _notes_on_missing(missing)
-    if used_old_boost:
-        notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
-    # PLAIN_TYPES lets code such as publish(true) compile, so the student gets a note on such code
-    if _publishes_plain_values(folders.root / "devel" / "lib"):
-        notes.append(Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE))
-    notes += _notes_on_outcome(output, code, folders.root)
+    notes = _notes_on_build(folders.root, missing, used_old_boost, outcome)
     return Build(_built_workspace(folders, underlay), tuple(notes))
 
 
@@ -138,7 +133,8 @@ def _make_with_stand_ins(
 
     CMake stops at a missing package. If this package is part of the submission, a package.xml does not name
     it as a dependency. So the next attempt builds it, too. The student's catkin_make builds all packages, so
-    the student has not noticed this. Any other missing package gets an empty stand-in.
+    the student has not noticed this. Any other missing package is not installed here, and gets a stand-in: an
+    empty package of this name, with which code that uses nothing of the package builds.
     """
     missing: Set[str] = set()
     outcome = BuildOutcome("", None)
@@ -151,7 +147,7 @@ def _make_with_stand_ins(
         # all builds together replace at most MAX_STAND_INS missing packages
         new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
         if not outcome.code or not (new or forgotten):
-            break
+            break  # the build has succeeded, has taken too long, or fails for another reason
         needed |= forgotten
         missing |= set(new)
         for name in new:
@@ -161,18 +157,17 @@ def _make_with_stand_ins(
     return outcome, missing, needed
 
 
-def _make_again(
+def _make_again_if_repairable(
     folders: Folders, needed: FrozenSet[str], underlay: Workspace, outcome: BuildOutcome
 ) -> Tuple[BuildOutcome, bool]:
-    """Build again if the first build failed for a reason that can be repaired.
+    """Build again if the first build, with this outcome, failed for a reason that can be repaired.
 
-    If a header was missing, the first build may have generated it too late for the code that needs it. Code
-    for an old version of Boost is compiled with OLD_BOOST.
+    If a header was missing, the first build may have generated it too late for the code that needs it, so
+    the second build finds it. Code for an old version of Boost is compiled with OLD_BOOST.
 
     Returns:
         The outcome of the last build, and whether it used OLD_BOOST.
     """
-    # text that is compiled before each source
     repair = OLD_BOOST if outcome.code and needs_old_boost(outcome.output) else ""
     if outcome.code and (repair or misses_header(outcome.output)):
         outcome = _catkin_make(folders, needed, underlay, repair=repair)
@@ -183,43 +178,48 @@ def _make_again(
     return outcome, bool(repair)
 
 
-def _notes_on_missing(missing: Set[str]) -> List[Note]:
-    """Return notes on packages that are not installed."""
+def _notes_on_build(root: Path, missing: Set[str], used_old_boost: bool, outcome: BuildOutcome) -> List[Note]:
+    """Return notes for the student on what was replaced or repaired in the build, and on its errors.
+
+    Args:
+        root: workspace of the submission.
+        missing: names of the packages that are not installed, and got an empty stand-in.
+        used_old_boost: true if the build used OLD_BOOST.
+        outcome: outcome of the last build.
+    """
     notes = []
     if missing:
         notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
     if len(missing) == MAX_STAND_INS:
         text = f"{MAX_STAND_INS} packages or more are missing; further ones got no stand-in"
         notes.append(Note(Kind.MISSING_PACKAGE, text))
-    return notes
-
-
-def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note]:
-    """Return notes on a failed build, and on a C++ function that forgets to return its value.
-
-    `code` is the exit code of the build; None if the build did not end in time.
-    """
-    notes = []
-    if code is None:
+    if used_old_boost:
+        notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
+    # PLAIN_TYPES lets code such as publish(true) compile, so the student gets a note on such code
+    if _publishes_plain_values(root / "devel" / "lib"):
+        notes.append(Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE))
+    if outcome.code is None:
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
-    elif code:
-        notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, root)}"))
-    if place := missing_return(output, root):
+    elif outcome.code:
+        notes.append(Note(Kind.BUILD, f"it does not build: {build_error(outcome.output, root)}"))
+    # a C++ function that must return a value, but does not
+    if place := missing_return(outcome.output, root):
         text = f"{place}; a node crashes there, or continues anywhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
     return notes
 
 
 def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
-    """Return the workspace of the submission's packages on top of the underlay, after a build.
+    """Return the workspace in which the submission's built packages are found, on top of the underlay.
 
     Raises:
         NotMarkableError: the build has replaced a folder or file that marking uses by a link.
     """
     sources = folders.root / "src"
     new_setups = [folders.setup] if folders.setup.exists() else []  # a failed build may have written none
-    # a link could lead out of the workspace; then the sandbox would show its target to the submission, and
-    # marking would write into the target
+    # The build runs code of the student, which may replace a folder by a link that leads out of the
+    # workspace. Then the sandbox would show the link's target to the submission, and marking would write into
+    # the target.
     places = [sources, *new_setups, *folders.packages.values()]
     if not all(is_below(place, folders.root) for place in places):
         raise NotMarkableError("its build replaces src or devel/setup.bash by a link; remove that step")
@@ -243,7 +243,11 @@ def _check_machine_builds(folder: Path, underlay: Workspace) -> None:
 
 
 def _publishes_plain_values(libraries: Path) -> bool:
-    """Return whether a built program publishes a bool or a number instead of a message."""
+    """Return whether a built program publishes a bool or a number instead of a message.
+
+    `libraries` is the folder with the built programs. Such a program contains a function of roscpp whose
+    name PLAIN_PUBLISH matches.
+    """
     with contextlib.suppress(UnreadableFileError):  # too many files
         for path in walk(libraries):
             with contextlib.suppress(UnreadableFileError):
@@ -253,18 +257,18 @@ def _publishes_plain_values(libraries: Path) -> bool:
 
 
 def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> BuildOutcome:
-    """Build the packages with the names `needed` once, for at most BUILD_DEADLINE.
+    """Run catkin_make once in the sandbox, for at most BUILD_DEADLINE, and return output and exit code.
 
-    `repair` is text that is compiled before each C++ source.
+    Only the packages with the names `needed` are built. `repair` is C++ code that is compiled before each
+    source.
     """
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
     # with PLAIN_TYPES, code such as publish(true) compiles
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
     # the empty packages that replace missing ones come last, so that a package that exists is found first
-    env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
-        filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
-    )
+    prefixes = [env["CMAKE_PREFIX_PATH"]] if env.get("CMAKE_PREFIX_PATH") else []
+    env["CMAKE_PREFIX_PATH"] = os.pathsep.join([*prefixes, str(folders.stand_ins)])
     command = [
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
@@ -282,13 +286,13 @@ def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, 
 
 
 def is_built(node: str, folders: Folders) -> bool:
-    """Return whether a node, package/type, can be started, as a built program or an executable script.
+    """Return whether a node, package/type, exists as a built program or as an executable script.
 
-    A node of a package that was not submitted counts as built.
+    A node of a package that was not submitted counts as built, because it needs no build.
     """
     package, _, name = node.partition("/")
     if package not in folders.packages:
-        return True  # a node that does not belong to the submission needs no build
+        return True
     candidates = [folders.root / "devel" / "lib" / package / name]
     candidates += [path for path in walk(folders.packages[package]) if path.name == name]
     return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)

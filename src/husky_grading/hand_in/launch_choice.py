@@ -86,7 +86,9 @@ def read_launch_files(
     override: Override,
     parts: Parts = STUDENTS_OWN,
 ) -> List[LaunchFile]:
-    """Return the launch files of a submission, read as by roslaunch.
+    """Find the launch files of a submission, and let roslaunch read which nodes each of them starts.
+
+    Nothing is started. `choose_launch_files` then finds the launch file that solves the exercise.
 
     Args:
         contents: all packages of the submission.
@@ -106,53 +108,44 @@ def read_launch_files(
     files = list(islice(found, MAX_READ))  # path of each copy, and the file's path in the submission
     if override.launch is not None:
         files = [_only_file(files, override.launch)]
-    # packages whose code names messages of scans; packages whose code may drive a robot
     scanning, driving = _packages_by_messages(packages, folders)
     # name of the package that contains each file; empty if no package contains the file
-    containing_packages = [_package_with(path, folders) for path, _ in files]
-    # a launch file that is in no package is started as a file of the first package; any package will do,
-    # because roslaunch gets the path of the file
-    launchables = [
-        Launchable("launch", containing or next(iter(folders)), str(path), override.arguments)
-        for containing, (path, _) in zip(containing_packages, files)
-    ]
+    containing_packages: List[str] = []
+    launchables: List[Launchable] = []
+    for path, _ in files:
+        names = [name for name, folder in folders.items() if folder in path.parents]
+        containing_packages.append(names[0] if names else "")
+        # a launch file that is in no package is started as a file of the first package; any package will do,
+        # because roslaunch gets the path of the file
+        package = names[0] if names else next(iter(folders))
+        launchables.append(Launchable("launch", package, str(path), override.arguments))
     planned = plans(launchables, workspace, own_copies.root.with_name("plan"), parts)
-    launch_files = []
     # packages whose nodes belong to the exercise: packages of the robot if there are any, otherwise all
     # packages of the submission
     exercise_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
+    launch_files = []
     for (path, place), containing, plan in zip(files, containing_packages, planned):
-        nodes = _nodes_of_packages(path, plan, exercise_packages)
+        # nodes that are left out count, too, because the exercise may be about a node that `grade` starts; if
+        # roslaunch could not read the file, the nodes come from the text of the file
+        all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
+        nodes = tuple(node for node in all_nodes if _package_of(node) in exercise_packages)
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
         possible_owners = [containing, *map(_package_of, nodes), *folders]
         owner = next(name for name in possible_owners if name in folders)
-        # true if one of the nodes is from a package whose code names messages of scans
-        scans = not scanning.isdisjoint(map(_package_of, nodes))
-        is_template = bool(containing) and _is_template(path, folders[containing], containing)
         launch_file = LaunchFile(
-            path, place, owner, plan, nodes, scans, driving_packages=driving, is_template=is_template
-        )
+            path, place, owner, plan, nodes,
+            scans=any(_package_of(node) in scanning for node in nodes), driving_packages=driving,
+            is_template=bool(containing) and _is_template(path, folders[containing], containing),
+        )  # fmt: skip
         launch_files.append(launch_file)
     return launch_files
 
 
-def _package_with(path: Path, folders: Mapping[str, Path]) -> str:
-    """Return the name of the package in whose folder a file is, or an empty text if there is none."""
-    return next((name for name, folder in folders.items() if folder in path.parents), "")
-
-
-def _nodes_of_packages(launch_file: Path, plan: Plan, packages: Collection[str]) -> Tuple[str, ...]:
-    """Return the nodes of a launch file that belong to these packages, even if `grade` does not start them.
-
-    The nodes come from the plan, or from the text of the launch file if roslaunch could not read it.
-    """
-    nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(launch_file)
-    return tuple(node for node in nodes if _package_of(node) in packages)
-
-
 def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[Path, PurePosixPath]:
-    """Return the only launch file whose path in the submission ends with `end`: its copy, and this path.
+    """Return the launch file that marking.yaml names by its path in the submission, or by the path's end.
+
+    The result is an entry of `files`: the path of the file's copy, and the file's path in the submission.
 
     Raises:
         NotMarkableError: there is no such file, or more than one.
@@ -170,16 +163,17 @@ def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[P
 def _packages_by_messages(
     packages: Sequence[Package], folders: Mapping[str, Path]
 ) -> Tuple[Set[str], FrozenSet[str]]:
-    """Return the packages whose sources name scans, and the packages that may drive a robot.
+    """Search sources for message types, and return the packages that read scans, and those that may drive.
 
-    A package may drive if it, or a package of the submission on which it depends, names scans or velocities.
+    A package reads scans if its own sources name scans. A package may drive the robot if its sources, or
+    those of a package of the submission on which it depends, name scans or velocities. A launch file that
+    starts nodes of such packages is probably the solution.
 
     Args:
         packages: packages of the submission.
         folders: folders of the packages whose sources are searched, by the packages' names.
     """
-    # for each package, by its name: texts of its source files in which a message type of scans or velocities
-    # occurs
+    # texts of the source files that name a message type of scans or velocities, by the name of the package
     texts = {
         name: [text for _, text in texts_in(folder, SOURCES, MAX_TEXT_SIZE) if SCAN_OR_VELOCITY.search(text)]
         for name, folder in folders.items()
@@ -198,7 +192,7 @@ def _package_of(node: str) -> str:
 
 
 def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts) -> List[LaunchFile]:
-    """Return the launch files that start a node that the exercise needs, the best one first.
+    """Return the launch files that start a node that the exercise needs, the most probable solution first.
 
     Raises:
         NotMarkableError: no launch file fits.
@@ -210,6 +204,7 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
     if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
     if not fitting:
+        # the error names what was searched, nodes that are only commented out, and the files that exist
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
         needed_node = f"a node of {', '.join(sorted(driving))}" if driving else facts.node
         comments = [
@@ -221,15 +216,15 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
             f"no launch file starts {needed_node}; {''.join(comments[:3])}launch files: {names}"
         )
 
-    def rank(file: LaunchFile) -> Tuple[Any, ...]:
-        """Return the key of a file, smaller is better; of equal files, the shorter path is better."""
-        return *_merits(file, exercise, facts), len(file.place.parts), str(file.place)
-
-    return sorted(fitting, key=rank)
+    # among files with equal merits, the file with the shorter path is better
+    return sorted(
+        fitting,
+        key=lambda file: (*_merits(file, exercise, facts), len(file.place.parts), str(file.place)),
+    )
 
 
 def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
-    """Return a sentence on a launch file with the reasons why it was chosen from candidates."""
+    """Return a sentence for the student with the reasons why this launch file was chosen from candidates."""
     merits = [f"starts {', '.join(launch.nodes)}"]
     if fit_of_path(launch.place, exercise) == Fit.THIS_EXERCISE:
         merits.append(f"has the number of exercise {exercise} in its path")
@@ -243,10 +238,13 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
 
 
 def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
-    """Return whether a launch file and its node are as `./dev new` wrote them into a package of this name."""
+    """Return whether a launch file and its node are still the unchanged example that `./dev new` writes.
+
+    Such a launch file has no work of the student. `package` is the name of the student's package.
+    """
 
     def is_written_by_us(path: Path, template: Path) -> bool:
-        """Return whether a file is a template of ours, with the name of the package in place of its own."""
+        """Return whether a file differs from our example only by the package's name, which replaces ours."""
         if not (template.is_file() and path.is_file() and path.stat().st_size < MAX_TEXT_SIZE):
             return False
         return path.read_bytes() == template.read_bytes().replace(TEMPLATE.name.encode(), package.encode())
@@ -260,7 +258,10 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
 def equal_launch_files(
     launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int, facts: Facts
 ) -> List[str]:
-    """Return the paths of other launch files that fit as well as the chosen one and start something else."""
+    """Return the paths of other launch files that fit as well as the chosen one, but start something else.
+
+    If there are any, only the teacher can tell which launch file is the solution.
+    """
     best = _merits(launch, exercise, facts)
     return [
         str(other.place)
@@ -272,9 +273,9 @@ def equal_launch_files(
 def _launch_files(
     contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Yield the launch files of packages, each with its path in the submission.
+    """Yield the path of each launch file's copy, and the path of the file in the submission.
 
-    The launch files in the folders above a package are copied, and yielded, too.
+    First come the launch files inside of a package, then those that lie in the folders above this package.
 
     Args:
         contents: all packages of the submission.
@@ -293,11 +294,13 @@ def _launch_files(
 def _copy_launch_files_above(
     package: Package, contents: Contents, root: Path
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
-    """Copy launch files in the folders above a package, and yield each copy and its path in the submission.
+    """Copy launch files that a student has put beside or above a package, and yield each of them.
 
-    Files inside of packages, and files that were copied for another package before, are left out.
+    Files inside of packages, and files that were copied for another package before, are left out. For each
+    file, the path of the copy and the path of the file in the submission are yielded.
     """
-    # `top` is the submission's folder or an unpacked archive; only folders inside it are searched
+    # `top` is the submission's folder or an unpacked archive, and `place` is its path in the submission; only
+    # folders inside of `top` are searched
     for top, place in contents.places.items():
         for folder in package.path.parents:  # the innermost folder comes first
             if folder != top and top not in folder.parents:
@@ -309,16 +312,19 @@ def _copy_launch_files_above(
                 target = root / "src" / BESIDE / launch_place
                 is_in_package = any(each.path in path.parents for each in contents.packages)
                 is_new = not is_in_package and not target.exists()
+                # a link could lead out of the submission, to files that are not the student's
                 if is_new and is_below(path, top) and file_suffix(path) == ".launch":
-                    # a link or FIFO cannot be read, and is left out
-                    with contextlib.suppress(UnreadableFileError):
+                    with contextlib.suppress(UnreadableFileError):  # `copy` rejects a link or a FIFO
                         target.parent.mkdir(parents=True, exist_ok=True)
                         copy(path, target)
                         yield target, launch_place
 
 
 def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
-    """Return criteria for a launch file, the most important one first; smaller is better."""
+    """Return criteria by which launch files are sorted, the most important one first; smaller is better.
+
+    The launch file with the smallest result is probably the student's solution, and is graded.
+    """
     fit = fit_of_path(file.place, exercise)
     # a solution starts the course's world and reads scans, and its path often has a word such as controller;
     # False is better than True

@@ -32,9 +32,9 @@ LOAD_DEADLINE = 120.0  # [s] longest wall time for reading launch files
 
 
 def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
-    """Return sentences on dependencies of a package that are misspelt names of known packages.
+    """Return sentences for the student on names in package.xml that look like misspelt names of packages.
 
-    A name that is similar to no known package is left to the build, because it may be the correct name of a
+    A name that is not similar to any known package gets no sentence, because it may be the correct name of a
     package that is not installed here.
     """
     try:
@@ -44,10 +44,10 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
     # folders in which packages are searched: the workspace, our replacement packages, Debian's ROS packages,
     # and the folder that contains this package
     roots = {*_roots(workspace), COMPAT, DEBIAN, package.parent}
-    files = (
-        file for root in roots for pattern in ("package.xml", "*/package.xml") for file in root.glob(pattern)
-    )
-    known = {file.parent.name for file in files}  # the folder of a package has the name of the package
+    known = set()  # names of packages
+    for root in roots:
+        for manifest in [*root.glob("package.xml"), *root.glob("*/package.xml")]:
+            known.add(manifest.parent.name)  # the folder of a package has the name of the package
     return [
         dependency_sentence(finding)
         for finding in unknown_dependencies(name, sorted(needs), known)
@@ -64,14 +64,18 @@ def _roots(workspace: Workspace) -> List[Path]:
 
 
 def with_stand_ins(workspace: Workspace, visible_code: VisibleCode) -> Workspace:
-    """Return a workspace with our replacements of missing robot packages, and the code that they use."""
+    """Return a workspace in which launch files also find our replacements of missing robot packages.
+
+    A replacement, such as our own package husky_gazebo, is found only if the robot's package of this name is
+    not installed. `visible_code` says which files of our package the replacements use.
+    """
     roots = _roots(workspace)
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
     return replace(workspace, packages=(*workspace.packages, *stand_ins), own=visible_code)
 
 
 def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN) -> Plan:
-    """Return the plan of one launchable; see `plans`."""
+    """Return the nodes that one launch file or node would start; see `plans`."""
     (planned,) = plans([launchable], workspace, folder, parts)
     return planned
 
@@ -79,19 +83,22 @@ def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Part
 def plans(
     launchables: Sequence[Launchable], workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN
 ) -> List[Plan]:
-    """Read launch files, or look nodes up, without starting them, and return a plan of each, in their order.
+    """Find out which nodes launch files or single nodes would start, but start nothing.
 
     Args:
         launchables: launch files or nodes.
         workspace: workspace in which they would be started.
         folder: folder for the events, which is made.
         parts: packages of the robot whose nodes the submission or marking starts.
+
+    Returns:
+        A plan for each launchable, in the same order. Each plan tells whether roslaunch can load the launch
+        file, and has notes on faults.
     """
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()  # an empty file replaces an earlier file, or a link of the submission
-    # a program reads the launchables and writes its events to the file; `problem` is used if the events give
-    # no reason for a failure
+    # `problem` is used if the events in the file give no reason for a failure
     problem = _write_events(launchables, workspace, events_file, parts)
     # events of each launchable, by its number
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
@@ -103,10 +110,10 @@ def plans(
             events[number].append(event)
     planned = []
     for own_events in events.values():
-        # normally one of the events has the nodes; none has them if the launch file cannot be loaded
+        # the event "plan" has the nodes; there is no such event if the launch file cannot be loaded
         read_plan = next((event.plan for event in own_events if event.plan), None)
         notes = notes_on(own_events, output="")
-        if read_plan is None:  # the events normally give the reason; `problem` is used if they do not
+        if read_plan is None:
             notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
         elif not read_plan.nodes:
             notes.append(Note(Kind.NO_NODE, "it starts no node of its own"))
@@ -122,11 +129,12 @@ def plans(
 
 
 def _write_events(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
-    """Let a program read launchables and write its events to a file, and return the end of its output.
+    """Let nodes/submission.py read launchables, in the sandbox, and write what it finds to a file of events.
 
-    If events are missing, the program has failed, and the returned text is the reason: the end of the output,
-    or that the program did not end in time. The program runs in the sandbox, because launch files can run
-    commands.
+    The sandbox is needed because launch files can run commands.
+
+    Returns:
+        Reason why events may be missing: the end of the program's output, or that it did not end in time.
     """
     folder = events.parent
     # nobody listens at this address, because reading a launch file needs no ROS master
@@ -147,11 +155,16 @@ def _write_events(launchables: Sequence[Launchable], workspace: Workspace, event
 
 
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:
-    """Return the folder of the package that an event "package" gives, or None.
+    """Return the folder in which roslaunch has found the launchable's package, or None if there is none.
 
-    A folder outside of the workspace does not count, because a submission can write any event.
+    The folder comes from an event "package". A submission can write any event, so a folder outside of the
+    workspace does not count.
     """
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
     roots += [*workspace.packages, *(setup.parents[1] for setup in workspace.setups)]
-    paths = [Path(os.path.normpath(event.path)) for event in events if event.event == "package"]
-    return next((path for path in paths if {path, *path.parents} & {*roots}), None)
+    for event in events:
+        if event.event == "package":
+            path = Path(os.path.normpath(event.path))
+            if not {path, *path.parents}.isdisjoint(roots):
+                return path
+    return None
