@@ -81,7 +81,7 @@ def large_files_note(names: Sequence[str]) -> List[str]:
 def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
     """Unpack an archive into an existing, empty folder, and return notes on members that were left out.
 
-    The allowance is reduced by the unpacked files.
+    A separate program does this, see `main`. The allowance is reduced by the unpacked files.
 
     Raises:
         ArchiveError: the archive cannot be unpacked; the folder may then hold a part of it.
@@ -105,7 +105,9 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
 
 
 def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, List[str]]:
-    """Unpack an archive, and return the number of links and the names of large files, which are left out.
+    """Unpack an archive in this program, and return the number of links and the names of too large files.
+
+    Both are left out. The caller has limited the memory of this program.
 
     Raises:
         ArchiveError: the archive cannot be unpacked.
@@ -115,8 +117,8 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, is_executable, is_special, content in members(archive):
-            links += is_special  # counts links and special files
-            # folders, links and special files have no content; folders are made with their files
+            links += is_special
+            # folders, links and special files have no content; a folder is made together with its first file
             if content is not None:
                 with content:
                     target = folder / _safe_path(name, archive)
@@ -126,7 +128,8 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
                     if target.is_file():
                         allowance.size += target.stat().st_size
                         target.unlink()
-                    if not _copy(content, target, allowance, archive):
+                    is_copied = _copy(content, target, allowance, archive)
+                    if not is_copied:
                         large.append(name)
                     elif is_executable:
                         target.chmod(0o755)
@@ -142,10 +145,11 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
 
 
 def main(archive: str, folder: str, files: str, size: str) -> None:
-    """Unpack an archive, and print the outcome as a JSON list.
+    """Unpack an archive within limits of memory and CPU time, and print the outcome for `unpack`.
 
-    The list has the number of links, the names of files that are too large, the numbers of files and bytes
-    that may still be unpacked, and an error, which is empty after success.
+    `files` and `size` [bytes] are the numbers of files and bytes that may be unpacked. The outcome is a JSON
+    list: the number of links, the names of files that are too large, the numbers of files and bytes that may
+    still be unpacked, and an error, which is empty after success.
     """
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
@@ -172,7 +176,9 @@ def _safe_path(name: str, archive: Path) -> PurePosixPath:
 
 
 def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path) -> bool:
-    """Copy a member if it has at most MAX_FILE bytes, and return whether it was copied.
+    """Write a member of an archive to `target`, and return True; return False if it exceeds MAX_FILE.
+
+    The header of an archive may give a wrong size, so the bytes are counted while they are read.
 
     Raises:
         ArchiveError: the allowance is used up.
@@ -180,7 +186,7 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
     allowance.files -= 1  # a file that is left out because of its size uses this allowance, but no bytes
     size = 0  # [bytes] size of the part that was read so far
     with target.open("xb") as file:
-        for chunk in iter(partial(content.read, CHUNK), b""):
+        for chunk in iter(partial(content.read, CHUNK), b""):  # b"" is the end of the content
             size += len(chunk)
             if size > MAX_FILE:
                 target.unlink()

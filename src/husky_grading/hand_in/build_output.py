@@ -53,7 +53,7 @@ def needs_old_boost(output: str) -> bool:
 
 
 def missing_return(output: str, root: Path) -> Optional[str]:
-    """Return file, line and warning of a function that forgets to return its value; None if there is none.
+    """Return file, line and warning of the first C++ function that forgets to return its value, or None.
 
     `root` is the workspace of the submission; the student knows only paths inside it.
     """
@@ -62,24 +62,31 @@ def missing_return(output: str, root: Path) -> Optional[str]:
 
 
 def build_error(output: str, root: Path) -> str:
-    """Return the compiler's first error; if there is none, the most informative line of the output."""
+    """Return the reason for a failed build, for the student: the compiler's first error, if there is one.
+
+    Otherwise, the most informative line of the output is returned. `root` is the workspace of the submission.
+    """
     # the student knows only paths inside the submission
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
     match = _ERROR.search(output)
     if match:
-        # a header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
+        error = f"{match['where']}: {match['what']}"[:300]
+        # a missing header such as `tf2/utils.h` belongs to the ROS package tf2, which apt may have
         missing_header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
-        debian = debian_packages([missing_header.group(1)]).values() if missing_header else ()
-        hint = "".join(f" (apt install {package})" for package in debian)
-        return f"{match['where']}: {match['what']}"[:300] + hint
+        if missing_header:
+            package = missing_header.group(1)
+            debian = debian_packages([package])
+            if package in debian:
+                return f"{error} (apt install {debian[package]})"
+        return error
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
         # This line of CMake reports that a program of the build has failed. The line before it is the last
         # output of the program, and gives the cause. A Python traceback gives file and line.
         if number and _PROGRAM_FAILED.search(line):
             entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
-            innermost = entries[-1] if entries else None
-            place = f"{innermost['file']}:{innermost['line']}: " if innermost else ""
+            # the last entry of a traceback is the place of the error
+            place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
             return f"{place}{lines[number - 1]}"[:300]
     # patterns of lines with errors, the most informative pattern first
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):

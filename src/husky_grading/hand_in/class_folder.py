@@ -71,7 +71,10 @@ def _is_hand_in(path: Path) -> bool:
 
 
 def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
-    """Return a submission for each entry of the class; `entries` has the paths of each entry by its name."""
+    """Return the submission of each student, with a name for people and a name for a folder.
+
+    The keys of `entries` are names as they are on the disk. A student normally has a single path.
+    """
     names, folders = _shown_names(list(entries)), _folder_names(list(entries))
     hand_ins = []
     for entry, paths in entries.items():
@@ -91,10 +94,13 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
     """
     names: Dict[str, str] = {}
     as_shown = {}  # printable text of each entry; two entries may have the same text
-    # characters that cannot be printed, such as a line feed, are replaced by escapes such as \n
     for entry in entries:
-        shown = [c if c.isprintable() else c.encode("unicode_escape").decode() for c in _decoded(entry)]
-        as_shown[entry] = "".join(shown)
+        shown = ""
+        for character in _decoded(entry):
+            # a character that cannot be printed, such as a line feed, is replaced by an escape such as \n
+            is_printable = character.isprintable()
+            shown += character if is_printable else character.encode("unicode_escape").decode()
+        as_shown[entry] = shown
     # entries whose names are shown unchanged come first, so they keep their names if another name would look
     # the same
     for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
@@ -126,6 +132,7 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
     hash is added only if two names are equal or a name is too long, so a folder's name rarely depends on
     other students.
     """
+    # folder of each entry; a name that is safe in any path, and not too long, stays as it is
     folders = {entry: entry for entry in entries if SAFE.fullmatch(entry) and len(entry) <= MAX_FOLDER}
     underscored = {entry: _underscored(entry) for entry in entries if entry not in folders}
     counts = Counter([*folders, *underscored.values()])  # number of entries that would get the same folder
@@ -139,12 +146,13 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
 
 
 def _underscored(entry: str) -> str:
-    """Return a name with underscores: `Müller` becomes `Muller`, `Ann Lee (1)` becomes `Ann_Lee_1_`."""
+    """Return a name that is safe in any path: `Müller` becomes `Muller`, `Ann Lee (1)` `Ann_Lee_1_`."""
+    # NFKD splits an umlaut into a letter and its two dots, and "ignore" drops the dots
     letters = unicodedata.normalize("NFKD", _decoded(entry)).encode("ascii", "ignore").decode()
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", letters)
     return name if SAFE.fullmatch(name) else f"_{name}"
 
 
 def _digest(name: str) -> str:
-    """Return a short hash of a name."""
+    """Return a short hash, which makes the folder's name of a student different from all others."""
     return hashlib.sha256(os.fsencode(name)).hexdigest()[:DIGITS]

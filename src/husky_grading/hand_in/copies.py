@@ -46,10 +46,10 @@ class Folders:
 
 
 def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
-    """Copy packages into a new workspace at `root`, and return its folders and notes for the student.
+    """Copy packages into a new catkin workspace at `root`, and return its folders and notes for the student.
 
-    Links, special files, build folders and too large files are left out. Copies are repaired if an archive or
-    another computer has spoilt them: modes and interpreters of scripts, package.xml, paths in launch files.
+    Links, special files, build folders and too large files are left out. The copies are repaired where they
+    work only on the student's computer: modes and first lines of scripts, package.xml, paths in launch files.
     """
     remove_tree(root)
     (root / "src").mkdir(parents=True)
@@ -70,9 +70,11 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
             notes.append(f"scripts run by Python 3 instead of the program in their first line: {names}")
         notes += _repair_manifest(copies[package.name], package)
     notes += large_files_note(large)
-    paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
+    paths: List[str] = []
+    for folder in copies.values():
+        paths += _repair_paths(folder, copies)
     if paths:
-        shown = ", ".join(dict.fromkeys(paths))
+        shown = ", ".join(dict.fromkeys(paths))  # each path once
         notes.append(f"paths of another computer were replaced by files of the submission: {shown}")
     (root / "src" / ".catkin_workspace").touch()  # marks a workspace, as catkin does
     return Folders(root, copies), notes
@@ -119,9 +121,9 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
 
 
 def _repair_interpreter(script: Path) -> bool:
-    """Let Python 3 run a script that names another Python, or whose first line ends as on Windows.
+    """Repair the first line of a Python script, if it names Python 2 or ends with a carriage return.
 
-    Return whether the script was changed.
+    Linux cannot start such a script. Returns whether the script was changed.
     """
     line, _, code = script.read_bytes().partition(b"\n")
     if _OTHER_PYTHON.fullmatch(line):
@@ -131,32 +133,46 @@ def _repair_interpreter(script: Path) -> bool:
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
-    """Replace paths of the student's computer in launch files by $(find PACKAGE)/...
+    """Replace paths such as /home/ann/ws/src/PACKAGE/FILE in launch files by $(find PACKAGE)/FILE.
 
-    A path is replaced only if one of the packages has such a file. The replaced paths are returned.
+    Such a path exists only on the student's computer. It is replaced only if one of the packages has such a
+    file.
+
+    Args:
+        folder: package whose launch files are changed.
+        packages: folders of all packages of the submission, by name.
+
+    Returns:
+        The paths that were replaced.
     """
     paths: List[str] = []
 
     def local_path(match: Match[str]) -> str:
         """Return the text that replaces a path below /home; the path itself if no package has the file."""
+        path = match.group()
         for name, package in packages.items():
             # split the path at the name of the package: `place` is the part behind the name, and `separator`
             # is empty if the path does not contain the name
-            _, separator, place = match.group().rpartition(f"/{name}/")
+            _, separator, place = path.rpartition(f"/{name}/")
             if separator and ".." not in place and is_regular(package / place):
-                paths.append(match.group())
+                paths.append(path)
                 return f"$(find {name})/{place}"
-        return match.group()
+        return path
 
-    for path in walk(folder):
-        if file_suffix(path) == ".launch" and path.stat().st_size <= MAX_TEXT:
-            text = path.read_bytes().decode("utf-8", "surrogateescape")
-            path.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
+    for file in walk(folder):
+        if file_suffix(file) == ".launch" and file.stat().st_size <= MAX_TEXT:
+            # with "surrogateescape", bytes that are not UTF-8 are written back unchanged
+            text = file.read_bytes().decode("utf-8", "surrogateescape")
+            file.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
     return paths
 
 
 def _repair_manifest(folder: Path, package: Package) -> List[str]:
-    """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes."""
+    """Replace a package.xml that catkin rejects, such as one without an e-mail address, and return notes.
+
+    The new file has only the package's name and dependencies, which are enough to build it. With the old
+    file, catkin would build no package at all. `folder` is the copy of the package.
+    """
     manifest = folder / "package.xml"
     # `read_manifest` has already read this file, and would have rejected XML entities, so catkin's parser is
     # safe here

@@ -13,11 +13,11 @@ _DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")
 
 
 def debian_packages(names: Collection[str]) -> Dict[str, str]:
-    """Return the names of Debian packages, by the names of the ROS packages, as far as apt knows them.
+    """Ask apt which Debian packages contain these ROS packages, and return their names by ROS package.
 
-    Without apt-cache, no package is known.
+    ROS packages that apt does not know are left out. Without the program apt-cache, no package is known.
     """
-    candidates = {
+    candidates = {  # possible names in Debian, by the name of the ROS package
         name: [pattern.format(name.replace("_", "-")) for pattern in _DEBIAN_NAMES] for name in names
     }
     command = ["apt-cache", "show", "--no-all-versions", *chain.from_iterable(candidates.values())]
@@ -25,16 +25,20 @@ def debian_packages(names: Collection[str]) -> Dict[str, str]:
         answer = subprocess.run(command, capture_output=True, text=True, timeout=APT_DEADLINE, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return {}
-    known = set(re.findall(r"^Package: (.*)$", answer.stdout, re.MULTILINE))
-    matches = {name: [each for each in candidates[name] if each in known] for name in names}
-    return {name: packages[0] for name, packages in matches.items() if packages}
+    existing = set(re.findall(r"^Package: (.*)$", answer.stdout, re.MULTILINE))
+    found = {}
+    for name in names:
+        matches = [candidate for candidate in candidates[name] if candidate in existing]
+        if matches:
+            found[name] = matches[0]  # the preferred name comes first
+    return found
 
 
 def missing_note(names: Collection[str]) -> str:
-    """Return one sentence on all packages that are not installed."""
+    """Return one sentence on ROS packages that are not installed, with the commands that install them."""
     debian = debian_packages(names)
-    packages = [
-        f"{name} ({f'apt install {debian[name]}' if name in debian else 'not in Debian'})"
-        for name in sorted(names)
-    ]
+    packages = []
+    for name in sorted(names):
+        advice = f"apt install {debian[name]}" if name in debian else "not in Debian"
+        packages.append(f"{name} ({advice})")
     return f"not installed: {', '.join(packages)}; code that needs them may not build"

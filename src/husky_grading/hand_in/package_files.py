@@ -44,9 +44,7 @@ def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: st
     planned = _without_our_rviz_nodes(planned)
     # remaps of the rviz node: topic in the configuration, and topic that replaces it
     remaps: Sequence[Tuple[str, str]] = ()
-    # path of the configuration that the rviz node names, if this configuration was not handed in; otherwise
-    # empty
-    missing = ""
+    missing = ""  # path that the rviz node names, if this file was not handed in; otherwise empty
     if planned.rviz:
         node = planned.rviz[0]
         remaps = node.remap
@@ -66,9 +64,9 @@ def _config_in_package(
 ) -> Optional[RvizConfig]:
     """Return the best configuration in a package's .rviz files; None if no file counts.
 
-    The best configuration displays most of frames, robot model and scan. A file that belongs to another
-    launch file does not count. But if `launch_file` starts RViz and the package has only one .rviz file, this
-    file counts, unless its owner plays recordings.
+    The best configuration displays most of frames, robot model and scan. A file that another launch file
+    names belongs to that launch file and does not count. But if `launch_file` starts RViz and the package has
+    only one .rviz file, this file counts, unless the other launch file plays recordings (rosbag).
 
     `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
     """
@@ -91,7 +89,7 @@ def _without_our_rviz_nodes(planned: Plan) -> Plan:
     """Return a plan without the rviz nodes whose configuration is a file of our package.
 
     A submission that includes our simulator.launch starts such a node. This configuration is not the
-    student's work, so it must get no points. But if our own package is graded, the configuration counts.
+    student's work, so it must get no points. But if a teacher grades our own package, it counts.
     """
     share = share_folder()  # folder with the data of the package husky_highlevel_controller
     # package.xml is checked instead of its folder, because in the workspace of ./dev the folder of our
@@ -104,12 +102,15 @@ def _without_our_rviz_nodes(planned: Plan) -> Plan:
 
 
 def _count_needed_displays(config: RvizConfig) -> int:
-    """Return how many of frames, robot model and laser scan a configuration displays."""
+    """Return how many of the three displays TF, robot model and laser scan a configuration has."""
     return len({TF, ROBOT, SCAN} & {display.kind for display in config.displays})
 
 
 def files_of_others(planned: Plan, launch_file: str) -> List[str]:
-    """Return sentences on .rviz files of a package that other launch files than the started one name."""
+    """Return sentences that tell the student which .rviz files are not graded.
+
+    These are the files that other launch files of the package name, and not the started launch file.
+    """
     folder = planned.package_path
     if not folder:
         return []
@@ -123,8 +124,9 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
 
 
 def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
-    """Return the rviz nodes in the text of a launch file that roslaunch cannot load.
+    """Search the text of a launch file that roslaunch cannot load for its rviz nodes.
 
+    So even a broken launch file can get points for its RViz configuration, which `args` of the node names.
     `package` is the package's folder, which has the name of the package.
     """
     try:
@@ -143,23 +145,29 @@ def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
 
 
 def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dict[str, Path]:
-    """Return the other launch files to which .rviz files of a package belong, by the names of these files.
+    """Find out which .rviz files of a package belong to other launch files than the started one.
 
-    An .rviz file belongs to a launch file that names it. If the started launch file starts no RViz, a viewer
-    owns no file, because a student may start the viewer together with this launch file. A viewer plays no
-    recordings and starts no node of the package.
+    An .rviz file belongs to a launch file whose text contains the file's name. There is one exception: a
+    launch file that only views, so it plays no recordings and starts no node of the package. If the started
+    launch file starts no RViz, a student may start such a viewer beside it, so the viewer's files do not
+    belong to another launch file.
 
     Args:
         folder: folder of the package.
         launch_file: name of the launch file that is started.
         starts_rviz: true if this launch file starts RViz.
+
+    Returns:
+        Path of the other launch file, by the name of the .rviz file.
     """
     owners: Dict[str, Path] = {}
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
+        packages_of_nodes = set(_NODE.findall(text))
         # the folder of the package has the name of the package
-        is_viewer = not {"rosbag", folder.name} & set(_NODE.findall(text))
+        is_viewer = "rosbag" not in packages_of_nodes and folder.name not in packages_of_nodes
         if path.name != launch_file and (starts_rviz or not is_viewer):
-            owners.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
+            for name in re.findall(r"([\w.-]{1,200}\.rviz)\b", text):
+                owners[name] = path
     return owners
 
 
@@ -175,7 +183,10 @@ def _config_path_in(arguments: str) -> Optional[Path]:
     for flag, value in zip(options, options[1:]):  # each option with the one that follows
         if flag in ("-d", "--display-config"):
             return Path(value)
-    return next((Path(option) for option in options if option.endswith(".rviz")), None)
+    for option in options:
+        if option.endswith(".rviz"):
+            return Path(option)
+    return None
 
 
 def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
@@ -202,11 +213,11 @@ TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".y
 
 
 def named_robot(planned: Plan) -> NamedRobot:
-    """Return the robot that a submission names by its nodes and topics.
+    """Return the robot for which a submission seems to be written, by the nodes and topics that it names.
 
     Nodes of the SMB's own packages decide first, then names of the SMB in files, then a topic of scans. The
     result is certain only for the SMB. If it is one of the two versions of the Husky, `grade` may still
-    choose the other version.
+    choose the other version, when it sees the topic of scans to which the submission subscribes.
     """
     # `left_out` has nodes that `grade` does not start, such as those of the robot
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
@@ -241,10 +252,12 @@ class Mention(NamedTuple):
 
 
 def first_mention(planned: Plan, pattern: Pattern[str]) -> Optional[Mention]:
-    """Return the first file of a submission's package that a pattern matches, and the match."""
+    """Search the files of a submission's package for a pattern, and return the first match and its file."""
     folder = planned.package_path
+    if not folder:
+        return None
     with suppress(UnreadableFileError):  # too many files
-        for path, text in texts_in(folder, TEXTS, MAX_TEXT) if folder else ():
+        for path, text in texts_in(folder, TEXTS, MAX_TEXT):
             match = pattern.search(text)
             if match:
                 return Mention(path, match)

@@ -92,7 +92,11 @@ class Contents:
 
 
 def open_hand_in(path: Path, scratch: Path) -> Contents:
-    """Unpack a folder's archives, or an archive, into an existing, empty folder, and find every package.
+    """Unpack all archives of a student's delivery, also nested ones, and find every catkin package in it.
+
+    Args:
+        path: folder or archive that the student has delivered.
+        scratch: existing, empty folder into which archives are unpacked.
 
     Raises:
         NotMarkableError: the submission cannot be read.
@@ -120,9 +124,9 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
                     notes.append(str(error))
                 places[unpacked] = places[folder] / archive.relative_to(folder).as_posix()
                 folders.append(unpacked)
-        packages = [
-            each for folder, place in places.items() for each in _packages_below(folder, place, notes)
-        ]
+        packages: List[Package] = []
+        for folder, place in places.items():
+            packages += _packages_below(folder, place, notes)
     except (ArchiveError, UnreadableFileError, OSError) as error:
         raise NotMarkableError(f"the submission cannot be read: {error}") from error
     if len(packages) > MAX_PACKAGES:
@@ -135,11 +139,12 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
 def _packages_below(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
     """Return the packages below a folder, outer ones first, without packages inside of another one.
 
-    `notes` gets a note on each package.xml that cannot be read.
+    `place` is the path of the folder in the submission. `notes` gets a note on each package.xml that cannot
+    be read.
     """
     manifests = [path for path in walk(folder, skipped=BUILT) if path.name == "package.xml"]
     packages: Dict[Path, Package] = {}
-    # outer folders first, so that a package inside of another one is noticed
+    # outer folders come first, so that a package inside of another one is noticed
     for manifest in sorted(manifests, key=lambda path: (len(path.parts), path)):
         path = manifest.parent
         if any(parent in packages for parent in path.parents):
@@ -201,7 +206,10 @@ class Fit(IntEnum):
 
 
 def fit_of_path(place: PurePosixPath, exercise: int) -> Fit:
-    """Return how well a path fits an exercise, by the innermost part of the path that has a number."""
+    """Return whether a path belongs to an exercise, to another one or to none, by numbers in its names.
+
+    The innermost folder or file name that has a number decides. So ex2/ex3.launch belongs to exercise 3.
+    """
     for part in reversed(place.parts):
         numbers = exercise_numbers(part)
         if numbers:
@@ -216,9 +224,12 @@ def choose_packages(
 
     - Packages of PUBLIC are left out.
     - If several packages have the same name, one of them stays: the one for the exercise, or otherwise the
-      one with a launch file that starts its node, or otherwise the one with more files. Attempt 1 takes the
-      second best one, and so on. A package of another exercise is taken only if there are no others.
+      one with a launch file that starts its node, or otherwise the one with more files. A package of another
+      exercise is taken only if there are no others.
     - A package of another exercise stays only if a package that stays depends on it.
+
+    The first call has `attempt` 0. If its packages cannot be built, attempt 1 takes the second best one of
+    the packages with the same name, and so on.
     """
     notes: List[str] = []
     by_name: Dict[str, List[Package]] = {}  # all packages of each name
@@ -249,12 +260,16 @@ def choose_packages(
 
 
 def _chosen_first(namesakes: Sequence[Package], exercise: int, attempt: int) -> List[Package]:
-    """Return packages of the same name, the one that this attempt chooses first, then the others."""
-    ordered = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best one first
+    """Return packages of the same name, the one that this attempt chooses first, then the others.
+
+    Attempt 0 chooses the best package, attempt 1 the second best one. If there are not so many, the last one
+    is chosen.
+    """
+    ordered = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best package comes first
     # packages of another exercise come last, and are chosen only if there are no others
-    fits = [fit_of_path(each.place, exercise) for each in ordered]
-    choosable = sum(fit != Fit.OTHER_EXERCISE for fit in fits) or len(ordered)
-    chosen = ordered.pop(min(attempt, choosable - 1))
+    fitting = [each for each in ordered if fit_of_path(each.place, exercise) != Fit.OTHER_EXERCISE]
+    number_choosable = len(fitting) or len(ordered)
+    chosen = ordered.pop(min(attempt, number_choosable - 1))
     return [chosen, *ordered]
 
 
@@ -265,13 +280,13 @@ def copies_of_public(packages: Sequence[Package]) -> List[Package]:
     the submission. Nothing builds these packages, but launch files find the files in them.
     """
     students_own = {each.name for each in packages} - PUBLIC
-    copies = [
-        each
-        for each in packages
-        if each.name in EXTENDED or (each.name in PUBLIC and _launched_packages(each) & students_own)
-    ]
-    # in the dict, the last copy of each name stays; `reversed` makes this the first one
-    return list({each.name: each for each in reversed(copies)}.values())
+    extended: Dict[str, Package] = {}  # packages by name
+    # if there are several copies of a package, the first one replaces the others, because it comes last here
+    for package in reversed(packages):
+        is_public = package.name in PUBLIC
+        if package.name in EXTENDED or (is_public and _launched_packages(package) & students_own):
+            extended[package.name] = package
+    return list(extended.values())
 
 
 def _launched_packages(package: Package) -> Set[str]:
@@ -281,13 +296,18 @@ def _launched_packages(package: Package) -> Set[str]:
 
 
 def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:
-    """Return names of packages with the names of all packages of the submission on which they depend."""
+    """Return these names, and the names of all packages on which they depend, directly or indirectly.
+
+    `packages` has the packages of the submission by name. Other dependencies, such as rospy, do not count.
+    """
     members, waiting = set(names), list(names)
     while waiting:
-        package, others = packages[waiting.pop()], set(packages) - members
-        # packages of the submission that this package needs, and that are not in `members` yet
+        package = packages[waiting.pop()]
+        others = set(packages) - members
         needs = package.needs & others
-        if others - needs:  # otherwise the files need not be read
+        # package.xml may forget a package that a Python file imports. The Python files are read only if this
+        # could add a package.
+        if others - needs:
             needs |= package.imported & others
         members |= needs
         waiting += needs
@@ -313,9 +333,10 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
 
 
 def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:
-    """Return the nodes, package/type, that the text of a launch file names, or that its comments name.
+    """Search the text of a launch file for <node> tags, and return their nodes as package/type, each once.
 
-    A file that cannot be read names none.
+    This works without roslaunch, so also for a launch file that is broken. With `in_comments`, only the
+    comments are searched. A file that cannot be read has no nodes.
     """
     try:
         text = read_text(launch_file, MAX_MANIFEST)
@@ -324,5 +345,5 @@ def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:
     text = " ".join(_COMMENT.findall(text)) if in_comments else _COMMENT.sub("", text)
     # attributes of each node, by name
     nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
-    # `dict.fromkeys` leaves each name once, and keeps the order
+    # `dict.fromkeys` keeps each name once, in the order of the file
     return tuple(dict.fromkeys(f"{node['pkg']}/{node.get('type', '')}" for node in nodes if "pkg" in node))
