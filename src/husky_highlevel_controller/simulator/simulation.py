@@ -74,39 +74,46 @@ class Simulation:
             HuskyError: a period is not a multiple of the physics step.
             PlacementError: a body cannot be simulated (a movable plane), or stands where the robot starts.
         """
-        left, right, *_ = robot.wheels  # front left and front right
+        front_left, front_right, _, _ = robot.wheels
         self._drive_config = replace(
             config.robot.drive,
-            wheel_separation=left.position[1] - right.position[1],
-            wheel_radius=left.radius,
+            wheel_separation=front_left.position[1] - front_right.position[1],
+            wheel_radius=front_left.radius,
         )
-        # for a real robot, the grip comes from its ground; otherwise the grip of Gazebo's ground stays
+        # the profile of a real robot names a ground (hard or soft), whose grip replaces the grip in Gazebo
         if config.real:
             ground = config.real.ground
             traction = replace(config.traction, friction=ground.friction, lateral_grip=ground.lateral_grip)
             config = replace(config, traction=traction)
-        # [Hz] rate of the physics, [s] duration of a step, number of steps from odometry to odometry
-        self._physics_rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
+        self._physics_rate = config.physics_rate  # [Hz]
+        self.dt = 1.0 / config.physics_rate  # [s] duration of a physics step
+        # number of physics steps from one sample of odometry to the next
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._world, self._robot, self._config = world, robot, config
         self._start_pose, self._seed = pose_from_2d(start, start_height), seed
-        self._equipment = self._equip()  # drive, battery and sensors
+        self._equipment = self._make_equipment()
         self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
         self._objects = WorldObjects(self._bullet)
         self._chassis = Chassis(self._bullet, robot, config.traction, self.dt)
-        # the stamp is the sum of these two step counts, because simulated time goes on after a reset
+        # Two counts of physics steps. A reset sets the second count to 0, but not the simulated time, because
+        # the time of a ROS clock must not go back. So the simulated time comes from the sum of both counts.
         self._steps_before_reset = self._steps_since_reset = 0
         try:
             self.reset()
         except Exception:
-            self.close()  # `close` frees 35 MB of memory, which the engine would keep
+            self.close()  # otherwise the physics engine would keep 35 MB of memory
             raise
 
-    def _equip(self) -> Equipment:
+    def _make_equipment(self) -> Equipment:
+        """Return new drive, battery and sensors for the present world."""
         return equip(self._config, self._drive_config, self._robot, self._cast_rays, self._world.gravity)
 
     def _cast_rays(self, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
+        """Return the distance that each beam of a lidar travels in the present scene, (N,) [m]; inf if free.
+
+        The lidars get this method instead of a scene, because bodies move, come and go.
+        """
         return cast_rays(self._objects.scene(), pose_laser_in_world, beams, max_range)
 
     def close(self) -> None:
@@ -123,18 +130,21 @@ class Simulation:
             ValueError: the seed is negative. Then nothing changes.
         """
         seed = self._seed if seed is None else seed
-        devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
+        sensors = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
         if self._equipment.points:
-            devices.append((self._equipment.points, POINTS_STREAM))
-        # Each device has random numbers of its own: its spawn key is the number of its stream. The lidar has
-        # no number, see LIDAR_STREAM. A negative seed raises ValueError here, before any change.
-        spawn_keys = [() if stream is None else (stream,) for _, stream in devices]
-        seed_sequences = [np.random.SeedSequence(seed, spawn_key=key) for key in spawn_keys]
+            sensors.append((self._equipment.points, POINTS_STREAM))
+        # Each sensor gets a random generator of its own, so that no sensor changes the noise of another one.
+        # The generators differ by the number of the sensor's stream; the lidar has none, see LIDAR_STREAM.
+        # All generators are made before anything changes, because a negative seed raises ValueError here.
+        generators = []
+        for _, stream in sensors:
+            spawn_key = () if stream is None else (stream,)
+            generators.append(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=spawn_key)))
         self._seed = seed
         self._steps_before_reset += self._steps_since_reset
         self._steps_since_reset = 0
-        for (device, _), seed_sequence in zip(devices, seed_sequences):
-            device.reset(np.random.default_rng(seed_sequence))
+        for (device, _), generator in zip(sensors, generators):
+            device.reset(generator)
         if self._equipment.power:
             self._equipment.power.reset()
         self._equipment.drive.reset()
@@ -145,16 +155,26 @@ class Simulation:
         self._odometer.reset(self._chassis.wheels())
 
     def _pose_on_floor(self, pose: Pose) -> Pose:
-        """Return the pose of base_link on the floor, or on the xy plane of the pose if there is no floor."""
-        height = floor_height(self._objects.scene(), pose)
-        return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
+        """Return the pose of base_link for a robot whose wheels stand on the floor at a pose in the world.
+
+        If there is no floor, the wheels stand on the xy plane of the given pose.
+        """
+        height = floor_height(self._objects.scene(), pose)  # relative to the pose; 0 if there is no floor
+        pose_on_floor = compose(pose, Pose((0.0, 0.0, height))) if height else pose
+        return self._chassis.on_ground(pose_on_floor)
 
     def _pose_on_or_above_floor(self, requested: Pose) -> Pose:
-        """Return base_link's pose on the floor, but keep a requested height of up to MAX_DROP above it."""
-        on_floor, height = self._pose_on_floor(requested), requested.position[2]
-        x, y, floor = on_floor.position
-        is_above_floor = floor < height <= floor + MAX_DROP
-        return Pose((x, y, height), on_floor.quat_xyzw) if is_above_floor else on_floor
+        """Return a pose for base_link: the requested pose, or on the floor if this pose is not usable.
+
+        The requested height is kept only if it is above the height on the floor by up to MAX_DROP. The robot
+        then falls to the floor.
+        """
+        pose_on_floor = self._pose_on_floor(requested)
+        x, y, lowest = pose_on_floor.position
+        height = requested.position[2]
+        if lowest < height <= lowest + MAX_DROP:
+            return Pose((x, y, height), pose_on_floor.quat_xyzw)
+        return pose_on_floor
 
     def load_world(self, world: World) -> None:
         """Replace the world, and restart the simulation in it.
@@ -166,7 +186,7 @@ class Simulation:
         # this simulation of the new world is only a test, which raises the errors before anything changes
         Simulation(world, self._robot, self._config, start, self._seed, height).close()
         self._world = world
-        self._equipment = self._equip()  # the IMU needs the gravity of the new world
+        self._equipment = self._make_equipment()  # the IMU needs the gravity of the new world
         self.reset()
 
     @property
@@ -176,12 +196,12 @@ class Simulation:
 
     def set_stamp(self, stamp: float) -> None:
         """Continue from this simulated time [s], rounded to a step. A time before now changes nothing."""
-        self._steps_before_reset = max(
-            self._steps_before_reset, round(stamp * self._physics_rate) - self._steps_since_reset
-        )
+        steps = round(stamp * self._physics_rate)  # the sum of both step counts that gives this time
+        self._steps_before_reset = max(self._steps_before_reset, steps - self._steps_since_reset)
 
     @property
-    def _since_reset(self) -> float:
+    def _time_since_reset(self) -> float:
+        """Simulated time since the last reset [s]; the drive uses it to find out when a command expires."""
         return self._steps_since_reset / self._physics_rate
 
     def command(self, twist: Twist2D) -> None:
@@ -190,16 +210,17 @@ class Simulation:
         Raises:
             CommandError: the command is not finite; then the last command stays in force.
         """
-        self._equipment.drive.command(twist, self._since_reset)
+        self._equipment.drive.command(twist, self._time_since_reset)
 
     def step(self) -> Snapshot:
         """Advance one physics step, and return its snapshot.
 
-        A sensor's sample is in the snapshot only at the end of the sensor's period.
+        A snapshot has the sample of a sensor only if the sensor's period ends with this step. Otherwise the
+        field of this sensor is None.
         """
         equipment = self._equipment
-        # the command in force, and the speeds of the left and the right wheels [rad/s]
-        command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
+        # the command that the drive obeys now, and the speeds of the left and the right wheels [rad/s]
+        command, (left, right) = equipment.drive.turn(self._time_since_reset, self.dt)
         self._chassis.drive((left, right, left, right))  # front left, front right, rear left, rear right
         self._bullet.step()
         self._steps_since_reset += 1
@@ -212,20 +233,21 @@ class Simulation:
             for steps, device, field, _ in equipment.sensors
             if step % steps == 0
         }
-        # the encoders and the power are read once in each period of the drive
-        wheels_due = step % equipment.drive.steps == 0
-        # each scan gets odometry of its own stamp
+        # a real Husky reads its wheel encoders and its power only once in each period of its control loop
+        is_end_of_drive_period = step % equipment.drive.steps == 0
+        # each scan comes with odometry of the same stamp, so that the scan can be transformed to odom
         if "scan" in samples or step % self._odometry_steps == 0:
-            wheels = equipment.drive.encoded(self._chassis.wheels()) if wheels_due else None
+            wheels = equipment.drive.encoded(self._chassis.wheels()) if is_end_of_drive_period else None
             samples["odometry"] = self._odometer.sample(wheels, equipment.imu.yaw_rate, step)
-        if equipment.power and wheels_due:
+        if equipment.power and is_end_of_drive_period:
             samples["power"] = self._measure_power((left, right))
         return Snapshot(stamp, step, state, command, contacts, **samples)
 
     def look(self) -> Snapshot:
-        """Return a snapshot between two steps, with odometry and scan.
+        """Return a snapshot of now, with odometry and a scan, without a step.
 
-        Copies of the odometer and the lidar make these measurements, so that later results do not change.
+        A caller may look at any time, and as often as it wants, without a change of the results of later
+        steps. So copies of the odometer and of the lidar make these measurements.
         """
         yaw_rate, step = self._equipment.imu.yaw_rate, self._steps_since_reset
         odometry = copy(self._odometer).sample(wheels=None, yaw_rate=yaw_rate, step=step)
@@ -233,20 +255,27 @@ class Simulation:
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
                 lidar = copy(sensor.device)
-                # this scan takes random numbers from a new generator, so that it does not change the noise of
-                # later samples
+                # the copy would take random numbers from the lidar's own generator, and so change the noise
+                # of later scans; it gets a new generator instead
                 lidar.reset(np.random.default_rng(self._seed))
-                # a swept scan would have the stamp of its first beam, which may lie before the start
+                # The real lidar gives a scan the time of the first beam, some milliseconds ago. This time may
+                # be before the start of the simulation, so this scan gets the present time.
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
         return Snapshot(self.stamp, step, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 
     def points(self) -> np.ndarray:
-        """Return the points of the 3D lidar now, in its frame, (rings, columns, 3) [m]; NaN for a miss."""
+        """Return the points that the 3D lidar measures now, in the lidar's frame, (rings, columns, 3) [m].
+
+        The coordinates are NaN for a beam that meets nothing.
+        """
         assert self._equipment.points is not None, "points_rate is 0, or the robot has no lidar"
         return self._equipment.points.sample(self._chassis.state)
 
     def _measure_power(self, speeds: Tuple[float, float]) -> PowerState:
-        """Update the battery for the period since the last reading; `speeds` (left, right) are in rad/s."""
+        """Drain the battery for one period of the drive, and return currents, voltage and temperatures.
+
+        `speeds` are the speeds of the (left, right) wheels [rad/s].
+        """
         power = self._equipment.power
         assert power is not None
         front_left, front_right, rear_left, rear_right = self._chassis.torques
@@ -265,18 +294,21 @@ class Simulation:
 
     @property
     def pose_world_in_odom(self) -> Pose:
-        """Pose of the world in odom, by the filtered odometry."""
-        filtered = self._odometer.filtered.pose_base_in_odom
-        return world_in_odom(self._chassis.state.pose_in_world, filtered)
+        """Pose of the world in odom, from the true pose of base_link and its pose by the filtered odometry.
+
+        The pose changes slowly while the robot drives, because odometry drifts.
+        """
+        pose_base_in_odom = self._odometer.filtered.pose_base_in_odom
+        return world_in_odom(self._chassis.state.pose_in_world, pose_base_in_odom)
 
     @property
     def ground_height(self) -> float:
-        """Height in the world of the level ground on which the robot stands [m]."""
+        """Height in the world of the ground under the wheels of a robot that stands level [m]."""
         return self._chassis.state.pose_in_world.position[2] - self._robot.base_height
 
     @property
     def has_fallen(self) -> bool:
-        """Return whether the robot has left the world, because it is far below its last floor."""
+        """Return whether the robot has fallen off the world: far below the floor on which it was put."""
         return self.ground_height < self._height_of_last_floor - FALL_DEPTH
 
     def spawn(self, bodies: Sequence[Body]) -> None:
@@ -292,8 +324,9 @@ class Simulation:
     def move(self, name: str, pose_in_world: Pose) -> None:
         """Put a body, or the robot, somewhere else, at rest.
 
-        The robot is put with its wheels on the floor. Its odometry jumps by the same move, so that the frame
-        odom stays where it is in the world. Only its height is that of the new floor.
+        The robot is put with its wheels on the floor. The pose in the odometry changes by the same move, so
+        that the frame odom keeps its x, y and yaw in the world. Only the height of odom changes, because it
+        is always the height of base_link.
 
         Raises:
             PlacementError: no object has this name, or another object is in the way; then nothing changes.
@@ -304,9 +337,10 @@ class Simulation:
             self._objects.move(name, pose_in_world)
 
     def move_robot_level(self, pose: Pose2D) -> None:
-        """Put the robot at a pose of the plane, at rest, on the floor at its present height.
+        """Put the robot at x, y and yaw, at rest, on the floor that is there at the robot's present height.
 
-        If there is no floor any more, because the robot falls beside its floor, it is put on that floor.
+        If no floor is there, because the robot has fallen below every floor, it is put at the height of the
+        floor on which it was put before.
 
         Raises:
             PlacementError: another object is in the way; then nothing changes.
@@ -322,11 +356,15 @@ class Simulation:
         return [*self._objects.models, ROBOT]
 
     def motion_of(self, model: str) -> ModelMotion:
-        """Return a model's or base_link's motion in the world. Raises PlacementError for any other name."""
+        """Return pose and velocities of a model, or of the robot's base_link, in the world.
+
+        Raises PlacementError if no model has this name.
+        """
         if model != ROBOT:
             return self._objects.motion_of(model)
-        pose, velocity, spin = self._chassis.state
-        return ModelMotion(pose, rotate(pose.quat_xyzw, velocity), rotate(pose.quat_xyzw, spin))
+        pose, velocity_in_base, spin_in_base = self._chassis.state
+        attitude = pose.quat_xyzw
+        return ModelMotion(pose, rotate(attitude, velocity_in_base), rotate(attitude, spin_in_base))
 
     def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
         """Put a model, or the robot's base_link, somewhere else, with a velocity.
@@ -344,16 +382,24 @@ class Simulation:
         self._chassis.set_velocity(motion_in_world.velocity, motion_in_world.angular_velocity)
 
     def _move_robot(self, pose_base_in_world: Pose) -> None:
-        """Put base_link at a pose, at rest; the odometry jumps, too, so that odom keeps its x, y and yaw."""
+        """Put base_link at a pose, at rest, and change its pose in the odometry by the same move.
+
+        So odom keeps its x, y and yaw in the world, as if the robot had driven to the new pose.
+
+        Raises:
+            PlacementError: another object is in the way; then nothing changes.
+        """
         pose_before = self._chassis.state.pose_in_world
         self._chassis.move(pose_base_in_world)
-        # the odometry is late until its next sample, so it first catches up with the robot
+        # the last sample of odometry may be some steps old, so a new sample adds the way that the robot has
+        # driven since then
         self._odometer.sample(self._chassis.wheels(), self._equipment.imu.yaw_rate, self._steps_since_reset)
         pose_world_in_odom = world_in_odom(pose_before, self._odometer.filtered.pose_base_in_odom)
         self._height_of_last_floor = self.ground_height
         self._equipment.imu.restart()
         self._equipment.drive.reset()
-        self._odometer.relocate(pose_to_2d(compose(pose_world_in_odom, self._chassis.state.pose_in_world)))
+        pose_base_in_odom = compose(pose_world_in_odom, self._chassis.state.pose_in_world)
+        self._odometer.relocate(pose_to_2d(pose_base_in_odom))
 
     def reset_poses(self) -> None:
         """Put the robot and every body back to their first poses, at rest.
@@ -361,8 +407,8 @@ class Simulation:
         Raises:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
-        # the bodies return to their first poses together with the robot, so these poses must leave room for
-        # the robot
+        # all bodies move at the same time as the robot, so the robot needs room among the first poses of the
+        # bodies, not among their present poses
         first_poses = {**self._objects.initial_poses, ROBOT: self._pose_on_floor(self._start_pose)}
         self._bullet.check_moves(first_poses, checked=ROBOT)
         self._objects.reset_poses()

@@ -19,9 +19,9 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
-# a contact point of the robot: name of the other body, position in the world [m], unit normal from the other
-# body to the robot, and force along the normal [N]. Every physics step makes several, so it is a plain tuple,
-# which is fast.
+# A contact point of the robot: name of the other body, position in the world [m], unit normal in the world
+# (from the other body to the robot), and force along the normal [N]. Every physics step makes several contact
+# points, so a contact point is a plain tuple, which is faster to make than a record.
 ContactPoint = Tuple[str, Vector3, Vector3, float]
 
 
@@ -41,8 +41,12 @@ class RobotWorld(BulletWorld):
         self.check_room(ROBOT)
 
     def _load(self, pose: Pose) -> int:
-        """Create a body with the robot's shape at a pose, or on the ground above it, and return its id."""
-        # Bullet reads URDFs only from files and caches them by name, so each URDF gets a new name
+        """Create a body in Bullet from the robot's URDF, and return its id.
+
+        base_link gets this pose, or a pose above it if the body would be in the ground.
+        """
+        # Bullet reads a URDF only from a file. It does not read a file of the same name again, even if the
+        # content has changed, so each URDF is written into a new file.
         handle, path = tempfile.mkstemp(suffix=".urdf")
         try:
             with os.fdopen(handle, "w") as file:
@@ -51,20 +55,23 @@ class RobotWorld(BulletWorld):
         finally:
             os.remove(path)
         _, _, _, com_position, com_quat, *_ = self._engine.getDynamicsInfo(body_id, BASE_INDEX)
-        # Bullet's poses are poses of the centre-of-mass frame, so `_set_pose` needs this frame's pose in
-        # base_link
+        # Bullet takes and returns poses of the centre-of-mass frame; `_set_pose` and `_pose` convert them to
+        # poses of base_link with this pose of the centre-of-mass frame in base_link
         self._inertial_in_body[body_id] = Pose(com_position, com_quat)
         self._name_by_id[body_id] = ROBOT
         self._put(body_id, pose)
         return body_id
 
     def _put(self, body_id: int, pose: Pose) -> None:
-        """Put the robot, or a copy of it, at a pose of base_link, or on the ground above this pose."""
+        """Put the robot, or a copy of the robot, at a pose of base_link, but not inside the ground."""
         self._set_pose(body_id, pose)
         self._lift_out_of_the_ground(body_id)
 
     def move_robot(self, pose: Pose) -> None:
-        """Move base_link to a pose, at rest. Raises PlacementError, and moves nothing, without room."""
+        """Move base_link to a pose, at rest.
+
+        Raises PlacementError, and moves nothing, if something stands at this pose.
+        """
         self.check_moves({ROBOT: pose}, checked=ROBOT)
         self._put(self._robot, pose)
 
@@ -81,8 +88,9 @@ class RobotWorld(BulletWorld):
 
     def contact_points(self) -> List[ContactPoint]:
         """Contact points of the robot with other bodies."""
-        # entries of a contact: 2 other body, 5 position, 7 normal, 9 force; bodies that are only near have a
-        # contact without force
+        # Each contact of Bullet is a tuple, with the id of the other body at index 2, the position on the
+        # robot at 5, the normal at 7, and the force along the normal at 9. A body that is near the robot, but
+        # does not touch the robot, has a contact without force.
         contacts = self._engine.getContactPoints(bodyA=self._robot)
         names = self._name_by_id
         return [
@@ -92,7 +100,7 @@ class RobotWorld(BulletWorld):
         ]
 
     def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
-        """Apply an external force to the robot during the next step, at a point [N, m]."""
+        """Apply an external force [N] to the robot at a point [m]; Bullet uses it for the next step only."""
         self._engine.applyExternalForce(
             self._robot, BASE_INDEX, force_in_world, point_in_world, pybullet.WORLD_FRAME
         )

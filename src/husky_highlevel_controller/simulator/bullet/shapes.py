@@ -16,15 +16,21 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.meshes import volume_of
 
-# [m^3] volume that replaces the volume 0 of a flat mesh, so that a body of this mesh has a centre of mass
-_FLATTEST = 1e-9
+# [m^3] least volume of a mesh. The centre of mass is a mean weighted by volumes, so it could not be computed
+# for a flat mesh, whose volume is 0.
+_LEAST_VOLUME = 1e-9
 
 
 def volume_and_center(geometries: Sequence[Geometry]) -> Tuple[float, Vector3]:
-    """Volume [m^3] of solid geometries of one density, and their centre of mass in their body's frame [m]."""
+    """Return the volume of all solid geometries together [m^3], and their centre of mass in the body [m].
+
+    All geometries have the same density.
+    """
     solids = [_volume_and_center(geometry) for geometry in geometries]
     volumes = np.array([volume for volume, _ in solids])
-    x, y, z = (volumes / volumes.sum() @ np.array([center for _, center in solids])).tolist()
+    centers = np.array([center for _, center in solids])  # (N, 3)
+    weights = volumes / volumes.sum()
+    x, y, z = (weights @ centers).tolist()
     return float(volumes.sum()), (x, y, z)
 
 
@@ -33,8 +39,7 @@ def _volume_and_center(geometry: Geometry) -> Tuple[float, Vector3]:
     shape, position = geometry.shape, geometry.pose_in_body.position
     if isinstance(shape, TriangleMesh):
         volume, centroid = volume_of(shape)
-        # a flat mesh has no volume, but a body of volume 0 would have no centre of mass
-        return max(volume, _FLATTEST), transform_point(geometry.pose_in_body, centroid)
+        return max(volume, _LEAST_VOLUME), transform_point(geometry.pose_in_body, centroid)
     if isinstance(shape, Box):
         return float(np.prod(shape.size)), position
     if isinstance(shape, Cylinder):
@@ -48,10 +53,10 @@ MAX_SHAPES = 16  # PyBullet leaves out further shapes of a compound, without an 
 
 
 def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:
-    """Make the compound collision shape of several geometries, and return its number in Bullet.
+    """Make one collision shape of several geometries in Bullet, and return Bullet's number of this shape.
 
-    Cylinders are exact, not hulls of polygons. A mesh collides by its triangles, but a movable mesh by its
-    convex hull, because Bullet cannot move triangles.
+    Cylinders are exactly round. A mesh that never moves collides by its triangles. A movable mesh collides by
+    its convex hull, because Bullet cannot move triangles.
 
     Args:
         geometries: at most MAX_SHAPES shapes with their poses in the body.
@@ -65,37 +70,43 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
         TriangleMesh: pybullet.GEOM_MESH,
     }
     shapes = [geometry.shape for geometry in geometries]
-    # Bullet takes one list for each property; each list has an entry for every shape, even for a shape
-    # without the property
-    arguments: Dict[str, Any] = {}  # arguments that only meshes need
-    # a new folder gives each mesh file a new path, because Bullet would not read a path a second time
+    # Bullet takes a list for each property, such as the radii. Each list needs an entry for every shape, even
+    # for a shape that does not have the property, such as the radius of a box.
+    mesh_arguments: Dict[str, Any] = {}
+    # Bullet reads meshes from files, and does not read a file of the same name again. A new folder gives each
+    # mesh a new name.
     with tempfile.TemporaryDirectory() as folder:
         if any(isinstance(shape, TriangleMesh) for shape in shapes):
-            names = [os.path.join(folder, f"{number}.obj") for number in range(len(shapes))]
             # with flag 0, Bullet uses the convex hull of the mesh
-            flag = 0 if is_movable else pybullet.GEOM_FORCE_CONCAVE_TRIMESH
-            arguments["fileNames"] = [
-                _write_obj(shape, name) if isinstance(shape, TriangleMesh) else ""
-                for shape, name in zip(shapes, names)
-            ]
-            arguments["meshScales"] = [(1.0, 1.0, 1.0)] * len(shapes)
-            arguments["flags"] = [flag if isinstance(shape, TriangleMesh) else 0 for shape in shapes]
-        shape: int = engine.createCollisionShapeArray(
+            mesh_flag = 0 if is_movable else pybullet.GEOM_FORCE_CONCAVE_TRIMESH
+            file_names, flags = [""] * len(shapes), [0] * len(shapes)
+            for index, shape in enumerate(shapes):
+                if isinstance(shape, TriangleMesh):
+                    file_names[index] = os.path.join(folder, f"{index}.obj")
+                    flags[index] = mesh_flag
+                    _write_obj(shape, file_names[index])
+            scales = [(1.0, 1.0, 1.0)] * len(shapes)
+            mesh_arguments = {"fileNames": file_names, "meshScales": scales, "flags": flags}
+        shape_number: int = engine.createCollisionShapeArray(
             shapeTypes=[kinds[type(shape)] for shape in shapes],
             radii=[getattr(shape, "radius", 0.0) for shape in shapes],
             lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-            # Bullet uses these values only for boxes; the `size` of another shape is the box around it
+            # Bullet uses these values only for boxes; the `size` of any other shape is that of the box around
+            # the shape
             halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],
             collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
             collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
-            **arguments,
+            **mesh_arguments,
         )
-    return shape
+    return shape_number
 
 
-def _write_obj(mesh: TriangleMesh, path: str) -> str:
-    """Write a mesh to a file for Bullet, because on some systems Bullet takes only short arrays."""
+def _write_obj(mesh: TriangleMesh, path: str) -> None:
+    """Write a mesh to a Wavefront OBJ file for Bullet.
+
+    Bullet also takes meshes as arrays, but on some systems only short arrays.
+    """
     with open(path, "w") as file:
         file.writelines("v {:.9g} {:.9g} {:.9g}\n".format(*vertex) for vertex in mesh.vertices.tolist())
+        # OBJ counts vertices from 1
         file.writelines("f {} {} {}\n".format(*face) for face in (mesh.faces + 1).tolist())
-    return path

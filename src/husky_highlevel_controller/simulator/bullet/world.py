@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from functools import partial
 from math import degrees
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import pybullet
@@ -32,7 +32,9 @@ from husky_highlevel_controller.geometry import (
 from husky_highlevel_controller.simulator.bullet.shapes import MAX_SHAPES, compound_shape, volume_and_center
 
 ROBOT = "husky"  # name of the robot among the bodies
-BASE_INDEX = -1  # Bullet's index of the base of a body; the links of the body have indices from 0 on
+# A body in Bullet consists of a base and of links that joints connect with the base. Bullet's functions take
+# this index for the base; the links have the indices 0, 1, 2 and so on.
+BASE_INDEX = -1
 
 # rospy's logger is the parent of this logger, so lines reach /rosout although this module does not import
 # rospy
@@ -49,8 +51,8 @@ _BREAKING_THRESHOLD = 0.005
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m] a movable body that is deeper in the ground than this is put on top of the ground
-# indices in a tuple of getClosestPoints: the unit normal from the second body, and the distance, which is
-# negative if the bodies overlap
+# Places of two values in the tuples that Bullet's getClosestPoints(first, second) returns: the unit normal,
+# which points from the second body to the first, and the distance [m], which is negative if they overlap.
 _NORMAL, _DISTANCE = 7, 8
 # [m] a body must not reach deeper than this into another body; Bullet's triangles are 1 mm thick, so a
 # smaller depth is allowed
@@ -62,7 +64,10 @@ class PlacementError(HuskyError):
 
 
 class _Part(NamedTuple):
-    """Part of a body: its base, or a link that is fixed to the base, with at most MAX_SHAPES shapes."""
+    """Base of a body in Bullet, or a link that is fixed to the base.
+
+    A body of more than MAX_SHAPES shapes needs such links, because one part cannot have more shapes.
+    """
 
     shape: int  # Bullet's number of the compound shape
     mass: float = 0.0  # [kg]; 0 if the body never moves
@@ -70,16 +75,23 @@ class _Part(NamedTuple):
 
 
 class _Engine:
-    """PyBullet's functions, bound to one server; BulletClient of pybullet_utils would print at its start."""
+    """PyBullet's functions, each with the number of one physics server filled in.
+
+    BulletClient of pybullet_utils does the same, but prints a text when it starts.
+    """
 
     def __init__(self) -> None:
         self._client = pybullet.connect(pybullet.DIRECT)
 
     def __getattr__(self, name: str) -> Any:
-        """Return a function of PyBullet that uses this server; it becomes an attribute, to save time."""
-        bound = partial(getattr(pybullet, name), physicsClientId=self._client)
-        setattr(self, name, bound)
-        return bound
+        """Return PyBullet's function of this name, for this server.
+
+        Python calls `__getattr__` only for a missing attribute. The function becomes an attribute here, so
+        the next use of the same name is fast.
+        """
+        function = partial(getattr(pybullet, name), physicsClientId=self._client)
+        setattr(self, name, function)
+        return function
 
 
 class BulletWorld:
@@ -107,16 +119,17 @@ class BulletWorld:
             deterministicOverlappingPairs=1,  # the same commands always give the same motion
         )
         # Bullet gives each of its bodies an id. A body of the world may be several bodies in Bullet: one for
-        # each of its planes, and the last one for all its other shapes.
+        # each of its planes, and after them one for all its other shapes. So the last id in a list of
+        # `_ids_by_name` is the whole body if the body has no plane.
         self._name_by_id: Dict[int, str] = {}
         self._ids_by_name: Dict[str, List[int]] = {}
-        # ids of shapes by their content, because equal shapes share an id
+        # Bullet's numbers of collision shapes by the content of the shape, so that equal shapes are made once
         self._shapes: Dict[Tuple[Any, ...], int] = {}
         # parts of each body by its id: its base, and then links if it has more than MAX_SHAPES shapes
         self._parts: Dict[int, List[_Part]] = {}
         self._planes: List[int] = []  # ids of the bodies that are planes
-        # pose of the centre-of-mass frame in the body's frame, by id; all poses from Bullet are poses of the
-        # centre-of-mass frame
+        # pose of the centre-of-mass frame in the body's frame, by id. Bullet takes and returns only poses of
+        # the centre-of-mass frame, so each pose is converted with this pose.
         self._inertial_in_body: Dict[int, Pose] = {}
         # ids of the bodies of each model; bodies of one model pass through one another
         self._ids_by_model: Dict[str, List[int]] = {}
@@ -176,31 +189,31 @@ class BulletWorld:
 
     def _remove(self, body_id: int) -> None:
         """Remove a body from Bullet, and forget all records of its id."""
-        for bodies in self._ids_by_model.values():
-            # Bullet gives the id to the next new body, which must not pass through the bodies of this model
-            if body_id in bodies:
-                bodies.remove(body_id)
-                self._set_collides(body_id, bodies, collides=True)
+        for model_ids in self._ids_by_model.values():
+            if body_id in model_ids:
+                model_ids.remove(body_id)
+                # Bullet will give this id to another new body. Without the next line, that body would pass
+                # through the bodies of this model.
+                self._set_collides(body_id, model_ids, collides=True)
         self._engine.removeBody(body_id)
         for record in (self._name_by_id, self._parts, self._inertial_in_body):
             record.pop(body_id, None)
 
     def check_movable(self, name: str) -> None:
-        """Raise PlacementError if a body is a plane, because planes cannot be moved."""
-        (*planes, body_id) = self._ids_by_name[name]
-        if planes or body_id in self._planes:
+        """Raise PlacementError if a body has a plane, because planes cannot be moved."""
+        if any(body_id in self._planes for body_id in self._ids_by_name[name]):
             raise PlacementError(f"'{name}' is a plane, which cannot be moved")
 
     def move_body(self, name: str, pose_in_world: Pose) -> None:
-        """Move a body, but not a plane, to another pose, at rest."""
-        body_id = self._ids_by_name[name][-1]
+        """Move a body without planes to another pose, at rest."""
+        body_id = self._ids_by_name[name][-1]  # the only id, because the body has no planes
         self._set_pose(body_id, pose_in_world)
         mass = self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0]
         if mass > 0.0:
             self._lift_out_of_the_ground(body_id)
 
     def set_pose_unchecked(self, name: str, pose_in_world: Pose) -> None:
-        """Move a body without a check for room; this is for a world that is only rendered."""
+        """Move a body and let it overlap with other bodies; this is for a world that is only rendered."""
         self._set_pose(self._ids_by_name[name][-1], pose_in_world)
 
     def depth_buffer(
@@ -212,7 +225,10 @@ class BulletWorld:
         near: float,
         far: float,
     ) -> np.ndarray:
-        """Return the OpenGL depth buffer of a camera, (height, width) in 0..1.
+        """Render an image, and return its OpenGL depth buffer, (height, width) in 0..1.
+
+        0 is the near limit and 1 is the far limit, but the values between are not proportional to the
+        distance.
 
         Args:
             pose_camera_in_world: pose of the optical frame, z ahead and y down.
@@ -245,16 +261,17 @@ class BulletWorld:
         return np.reshape(depth, (height, width))
 
     def _set_pose(self, body_id: int, pose_in_world: Pose) -> None:
-        """Put a body with an id of Bullet at a pose, at rest."""
-        pose = compose(pose_in_world, self._inertial_in_body[body_id])
-        self._engine.resetBasePositionAndOrientation(body_id, pose.position, pose.quat_xyzw)
+        """Put the body with an id at a pose of the body's frame, at rest."""
+        # Bullet takes the pose of the centre-of-mass frame
+        com_pose = compose(pose_in_world, self._inertial_in_body[body_id])
+        self._engine.resetBasePositionAndOrientation(body_id, com_pose.position, com_pose.quat_xyzw)
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def check_moves(self, poses: Mapping[str, Pose], checked: str) -> None:
-        """Check that a body has room at its new pose, when other bodies move to new poses together with it.
+        """Check that a body has room at its new pose, after all bodies in `poses` have moved.
 
-        The check uses copies of the bodies, because a body that is moved there and back would lose its
-        contacts.
+        Nothing moves yet. The check makes copies at the new poses and removes them again, because a body that
+        is moved there and back would lose its contacts.
 
         Args:
             poses: new poses in the world of all bodies that move together, by name.
@@ -263,28 +280,28 @@ class BulletWorld:
         Raises:
             PlacementError: the body would reach into another body.
         """
-        copies: Dict[str, int] = {}
+        copies: Dict[str, int] = {}  # id of the copy of each body
         try:
-            for other, pose in poses.items():
-                # one copy is the whole body, because a body with planes cannot move (`check_movable`)
-                copies[other] = self._copy(other, pose)
-            # the bodies leave their present poses, so only their copies at the new poses count
-            present_ids = [body_id for other in poses for body_id in self._ids_by_name[other]]
-            self.check_room(checked, copy=copies[checked], ignored=present_ids)
+            for name, pose in poses.items():
+                # a body with planes would need several copies, but it cannot move (`check_movable`)
+                copies[name] = self._copy(name, pose)
+            # the bodies will leave their present poses, so only their copies can be in the way
+            leaving_ids = [body_id for name in poses for body_id in self._ids_by_name[name]]
+            self.check_room(checked, copy=copies[checked], ignored=leaving_ids)
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
 
     def _copy(self, name: str, pose_in_world: Pose) -> int:
-        """Create a copy of a body at a pose, for `check_moves`, and return its id; the body has no planes."""
+        """Create a copy of a body without planes at a pose, for `check_moves`, and return the copy's id."""
         body_id = self._ids_by_name[name][-1]
         parts = self._parts[body_id]
         copy = self._create(parts, pose_in_world)
         self._name_by_id[copy] = name
-        # the copy belongs to the same model, so that `check_room` lets the model's bodies overlap here, too
-        for bodies in self._ids_by_model.values():
-            if body_id in bodies:
-                bodies.append(copy)
+        # `check_room` lets bodies of one model overlap, so the copy must belong to the model of the body
+        for model_ids in self._ids_by_model.values():
+            if body_id in model_ids:
+                model_ids.append(copy)
         if parts[0].mass > 0.0:
             self._lift_out_of_the_ground(copy)  # `move_body` lifts the body in the same way
         return copy
@@ -302,24 +319,37 @@ class BulletWorld:
         Raises:
             PlacementError: the body reaches into another body.
         """
-        # a body with planes has several ids in Bullet
-        checked_ids = self._ids_by_name[name] if copy is None else [copy]
-        body_ids = set(self._ids_by_name[name])
-        same_model_ids = [bodies for bodies in self._ids_by_model.values() if not body_ids.isdisjoint(bodies)]
-        self._engine.performCollisionDetection()  # the contacts are computed again for the present poses
+        body_ids = self._ids_by_name[name]  # a body with planes has several ids in Bullet
+        checked_ids = body_ids if copy is None else [copy]
+        may_overlap = {*checked_ids, *ignored, *self._planes}
+        for model_ids in self._ids_by_model.values():
+            if any(body_id in model_ids for body_id in body_ids):
+                may_overlap.update(model_ids)
+        # Bullet's bounding boxes and contacts are of the last step; compute them for the present poses
+        self._engine.performCollisionDetection()
         for checked_id in checked_ids:
-            # Bullet quickly finds the bodies whose bounding boxes overlap; only these bodies are checked
-            # exactly. A body consists of its base (index -1) and of a link for each joint (from index 0 on).
-            parts = range(BASE_INDEX, self._engine.getNumJoints(checked_id))
-            boxes = [self._engine.getAABB(checked_id, part) for part in parts]
-            # `or ()`, because Bullet returns None if nothing overlaps
-            near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(checked_ids, ignored, self._planes, *same_model_ids)):
+            for other in sorted(self._ids_near(checked_id) - may_overlap):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
-                    # only the robot's start has the launch arguments x, y and z; a move checks a copy
-                    remedy = "; choose another x, y or z" if name == ROBOT and copy is None else ""
+                    # a user chooses the start of the robot by the launch arguments x, y and z; the start is
+                    # the only pose of the robot that is checked without a copy
+                    is_start = name == ROBOT and copy is None
+                    remedy = "; choose another x, y or z" if is_start else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
+
+    def _ids_near(self, body_id: int) -> Set[int]:
+        """Return the ids of the bodies whose bounding boxes overlap with those of a body.
+
+        Only these bodies can touch the body. Bullet finds them much faster than it measures exact distances.
+        """
+        ids: Set[int] = set()
+        # a body has its base, and a link for each of its joints
+        for part in range(BASE_INDEX, self._engine.getNumJoints(body_id)):
+            low, high = self._engine.getAABB(body_id, part)
+            # Bullet returns pairs of a body and one of its parts, or None if nothing overlaps
+            pairs = self._engine.getOverlappingObjects(low, high) or ()
+            ids.update(other for other, _ in pairs)
+        return ids
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""
@@ -328,20 +358,24 @@ class BulletWorld:
     def velocity_of(self, name: str) -> Tuple[Vector3, Vector3]:
         """Velocity of a body's origin [m/s] and its spin [rad/s], in the world."""
         body_id = self._ids_by_name[name][-1]
-        velocity, spin = self._engine.getBaseVelocity(body_id)
-        return minus(velocity, cross(spin, self._origin_to_com(body_id))), spin
+        velocity_of_com, spin = self._engine.getBaseVelocity(body_id)
+        # v_origin = v_com - w x r, with r from the origin to the centre of mass
+        velocity = minus(velocity_of_com, cross(spin, self._origin_to_com(body_id)))
+        return velocity, spin
 
     def set_velocity(self, name: str, velocity: Vector3, spin: Vector3) -> None:
         """Give a body a velocity of its origin [m/s] and a spin [rad/s], in the world."""
         body_id = self._ids_by_name[name][-1]
-        at_com = minus(velocity, cross(self._origin_to_com(body_id), spin))
-        self._engine.resetBaseVelocity(body_id, at_com, spin)
+        # v_com = v_origin + w x r = v_origin - r x w, with r from the origin to the centre of mass
+        velocity_of_com = minus(velocity, cross(self._origin_to_com(body_id), spin))
+        self._engine.resetBaseVelocity(body_id, velocity_of_com, spin)
 
     def _origin_to_com(self, body_id: int) -> Vector3:
         """Vector from a body's origin to its centre of mass, in the world [m]."""
         return rotate(self._pose(body_id).quat_xyzw, self._inertial_in_body[body_id].position)
 
     def _pose(self, body_id: int) -> Pose:
+        """Return the pose of a body's frame in the world; Bullet has only that of its centre of mass."""
         position, quat = self._engine.getBasePositionAndOrientation(body_id)
         return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
@@ -357,12 +391,16 @@ class BulletWorld:
         pose = compose(body.pose_in_world, pose_in_body)
         plane = self._create_body(body.name, [_Part(shape)], pose)
         self._make_springy(plane)
-        # Bullet has only the pose of the plane; with this entry, `_pose` returns the pose of the body
+        # The plane may stand away from the origin of its body. Bullet has the pose of the plane; with this
+        # entry, `_pose` computes the pose of the body from the pose of the plane.
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 
     def _create_body(self, name: str, parts: Sequence[_Part], pose: Pose) -> int:
-        """Create a body for a name, and return its id. Raises PlacementError if Bullet refuses the body."""
+        """Create a body in Bullet as part of the body `name`, and return its id.
+
+        Raises PlacementError if Bullet refuses the body.
+        """
         body_id = self._create(parts, pose)
         if body_id < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
@@ -406,9 +444,9 @@ class BulletWorld:
         return body_id
 
     def _parts_of(self, solids: Sequence[Geometry], mass: float) -> List[_Part]:
-        """Return the parts of a body of solid shapes, at most MAX_SHAPES shapes in each part.
+        """Divide the solid shapes of a body into parts of at most MAX_SHAPES shapes, and return the parts.
 
-        The mass [kg] is distributed by volume.
+        Each part gets a share of the mass [kg] in proportion to its volume.
         """
         groups = [solids[first : first + MAX_SHAPES] for first in range(0, len(solids), MAX_SHAPES)]
         volumes_and_centers = [volume_and_center(group) for group in groups]
@@ -419,25 +457,31 @@ class BulletWorld:
         ]
 
     def _shape_of(self, solids: Sequence[Geometry], is_movable: bool) -> int:
-        """Return a collision shape; equal shapes are made once, because Bullet frees none before `clear`."""
+        """Return Bullet's number of a collision shape that combines solids.
+
+        Equal shapes are made once, because Bullet keeps the memory of each shape until `clear`.
+        """
         key = (is_movable, *((geometry.shape, geometry.pose_in_body) for geometry in solids))
         if key not in self._shapes:
             self._shapes[key] = compound_shape(solids, is_movable, self._engine)
         return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body_id: int) -> None:
-        """Lift a movable body out of a plane, because Bullet would throw a body in a plane into the air."""
+        """Put a movable body that reaches into a plane on top of this plane.
+
+        Otherwise Bullet would push the body out of the plane so strongly that the body flies into the air.
+        """
         for plane in self._planes:
             points = self._engine.getClosestPoints(body_id, plane, 0.0)
-            # the deepest point counts; its normal is the normal of the plane, which points out of the ground
+            # depth of each point in the plane [m], and the plane's normal, which points out of the ground
             depths_and_normals = [(-point[_DISTANCE], point[_NORMAL]) for point in points]
-            depth, normal = max(depths_and_normals, default=(0.0, ()))
+            depth, normal = max(depths_and_normals, default=(0.0, ()))  # the deepest point
             if depth > _LIFT_FROM:
                 position, quat = self._engine.getBasePositionAndOrientation(body_id)
                 lifted = [coordinate + depth * up for coordinate, up in zip(position, normal)]
                 self._engine.resetBasePositionAndOrientation(body_id, lifted, quat)
-                names = self._name_by_id[body_id], self._name_by_id[plane]
-                log.debug("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
+                body, ground = self._name_by_id[body_id], self._name_by_id[plane]
+                log.debug("'%s' was sunk %.2f m into '%s' and now stands on it", body, depth, ground)
 
     def step(self) -> None:
         """Advance the physics by one step."""
