@@ -15,11 +15,11 @@ from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
-# [s] time constant of the low-pass filter for the wheels' normal forces, because the solver's forces are
-# noisy
+# [s] time constant of the low-pass filter for the normal forces on the wheels, because the forces from
+# Bullet's solver are noisy
 LOAD_SMOOTHING = 0.02
-# a contact carries a wheel if the cosine of its slope is at least this; at a steeper contact, the wheel bumps
-# into an object
+# A contact carries a wheel if the cosine of the contact's slope is at least this. At a steeper contact, the
+# wheel bumps into an object.
 SUPPORT_SLOPE = 0.5
 CONTACT_DEPTH = 0.003  # [m] a contact point farther than this from the surface of a tyre is not on the tyre
 # coefficient of friction of contacts on the hull; two bodies with Bullet's defaults have the same coefficient
@@ -32,10 +32,12 @@ HullContact = Tuple[Vector3, Vector3, float]
 
 
 class Chassis:
-    """The robot in a Bullet world: one rigid body; the turning of the wheels is only computed.
+    """The robot in a Bullet world, one rigid body, and the forces of the ground on its wheels.
 
-    A wheel always has its commanded speed, as with Gazebo's ideal velocity interface. So the torque of its
-    motor follows from the ground's force and the wheel's inertia.
+    The wheels do not turn in Bullet. This class computes the force that the ground would have on turning
+    wheels, and pushes the rigid body with this force. A wheel always has its commanded speed, as with
+    Gazebo's ideal velocity interface. So the torque of its motor follows from the ground's force and the
+    wheel's inertia.
     """
 
     def __init__(self, bullet: RobotWorld, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
@@ -66,7 +68,7 @@ class Chassis:
         self.observe()
 
     def on_ground(self, pose_on_ground: Pose) -> Pose:
-        """Pose of base_link when the wheels stand on the xy plane of a pose."""
+        """Pose of base_link in the world for a robot whose wheels stand on the xy plane of a pose."""
         return compose(pose_on_ground, Pose((0.0, 0.0, self._robot.base_height)))
 
     def _reset_contacts(self) -> None:
@@ -103,31 +105,33 @@ class Chassis:
         return self.state
 
     def drive(self, speeds: Sequence[float]) -> None:
-        """Turn the wheels at these speeds [rad/s], and push the robot with the ground's forces, for one step.
+        """Push the robot with the forces of the ground on wheels that turn at these speeds [rad/s].
 
-        The motors' torques are computed, too. Loads and footprints come from the last `update_contacts`.
+        The forces have an effect in the next step of Bullet. The angles of the wheels and the torques of
+        their motors are computed, too. The loads and the contact points of the wheels come from the last
+        `update_contacts`.
         """
         robot, state, dt = self._robot, self.state, self._dt
         com_x, com_y, _ = robot.com
-        # contacts of the wheels, relative to the centre of mass
+        # contacts of the wheels with the ground, relative to the centre of mass
         contacts = [
             WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
             for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        pull_x, pull_y = self._downhill()
-        # forces (forwards, to the left) [N] of the ground on each tyre; they depend on the grip, on the wheel
-        # speeds and on the velocity of the centre of mass
+        downhill_x, downhill_y = self._downhill()
+        velocity_of_com = (vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate)
+        # force of the ground on each tyre [N], as (forwards, to the left)
         forces = ground_forces(
             contacts,
-            velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
-            external=(robot.mass * pull_x, robot.mass * pull_y),
+            velocity=velocity_of_com,
+            external=(robot.mass * downhill_x, robot.mass * downhill_y),
             mass=robot.mass,
             yaw_inertia=self._yaw_inertia,
             dt=dt,
             config=self._traction,
         )
-        # a motor's torque balances the forward force on the tyre, and accelerates the wheel
+        # the torque of a motor [N m] balances the ground's force on the tyre, and accelerates the wheel
         self.torques = [
             forward * radius + inertia * (speed - last_speed) / dt
             for (forward, _), radius, inertia, speed, last_speed in zip(
@@ -136,10 +140,10 @@ class Chassis:
         ]
         self._wheel_angles = [angle + speed * dt for angle, speed in zip(self._wheel_angles, speeds)]
         self._wheel_speeds = speeds
-        # the engine finds the contacts of a step before it moves the robot, so `update_contacts` needs the
-        # pose before the step
+        # Bullet finds the contacts of a step before it moves the robot in this step. So `update_contacts`,
+        # which is called after the step, needs this pose of before the step.
         self._contact_axes, self._contact_position = self._base_axes, state.pose_in_world.position
-        # forces [N] and the points at which they push [m], in base_link
+        # forces [N] on the robot and the points at which they push [m], in base_link
         pushes = [
             ((forward, left, 0.0), footprint)
             for footprint, load, (forward, left) in zip(self._footprints, self._loads, forces)
@@ -162,15 +166,15 @@ class Chassis:
             )
 
     def _downhill(self) -> Tuple[float, float]:
-        """Acceleration of gravity along the ground, on base_link's x and y [m/s^2].
+        """Return the part of gravity that pulls the robot down the slope, along base_link's x and y [m/s^2].
 
-        The slope of the ground follows from the normal forces. If there are no such forces, the result is the
-        whole gravity on x and y.
+        The direction of the slope follows from the normal forces under the wheels. If no wheel is on the
+        ground, the result is the whole gravity along x and y.
         """
         gx, gy, gz = along_axes(self._base_axes, self._gravity)
         nx, ny, nz = self._ground_force
         square = nx * nx + ny * ny + nz * nz
-        # gravity minus its part along the normal force is its part along the ground
+        # g - (g.n / n.n) n: gravity g without its part along the normal force n
         multiple = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
         return gx - multiple * nx, gy - multiple * ny
 
@@ -191,29 +195,30 @@ class Chassis:
         velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
         # the slip is the part of the velocity along the surface: v - (v . n) n
         slip_x, slip_y, slip_z = minus(velocity, normal, dot(velocity, normal))
-        # friction against the slip; HULL_SLIP_SPEED lets it fade to 0 at rest, instead of jumping there
+        # friction against the slip; because of HULL_SLIP_SPEED, the friction goes to 0 smoothly when the slip
+        # ends, and does not jump
         force_per_slip = -HULL_FRICTION * load / (hypot(slip_x, slip_y, slip_z) + HULL_SLIP_SPEED)
         return (force_per_slip * slip_x, force_per_slip * slip_y, force_per_slip * slip_z)
 
     def update_contacts(self) -> Tuple[str, ...]:
         """Read the contacts of the last step, and return the names of the bodies that the robot bumps into.
 
-        A contact on a tyre whose normal points upwards carries the wheel: it updates the wheel's load and
-        footprint. All other contacts are bumps, which `drive` turns into friction.
+        A contact on a tyre carries the wheel if its normal points upwards. Such contacts give the wheel's
+        load and footprint for the next `drive`. All other contacts are bumps, at which the next `drive`
+        pushes the robot with friction.
         """
         # pose of base_link before the last step, because the engine found the contacts at this pose
         axes, (px, py, pz) = self._contact_axes, self._contact_position
-        # sums over the contacts of each wheel: the load [N], and the load times x, y and z of the contact
-        # point in base_link [N m], for the mean contact point
-        wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
+        # A wheel may have several contacts. For each wheel, these are sums over its contacts: the load [N],
+        # and the load times x, y and z of the contact point in base_link [N m].
+        wheel_sums = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]
         ground_x = ground_y = ground_z = 0.0  # sum of the normal forces under the wheels [N]
         bumped_bodies = set()
         self._hull_contacts = []
         for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
             point, normal = along_axes(axes, (x - px, y - py, z - pz)), along_axes(axes, normal_in_world)
-            # index of the wheel if the contact is on a tyre (otherwise None), and cosine of the contact's
-            # slope
-            wheel, support = self._wheel_at(point), normal[2]
+            wheel = self._wheel_at(point)  # index of the wheel if the contact is on a tyre, otherwise None
+            support = normal[2]  # cosine of the contact's slope: 1 on level ground, 0 at an upright wall
             if wheel is None or support < SUPPORT_SLOPE:
                 bumped_bodies.add(body)
                 self._hull_contacts.append((point, normal, force))
@@ -222,24 +227,28 @@ class Chassis:
             ground_y += force * normal[1]
             ground_z += force * support
             # only the upward part of the force carries the wheel
-            load, sums = force * support, wheel_loads[wheel]
+            load, sums = force * support, wheel_sums[wheel]
             sums[0] += load
             sums[1] += load * point[0]
             sums[2] += load * point[1]
             sums[3] += load * point[2]
         # `_downhill` uses the direction of this sum as the normal of the ground
         self._ground_force = (ground_x, ground_y, ground_z)
-        for wheel, (load, x, y, z) in enumerate(wheel_loads):
+        for wheel, (load, load_x, load_y, load_z) in enumerate(wheel_sums):
             if load <= 0.0:
                 self._loads[wheel] = 0.0  # a wheel in the air loses its grip at once
                 continue
-            # low-pass filter of the load; the footprint is the mean contact point, weighted by the loads
+            # low-pass filter of the load
             self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
-            self._footprints[wheel] = (x / load, y / load, z / load)
+            # mean of the contact points, weighted by their loads
+            self._footprints[wheel] = (load_x / load, load_y / load, load_z / load)
         return tuple(sorted(bumped_bodies))
 
     def _wheel_at(self, point: Vector3) -> Optional[int]:
-        """Return the index of the wheel whose tyre a contact in base_link lies on; None if on the hull."""
+        """Return the index of the wheel whose tyre has a contact at a point in base_link [m].
+
+        Return None if the point is on no tyre, but on the hull.
+        """
         x, y, z = point
         for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
             if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:

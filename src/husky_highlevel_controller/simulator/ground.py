@@ -1,5 +1,8 @@
 """Ground under the robot: height of the floor under its wheels, and a plane for worlds without ground.
 
+Heights are found by rays that look down, with the ray caster of the lidar. The length of a ray is called the
+drop: it is 0 if the ray begins inside a body, and inf if the ray meets no body.
+
 In: a `World` or the scene of its shapes, a pose. Out: the world, with a plane if it has no ground; heights.
 """
 
@@ -7,7 +10,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from math import isfinite, pi
+from math import inf, isfinite, pi
 from typing import List, Tuple
 
 from husky_highlevel_controller.datatypes import (
@@ -24,13 +27,15 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy, transfor
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
 FALL_DEPTH = 10.0  # [m] a robot this far below the floor on which it was put has fallen off the world
-# [m] a floor is searched down to this depth, which is twice the greatest height that the simulator accepts
+# [m] length of the rays, which is twice the greatest height that the simulator accepts
 _SEARCH_DEPTH = 2e4
-# [m] if the robot starts on a slab that is not higher than this, the slab is the floor; the robot's hull is
-# above it
+# [m] The pose at which a robot shall stand may be inside a low slab, such as asphalt. If the top of the slab
+# is at most this height above the pose, the robot is put on the slab. The robot's hull is higher than this.
 MAX_SLAB = 0.12
-MAX_RISE = 5.0  # [m] up to this height above the start, the top of a thick floor is searched
-# [m] the robot falls to the floor from at most this height; if it would start higher, it is put on the floor
+# [m] if the pose is inside a thicker floor, the top of the floor is searched up to this height above the pose
+MAX_RISE = 5.0
+# [m] a robot that is put at most this much above the floor falls to the floor, as in Gazebo; a robot that is
+# put higher stands on the floor at once
 MAX_DROP = 1.0
 _WHEEL_REACH = 0.3  # [m] approximate distance from base_link to the wheels along x and y
 _MIDDLE_POINTS = (
@@ -40,16 +45,18 @@ _MIDDLE_POINTS = (
     (0.0, -_WHEEL_REACH),
     (0.0, _WHEEL_REACH),
 )
-# [m] a body that does not reach this far from the robot along x and y is an obstacle, not a floor
+# [m] a body around the pose is a floor if it reaches at least this far along x and y; a smaller body is an
+# obstacle, on which the robot is not put
 _FLOOR_REACH = 1.0
 _RISE_STEP = 0.1  # [m] step of the search for the top of a floor
 _LEVEL_TOLERANCE = 1e-3  # [m] a floor is level if its heights differ by less than this
-# [m] a floor whose heights under the wheels differ by less than this is uneven ground, such as a terrain or a
-# ramp; a greater difference is the edge of a floor
+# [m] if the heights under the wheels differ by less than this, the floor is uneven ground, such as a terrain
+# or a ramp; if they differ by more, the robot is at the edge of a floor
 _MAX_UNEVENNESS = 0.3
 # points of the robot's outline [m] at which the highest point of uneven ground is searched
 _OUTLINE = [(0.1 * i, 0.1 * j) for i in range(-5, 6) for j in range(-4, 5)]
-# [m] on uneven ground, the robot is put this much higher, because the ground is higher between those points
+# [m] on uneven ground, the robot is put this much above the highest of those points, because the ground may
+# be higher between them
 _CLEARANCE = 0.02
 _LOOKING_DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
@@ -59,52 +66,64 @@ log = logging.getLogger("rosout.world")
 
 
 def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
-    """Return the world, with a plane at z = 0 if nothing is below the robot's start, or below this plane.
+    """Return the world, with an additional plane at z = 0 if nothing is below the robot's start.
+
+    Without this plane, the robot would fall without end in a world that has no ground.
 
     Args:
         world: the world.
         start: pose in the world at which the robot starts.
         height: height of the start in the world [m].
     """
-    parts = [(body.pose_in_world, part) for body in world.bodies for part in body.collisions]
-    scene = make_scene([(part.shape, compose(pose, part.pose_in_body)) for pose, part in parts])
-    # A robot that starts below a plane is lifted out of it. So a start below 0 needs no new plane if the
-    # world has a floor at 0.
-    if has_floor(scene, (start.x, start.y, max(height, 0.0))) or has_floor(scene, (start.x, start.y, height)):
-        return world
+    shapes_and_poses = [
+        (part.shape, compose(body.pose_in_world, part.pose_in_body))
+        for body in world.bodies
+        for part in body.collisions
+    ]
+    scene = make_scene(shapes_and_poses)
+    # If the start is below z = 0, a floor at z = 0 is enough, too, because the robot is lifted out of a plane
+    # that it would start in.
+    for search_height in (max(height, 0.0), height):
+        if has_floor(scene, (start.x, start.y, search_height)):
+            return world
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
     plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))  # endless, but drawn with edges of 100 m
     is_taken = any(body.name == "ground_plane" for body in world.bodies)
-    # a taken name makes the plane another body of the model `ground_plane`
+    # if the world has a model `ground_plane`, the plane becomes another body of this model
     name = "ground_plane::added" if is_taken else "ground_plane"
     ground = Body(name, Pose(), collisions=(plane,), visuals=(plane,))
     return replace(world, bodies=(*world.bodies, ground))
 
 
 def has_floor(scene: RayScene, point: Vector3) -> bool:
-    """Return whether a body is below a point, or is a slab on which a robot at this point stands."""
+    """Return whether a robot at a point in the world has a floor: any body below the point, or a low slab.
+
+    The top of the slab may be up to MAX_SLAB above the point.
+    """
     x, y, z = point
     return isfinite(_drop(scene, (x, y, z + MAX_SLAB)))
 
 
 def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
-    """Return the height of the floor under all wheels, over a level pose [m]; 0 if there is none.
+    """Return the height of the floor under all wheels, relative to a level pose [m].
 
-    The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
-    slab, the floor is the top of that body. A narrow body is an obstacle and not a floor. The height of
-    uneven ground is that of its highest point under the robot, and _CLEARANCE, so that nothing is inside it.
+    The robot is put at this height. The floor may be a low slab, or lie below the pose. If the pose is inside
+    a wide body, such as a thick slab, the floor is the top of that body. On uneven ground, the height is
+    _CLEARANCE above the highest point under the robot, so that no part of the robot is inside the ground.
+
+    The result is 0 if there is no such floor: without any body below the wheels, in an obstacle, or at the
+    edge of a floor.
     """
     top, drops = _drops_at_wheels(scene, pose_on_ground)
-    # [m] height of the floor under the first corner of the robot; used below only if the floor is level
+    # height of the floor under the first wheel [m]; if the floor is level, under all wheels
     height = top - drops[0]
     if height < 0.0:
-        # the floor is below the pose, so the hull might stand on an object between the wheels; the drops at
-        # the middle points show such an object
+        # the floor is below the pose, so the robot is put lower; an object between the wheels would then be
+        # inside its hull. The drops at the middle points show such an object.
         drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
-    # a drop of 0 (inside a body) or of inf (no body below) means that there is no floor; then the robot stays
-    # at the pose
-    if not (all(drops) and isfinite(max(drops))):
+    is_in_body, is_without_floor = 0.0 in drops, inf in drops
+    if is_in_body or is_without_floor:
         return 0.0
     unevenness = max(drops) - min(drops)
     if unevenness < _LEVEL_TOLERANCE:
@@ -112,21 +131,22 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         return height if abs(height) > _LEVEL_TOLERANCE else 0.0
     if unevenness < _MAX_UNEVENNESS:
         outline = [transform_point(pose_on_ground, (x, y, top)) for x, y in _OUTLINE]
-        return top - min(_drop(scene, point) for point in outline) + _CLEARANCE
+        height_of_highest_point = top - min(_drop(scene, point) for point in outline)
+        return height_of_highest_point + _CLEARANCE
     return 0.0
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
-    """Return a height from which the floor is below, and the drops from there to the floor at the wheels [m].
+    """Return a height above the floor, and the drops from this height to the floor at the four wheels [m].
 
     The height is relative to the pose. It is MAX_SLAB, or more if the pose is inside a wide body. If the top
-    of this body is not found up to MAX_RISE, the drops are 0.
+    of the wide body is not found up to MAX_RISE, all drops are 0.
     """
     drops = _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
-    # a drop is 0 if it begins inside a body; a wide body also contains the corners of the larger square with
-    # _FLOOR_REACH
-    is_in_wide_body = not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB))
-    if is_in_wide_body:
+    # the drop of a point inside a body is 0; a wide body contains the wheels and the corners of a larger
+    # square
+    is_in_body = not any(drops)
+    if is_in_body and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB)):
         for step in range(1, round(MAX_RISE / _RISE_STEP)):
             height_above = MAX_SLAB + _RISE_STEP * step
             drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
@@ -136,7 +156,7 @@ def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List
 
 
 def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
-    """Return the drops at four corners: distances down to a body [m]; 0 in a solid, inf without a body.
+    """Return the drops at the four corners of a square around a pose [m].
 
     The corners are `height` m above the pose, and `reach` m from it along both of its axes.
     """
@@ -145,5 +165,6 @@ def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -
 
 
 def _drop(scene: RayScene, point: Vector3) -> float:
-    """Return the distance from a point down to the first body [m]; inf if there is none."""
-    return float(cast_rays(scene, Pose(point, _LOOKING_DOWN), even_beams(0.0, 0.0, 1), _SEARCH_DEPTH)[0])
+    """Return the distance from a point down to the first body [m]; 0 in a solid body, inf without a body."""
+    one_beam = even_beams(0.0, 0.0, 1)  # along the x axis of the pose, which points down
+    return float(cast_rays(scene, Pose(point, _LOOKING_DOWN), one_beam, _SEARCH_DEPTH)[0])

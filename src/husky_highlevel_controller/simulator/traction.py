@@ -2,28 +2,36 @@
 
 In: the robot's velocity in the plane, the place and load of each wheel's contact. Out: the ground's forces.
 
-Bullet's own contact friction turns a skid-steer robot at half the commanded rate with a ripple of 50 %
-(its friction axes are fixed in the world), so the wheels' contacts are frictionless and the ground's force
-comes from here: regularised Coulomb friction against the slip s of each contact,
+Bullet's own friction is not used, because its axes are fixed in the world. With it, a skid-steer robot turns
+at half of the commanded rate, with a ripple of 50 %. So the wheels have no friction in Bullet, and this
+module computes the force F of the ground on each wheel. F is Coulomb friction against the slip s, which is
+the velocity at which the tread moves over the ground:
 
-    F = -k s,   k = mu N (N / N0)^(-1/3) / sqrt(|s|^2 + vs^2),
+    F = -k s,   k = mu N (N / N0)^(-1/3) / sqrt(|s|^2 + vs^2)
 
-viscous below the slip speed vs and dry friction above it. N0 is a quarter of the weight. The power -1/3 is
+If the slip is much faster than the slip speed vs, this is dry friction, which does not depend on the speed.
+If it is slower, the force is proportional to the slip (viscous friction), so that the force does not jump
+when a wheel stops. N is the load of the wheel, and N0 is a quarter of the robot's weight. The power -1/3 is
 the load sensitivity of rubber (Schallamach, Proc. Phys. Soc. B 65, 1952: a contact area grows with N^(2/3)).
 It has an effect, because the published centre of mass puts 62 % of the Husky's weight on its right wheels.
 
-The velocity u+ after the step is solved for all wheels together. This implicit method is stable for any vs
-and dt. base_link turns by w dt during the step, so a velocity that is constant in the world turns back in
-base_link (the term M w x u):
+The forces depend on the velocity u = (vx, vy, yaw rate) of the robot, and the velocity depends on the forces.
+So the velocity u+ after the step is solved for all wheels together. This implicit method is stable for any vs
+and any duration dt of a step. M is the matrix of the masses and the yaw inertia. For each contact, the matrix
+J computes the velocity of the contact from u, and v_tread is the velocity at which its wheel would roll
+without slip, so that s = J u+ - v_tread:
 
-    (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u),   F = -k s(u+).
+    (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u)
 
-k also depends on the slip after the step, so it is improved in a few rounds; at steady speed, the first round
-is enough. If k came from the slip before the step, a mixed drive of 60 s at 200 Hz would end 0.10 m from the
-same drive at 2000 Hz; now the distance is 0.01 m.
+The term M w x u is needed because base_link turns by w dt during the step: a velocity that is constant in the
+world turns back in base_link.
 
-This model gives the published wheel_separation_multiplier of 1.875, which was found on real ground, to within
-5 %. If the robot turns in place, lengthwise and sideways forces balance at an effective track of
+k also depends on the slip after the step, so k is improved in a few rounds; at steady speed, the first round
+is enough. If k came from the slip before the step, a drive of 60 s with changing commands at 200 Hz would end
+0.10 m from the same drive at 2000 Hz; now the distance is 0.01 m.
+
+This model agrees to within 5 % with the published wheel_separation_multiplier of 1.875, which was found on
+real ground. If the robot turns in place, lengthwise and sideways forces balance at an effective track of
 (1 + g (wheelbase / track)^2) track, where g is the ratio of sideways to lengthwise grip (`lateral_grip`;
 F_y = -g k s_y). With equal grip, the factor is 1.80, at any mu.
 """
@@ -39,9 +47,10 @@ from husky_highlevel_controller.datatypes import Vector3
 Vector2 = Tuple[float, float]
 
 LOAD_SENSITIVITY = -1.0 / 3.0  # power of N in the coefficient of friction
-# the iterations end after MAX_ITERATIONS, or when an iteration changes the velocity by less than SETTLED
-# times vs
-MAX_ITERATIONS, SETTLED = 3, 0.1
+# `ground_forces` ends after this number of rounds
+MAX_ITERATIONS = 3
+# `ground_forces` also ends if a round has changed the velocity by less than this multiple of the slip speed
+SETTLED = 0.1
 STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
@@ -78,10 +87,10 @@ def ground_forces(
 ) -> List[Vector2]:
     """Return the ground's force on each wheel over the next step, in base_link's x and y [N].
 
-    The force on a wheel is -k times its slip after the step. The slip depends on the velocity after the step,
-    and k depends on the slip. So each round computes k from the slip of the round before, and then the
-    velocity from three linear equations (momentum along x and y, and spin), which the module's docstring
-    derives.
+    The force on a wheel is -k times its slip after the step (see the docstring of this module). The slip
+    depends on the velocity after the step, and k depends on the slip. So each round computes k from the
+    velocity that the round before has found, and then a better velocity from three linear equations:
+    momentum along x, momentum along y, and spin.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -92,10 +101,11 @@ def ground_forces(
         dt: duration of the step [s].
         config: the tyres.
     """
-    vx, vy, yaw_rate = last = velocity  # `last` is the velocity that the round before has found
+    last_velocity = velocity  # result of the round before
+    vx, vy, yaw_rate = velocity
     grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
-    # position of each contact, its largest friction force [N], and the speed of the wheel's tread; as with
-    # rubber, the coefficient of friction falls with the load
+    # x, y, largest friction force [N] and tread speed [m/s] of each wheel; the coefficient of friction of
+    # rubber is smaller if the load is larger
     treads = [
         (
             x,
@@ -105,27 +115,29 @@ def ground_forces(
         )
         for x, y, load, speed in contacts
     ]
-    # momentum and spin after the step if there were no friction; base_link turns during the step, which gives
-    # the terms with yaw_rate
-    push_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
-    push_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
-    spin = yaw_inertia * yaw_rate
+    # momentum [kg m/s] and angular momentum [kg m^2/s] after the step if there were no friction; base_link
+    # turns during the step, which gives the terms with yaw_rate
+    momentum_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
+    momentum_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
+    angular_momentum = yaw_inertia * yaw_rate
     ks: List[float] = []  # force per slip of each wheel [N s/m]
     for _ in range(MAX_ITERATIONS):
-        # The velocity after the step solves [[a, 0, b], [0, e, c], [b, c, d]] (vx, vy, yaw_rate) = (px, py,
-        # pw), whose rows are the momentum along x and y, and the spin. These are the terms without friction;
-        # each wheel adds its own terms below.
+        # The velocity after the step is the solution of three linear equations:
+        #   a vx              +  b yaw_rate  =  px    (momentum along x)
+        #            e vy     +  c yaw_rate  =  py    (momentum along y)
+        #   b vx  +  c vy     +  d yaw_rate  =  pw    (angular momentum)
+        # These are the values without friction; each wheel adds its own terms below.
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
-        px, py, pw = push_x, push_y, spin
+        px, py, pw = momentum_x, momentum_y, angular_momentum
         ks = []
         for x, y, limit, speed in treads:
             # force per slip: the largest force divided by the speed of the slip, which is never 0 because of
             # `slip_speed`
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
-            # the wheel's impulse in the step is -k dt (slip ahead, grip * slip to the left), with the slips
-            # vx - yaw_rate y - speed and vy + yaw_rate x. The terms with the unknown velocity are added to
-            # the matrix (a to e). The terms with the known `speed` are added to the right side (px, pw).
+            # The friction of the wheel changes the momentum along x by -k dt (vx - yaw_rate y - speed), and
+            # the momentum along y by -k dt grip (vy + yaw_rate x). The terms with the unknown velocity are
+            # added to the left sides of the equations, and the terms with the known `speed` to the right.
             kdt = k * dt
             a += kdt
             b -= kdt * y
@@ -134,16 +146,18 @@ def ground_forces(
             e += kdt * grip
             px += kdt * speed
             pw -= kdt * speed * y
-        # put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the equation of the spin, solve
-        # it for the yaw rate, and compute vx and vy from the yaw rate. The quotient c / e is written as
-        # `c_a_by_e` / a. If the grip is equal in all directions, a == e, so `c_a_by_e` is exactly c.
+        # Put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the third equation, solve this
+        # equation for the yaw rate, and compute vx and vy from the yaw rate. The quotient c / e is written as
+        # `c_a_by_e` / a, because this has no rounding error if the grip is equal in all directions (a == e).
         c_a_by_e = c * (a / e)
         yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
-        # this round has hardly changed the velocity, so no other round is needed
-        if hypot(vx - last[0], vy - last[1], yaw_rate - last[2]) < SETTLED * config.slip_speed:
+        last_vx, last_vy, last_yaw_rate = last_velocity
+        change = hypot(vx - last_vx, vy - last_vy, yaw_rate - last_yaw_rate)
+        if change < SETTLED * config.slip_speed:
             break
-        last = (vx, vy, yaw_rate)
+        last_velocity = (vx, vy, yaw_rate)
+    # -k times the slip of each wheel, forwards and to the left
     return [
         (-k * (vx - yaw_rate * y - speed), -k * grip * (vy + yaw_rate * x))
         for k, (x, y, _, speed) in zip(ks, treads)
