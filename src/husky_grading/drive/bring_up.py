@@ -35,7 +35,8 @@ class BringUp(Protocol):
 def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
     """Start our simulator with the world of a trial, and wait until it is up.
 
-    With a `truth_socket` the simulator writes true poses to this socket, and runs in lockstep.
+    With a `truth_socket`, the simulator writes true poses to this socket, and runs in lockstep: simulated
+    time stops after each scan until a command has come.
 
     Raises:
         MarkingError: the simulator does not start.
@@ -48,7 +49,6 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
         "seed": trial.seed,
     }  # fmt: skip
-    # in lockstep, simulated time stops after each scan until a command has come
     values = {**secret_values, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
     arguments = set_robot_parameters(network, config)
     set_parameters(network.uri, {f"{SIMULATOR_NODE}/{name}": value for name, value in values.items()})
@@ -59,9 +59,10 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
 
 
 def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
-    """Set the parameters of the simulator's launch file, and return the simulator's command-line arguments.
+    """Set the parameters of simulator.launch, as roslaunch would, and return the simulator's arguments.
 
-    The program SIMULATOR_SETUP reads the launch file, once for all runs with the same launch arguments.
+    The simulator is then started without roslaunch, which is faster. The program SIMULATOR_SETUP reads the
+    launch file, once for all runs with the same launch arguments.
 
     Raises:
         MarkingError: the launch file cannot be read.
@@ -88,6 +89,8 @@ def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
 
 def once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
     """Wait until the simulator, or the bag player in its place, is up, and return it.
+
+    The function `is_up` returns whether it is up.
 
     Raises:
         MarkingError: the program does not start.

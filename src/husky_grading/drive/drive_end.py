@@ -52,7 +52,8 @@ class DriveEnd:
         if abs(state.speed) > STANDS:
             self._drove_at = now
         if abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS:
-            self._moved_at, self._first_moved = now, min(self._first_moved, now)
+            self._moved_at = now
+            self._first_moved = min(self._first_moved, now)  # `min` keeps the first time
         pose = pose_to_2d(state.pose_in_world)
         # [m] gap between the robot's footprint and the pillar
         gap = float(hull_gaps(np.array([pose]), self._pillar, self._robot)[0])
@@ -61,7 +62,10 @@ class DriveEnd:
             self._heading, self._leaving_since = pose.yaw, now
         self._gap, self._nearest = gap, min(self._nearest, gap)
         # the time of arrival is forgotten if the robot leaves the pillar again; the time of a touch is kept
-        self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf  # `min` keeps the first time
+        if gap <= REACHED:
+            self._reached_at = min(self._reached_at, now)
+        else:
+            self._reached_at = inf
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
 
@@ -74,10 +78,10 @@ class DriveEnd:
         # never true without a touch, because `_touched_at` is inf then
         if self._now >= self._touched_at + AT_PILLAR:
             return Note(Kind.TOUCHES, "it reached the pillar and touched it")
-        # the robot has been at the pillar for AT_PILLAR seconds without driving; turning on the spot is
-        # allowed
-        at_pillar = min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR
-        if at_pillar and self._first_moved < inf:
+        # the robot may turn on the spot at the pillar, but it must not drive
+        has_not_driven = self._now - self._drove_at >= AT_PILLAR
+        is_at_pillar = self._now - self._reached_at >= AT_PILLAR
+        if has_not_driven and is_at_pillar and self._first_moved < inf:
             return Note(Kind.AT_PILLAR, "it stands at the pillar")
         if abandoned and still >= ABANDONED:
             return NODES_ENDED

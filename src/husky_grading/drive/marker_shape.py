@@ -68,9 +68,9 @@ def draw(
 def _references_and_outline(
     kind: int, scale: Sequence[float], points: Sequence[Sequence[float]]
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
-    """Return the reference points of a shape, and the corners of the space that it covers.
+    """Return the points that can count as the position of a marker, and the corners of the space it covers.
 
-    The reference point that is nearest to the pillar counts as the position of the marker. The covered space
+    The caller takes the first kind of point that is nearest to the pillar as the position. The covered space
     is the convex hull of the corners. All points are in the marker's frame [m].
     """
     origin = (0.0, 0.0, 0.0)  # origin of the marker's frame
@@ -98,24 +98,29 @@ def _references_and_outline(
 def _middle(points: np.ndarray) -> List[float]:
     """Return the middle of a marker's points, (N, 3) [m]: their mean, if most points are near it.
 
-    Otherwise the result is the point with the median distance from the mean.
+    Otherwise the mean may be where no point is drawn, so the point with the median distance from the mean is
+    returned.
     """
     mean = points.mean(axis=0)
     distances = np.linalg.norm(points - mean, axis=1)
-    middle = points[np.argsort(distances)[len(points) // 2]]
-    center = mean if np.median(distances) <= MAX_SPREAD else middle
-    return [float(number) for number in center]
+    if np.median(distances) <= MAX_SPREAD:
+        middle = mean
+    else:
+        nearest_first = np.argsort(distances)  # indices of the points
+        middle = points[nearest_first[len(points) // 2]]
+    return [float(number) for number in middle]
 
 
 def hull_distance(points: np.ndarray) -> float:
-    """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 inside."""
+    """Return the distance from the origin to the convex hull of points, (N, 2) [m]; 0 if it is inside."""
     # the origin is inside if it has points all around it; then the angle between two neighbouring directions
     # is always less than half a turn
     bearings = sorted(atan2(y, x) for x, y in points)
     gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
     if len(points) > 2 and gaps.max() < pi - 1e-9:
         return 0.0
-    # the nearest point of the hull lies on a line between two of the points, so all pairs are tried
+    # The nearest point of the hull lies on a line between two of the points, so all pairs are tried. A point
+    # is also paired with itself, because a single point has no other pair.
     first, second = (points[indices] for indices in np.triu_indices(len(points)))
     along = second - first
     squared_length = np.maximum((along**2).sum(axis=1), 1e-12)

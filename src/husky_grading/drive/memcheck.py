@@ -90,16 +90,15 @@ def is_worth_checking(submission: Submission) -> bool:
     Only then is the check made, because valgrind takes some seconds.
     """
     root = submission.root
-    return (
-        root is not None
-        # no check if the submission starts packages of the robot (`by_submission`), because these are not the
-        # student's code
-        and not submission.parts.by_submission
-        and shutil.which(VALGRIND) is not None
-        # a node is package/type, which is also the path of a built program below devel/lib
-        and any(_is_compiled(root / "devel" / "lib" / node) for node in submission.nodes)
-        and any(map(may_be_unwritten, _texts(root / "src").values()))
-    )
+    if root is None or shutil.which(VALGRIND) is None:
+        return False
+    # a submission that starts packages of the robot does not run the student's own code
+    if submission.parts.by_submission:
+        return False
+    # a node is package/type, which is also the path of a built program below devel/lib
+    if not any(_is_compiled(root / "devel" / "lib" / node) for node in submission.nodes):
+        return False
+    return any(may_be_unwritten(text) for text in _texts(root / "src").values())
 
 
 def find_unwritten_variable(
@@ -123,9 +122,11 @@ def find_unwritten_variable(
         process, _ = start_submission(network, submission, "memcheck")
 
         def subscribes() -> bool:
+            """Return whether the submission subscribes to the scans of the simulated robot."""
             return robot.config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
 
         def cpu_seconds() -> float:
+            """Return the CPU time that the submission has used since its start [s]."""
             _, seconds = state_of_tree(process.popen.pid)
             return seconds
 
@@ -148,18 +149,16 @@ def find_unwritten_variable(
         if gets_scans:  # let the callbacks of the scans run until they have used CPU_TIME
             used_before = cpu_seconds()
             wait(lambda: not process.running or cpu_seconds() - used_before > CPU_TIME, WALL_TIME)
-        # the logs are read before the node is ended, because an interrupted `getParam` leaves its variable
-        # without a value
-        log = _log_in(network.folder_of("submission"))
+        # The logs are read before the node is ended, because an interrupted `getParam` leaves its variable
+        # without a value. Each process has written a log of its own.
+        log = ""
+        for path in sorted(network.folder_of("submission").iterdir()):
+            if path.name.startswith(LOG):
+                with contextlib.suppress(UnreadableFileError):
+                    log += read_text(path) + "\n"
     # a submission without a root is never checked, see `is_worth_checking`; `or` tells this to mypy
     sources = (submission.root or folder) / "src"
     return sentence(reads_in(log, sources), sources), final_choice
-
-
-def _log_in(folder: Path) -> str:
-    """Return the text of valgrind's logs in a folder; each process has written one."""
-    logs = sorted(path for path in folder.iterdir() if path.name.startswith(LOG))
-    return "\n".join(map(_text, logs))
 
 
 def _is_compiled(path: Path) -> bool:
@@ -171,26 +170,30 @@ def _is_compiled(path: Path) -> bool:
     return False
 
 
-def _text(path: Path) -> str:
-    try:
-        return read_text(path)
-    except UnreadableFileError:
-        return ""
-
-
 def may_be_unwritten(text: str) -> bool:
-    """Return whether C++ code declares, or may declare, a variable without a value."""
+    """Return whether C++ code declares, or may declare, a variable without a value.
+
+    This is only a rough search, which decides whether the slow run in valgrind is worth its time.
+    """
     text = _COMMENTS.sub("", text)
     # the innermost parentheses are replaced first; then commas and "=" in parentheses are not found below
     for _ in range(MAX_NESTED):
         text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
-    declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
-    names = [name for declaration in declarations for name in declaration["names"].split(",")]
-    # a variable gets its value by "=" or in parentheses
-    return bool(_MEMORY.search(text)) or any("=" not in name and IN_PARENTHESES not in name for name in names)
+    if _MEMORY.search(text):
+        return True
+    for statement in re.split(r"[;{}]", text):
+        declaration = _VARIABLE.search(statement)
+        if declaration is None:
+            continue
+        for variable in declaration["names"].split(","):
+            has_value = "=" in variable or IN_PARENTHESES in variable  # such as `a = 1` or `a(1)`
+            if not has_value:
+                return True
+    return False
 
 
 def _texts(sources: Path) -> Dict[str, str]:
+    """Return the texts of the C++ files below a folder, by the name of the file."""
     return {path.name: text for path, text in texts_in(sources, SOURCES)}
 
 
@@ -201,10 +204,10 @@ def reads_in(log: str, sources: Path) -> List[Read]:
     """
     own_files = {path.name for path in walk(sources) if path.suffix in SOURCES}
     found: List[Read] = []
-    # memcheck begins each line with ==PID==, and ends each report with such a line without text
+    # Memcheck begins each line with ==PID==, and ends each report with such a line without text. A report has
+    # two call stacks: the read of the value, and the allocation of its memory.
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
-        # call stack of the read; call stack of the allocation of the memory
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
         origin = _first_own_line(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
@@ -220,7 +223,8 @@ def reads_in(log: str, sources: Path) -> List[Read]:
 def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
     """Return the innermost line of a call stack that is in one of the submission's `own_files`.
 
-    It is None if none of the DEPTH innermost calls is in these files, or if the value is only printed.
+    The result is None if none of the DEPTH innermost calls is in these files. It is also None if one of the
+    functions further inside prints the value, because a wrong printed value does no harm.
     """
     for line in stack.splitlines()[: DEPTH + 1]:  # the line before the first call is a title
         frame = _FRAME.match(line.strip())
@@ -239,16 +243,16 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
     if not reads:
         return ""
     texts = _texts(sources)
-    declarations = _declared(texts)
+    declarations = _declared_without_value(texts)
     for read_at, _ in reads:
         if read_at is not None:
-            # the line of code as a list, which is empty if the file has no such line
-            code = texts.get(read_at.file, "").splitlines()[read_at.line - 1 : read_at.line]
-            names = [name for name in re.findall(r"\w+", " ".join(code)) if name in declarations]
-            if names:
-                place = declarations[names[0]]
-                name = f"`{names[0]}` ({place.file}:{place.line})"
-                return f"{name} is read at {read_at.file}:{read_at.line} before it is written"
+            lines = texts.get(read_at.file, "").splitlines()
+            code = lines[read_at.line - 1] if 1 <= read_at.line <= len(lines) else ""
+            for name in re.findall(r"\w+", code):
+                if name in declarations:
+                    place = declarations[name]
+                    variable = f"`{name}` ({place.file}:{place.line})"
+                    return f"{variable} is read at {read_at.file}:{read_at.line} before it is written"
     read_at, origin = reads[0]
     if read_at is not None:
         return f"a variable is read at {read_at.file}:{read_at.line} before it is written"
@@ -256,8 +260,11 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
     return f"it sends a value that was never written{object_place}"
 
 
-def _declared(texts: Dict[str, str]) -> Dict[str, Place]:
-    """Return the file and line of each variable that is declared without a value; the key is its name."""
+def _declared_without_value(texts: Dict[str, str]) -> Dict[str, Place]:
+    """Return the file and line of each variable that C++ files declare without a value, by its name.
+
+    `texts` has the texts of the files by the files' names.
+    """
     places: Dict[str, Place] = {}
     for file, text in texts.items():
         for declaration in _DECLARED.finditer(text):

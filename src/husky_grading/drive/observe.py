@@ -31,10 +31,12 @@ def observe(
 ) -> None:
     """Let a submission drive, and write drive_N/recording.json of each run.
 
-    Before the runs, the submission may be started once for a check of its memory. Further runs follow only if
-    the robot moves in the first one. If the robot is a guess, the check finds the robot to whose scans the
-    submission subscribes. Without a check, or if the node dies in it, the first run finds this robot, and is
-    repeated if the guess was wrong.
+    Before the runs, a C++ program may be started once in valgrind, to find variables that it reads before it
+    writes them. Runs after the first one follow only if the robot moves in the first one.
+
+    If the robot is a guess, the check in valgrind finds the robot to whose scans the submission subscribes.
+    Without a check, or if the node dies in it, the first run finds this robot, and is repeated if the guess
+    was wrong.
 
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.
@@ -43,7 +45,7 @@ def observe(
         remove_tree(earlier)
     robot = choose_robot(submission, config)
     if submission.problem:  # no node of the submission can be started
-        _write_no_run(submission, trials[0], robot, out)
+        _write_recording_without_run(submission, trials[0], robot, out)
         return
     # sentence for the student on a variable that is read before it is written; empty if there is none
     unwritten_variable = ""
@@ -59,7 +61,7 @@ def observe(
         with bar:
             drive = partial(
                 drive_submission, submission, trial, bring_up=bring_up, folder=folder,
-                unwritten_variable=unwritten_variable, on_time=partial(_advance, bar),
+                unwritten_variable=unwritten_variable, on_time=partial(_show_time, bar),
             )  # fmt: skip
             try:
                 driven = drive(robot=robot)
@@ -70,13 +72,16 @@ def observe(
                 if folder.exists():
                     folder.rename(out / f"drive_{trial.number}")
         if not driven.moved and trial is trials[0]:
-            break  # further runs would show no motion either
+            break  # the robot would not move in further runs either
         # the first recording has the reason for the choice of the robot, so the next recordings have none
         robot = driven.robot.settled()
 
 
-def _write_no_run(submission: Submission, trial: Trial, robot: RobotChoice, out: Path) -> None:
-    """Write the recording of a run that cannot begin, with the submission's problem as notes."""
+def _write_recording_without_run(submission: Submission, trial: Trial, robot: RobotChoice, out: Path) -> None:
+    """Write a recording for a submission that cannot be started, with its problem as notes.
+
+    So the judge can explain the lost points to the student, as after a run.
+    """
     notes = [*submission.problem]
     if robot.why:
         notes.insert(0, Note(Kind.ROBOT, robot.why))
@@ -87,6 +92,6 @@ def _write_no_run(submission: Submission, trial: Trial, robot: RobotChoice, out:
     write_whole(folder / RECORDING, recording_to_json(recording))
 
 
-def _advance(bar: Any, now: float) -> None:
-    """Move a progress bar to a simulated time [s]."""
+def _show_time(bar: Any, now: float) -> None:
+    """Show a simulated time [s] in a progress bar of tqdm, whose `update` takes the step since `bar.n`."""
     bar.update(round(min(now, bar.total) - bar.n, 1))

@@ -35,6 +35,9 @@ def wait_while_active(
 ) -> bool:
     """Wait until a condition holds, but only while a program is active; return whether the condition holds.
 
+    `grade` waits in this way for a submission to start. So a slow start on a busy machine costs no points, and
+    `grade` does not wait in vain for a submission that will never be ready.
+
     A program is not active any more if it ends, is idle, or has settled, so that it registers nothing more. A
     program that waits for CPU time is neither idle nor settled, so a busy machine does not end the wait.
 
@@ -58,7 +61,7 @@ def wait_while_active(
 
 
 class _Activity:
-    """Activity of a program, by calls of `measure`: its CPU time, its sleep and its registrations."""
+    """Activity of a program: its CPU time, its sleep and its registrations, as of the last `measure`."""
 
     def __init__(self, process: Process, node_count: int, read_graph: Callable[[], Registered]) -> None:
         self._process = process
@@ -83,7 +86,8 @@ class _Activity:
             self._slept += now - self._measured_at
         self._measured_at = now
         if now - self._looked_at > LOOK_PERIOD:
-            self._looked_at, registered = now, self._read_graph()
+            self._looked_at = now
+            registered = self._read_graph()
             if registered != self._registered:
                 # the program has made progress, so the sleep and the CPU time since then are counted from 0
                 self._registered = registered
@@ -112,7 +116,7 @@ class _Activity:
 def state_of_tree(root: int) -> Tuple[bool, float]:
     """Return whether a thread below a process runs, and the CPU time [s] of all processes below it."""
     runs, ticks = False, 0
-    waiting = _children(root)  # the root is reaper.py, a program of ours around the submission
+    waiting = _children(root)  # the root itself is reaper.py, a program of ours, so it does not count
     while waiting:
         pid = waiting.pop()
         for thread in _threads(pid):
@@ -126,17 +130,23 @@ def state_of_tree(root: int) -> Tuple[bool, float]:
 
 
 def _children(pid: int) -> List[int]:
-    return [int(child) for thread in _threads(pid) for child in _read(thread / "children").split()]
+    """Return the ids of the processes that a process, by any of its threads, has started."""
+    children: List[int] = []
+    for thread in _threads(pid):
+        children += map(int, _read(thread / "children").split())
+    return children
 
 
 def _threads(pid: int) -> List[Path]:
+    """Return the folders in /proc of the threads of a process; none if the process has ended."""
     try:
         return list(Path(f"/proc/{pid}/task").iterdir())
-    except OSError:  # the process has ended
+    except OSError:
         return []
 
 
 def _read(path: Path) -> str:
+    """Return the text of a file in /proc; empty if its process or thread has ended."""
     try:
         return path.read_text(errors="replace")
     except OSError:

@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Optional
 
-from husky_grading.drive.ros_graph import listens_to
-from husky_grading.records import AUTO, MarkingConfig
+from husky_grading.records import AUTO, ROBOT_TITLES, MarkingConfig
 from husky_grading.submission import Submission
 
 
@@ -25,13 +24,18 @@ class RobotChoice:
     is_guess: bool = False
 
     def after_hearing(self, heard: Optional[MarkingConfig]) -> RobotChoice:
-        """Return the choice after the submission has subscribed to scans; only a guess can change.
+        """Return the choice after the submission has subscribed to scans, which ends a guess.
 
         `heard` has the settings of the robot with these scans; None if the robot is unknown.
         """
         if heard is None or not self.is_guess:
             return self
-        return RobotChoice(heard, why=listens_to(heard))
+        if heard.scans:
+            why = f"scans are sent on {heard.scans}, the only topic of scans that it subscribes to"
+        else:
+            title = ROBOT_TITLES[heard.robot]
+            why = f"the simulated robot is the {title}: it subscribes to {heard.scan_topic}"
+        return RobotChoice(heard, why)
 
     def settled(self) -> RobotChoice:
         """Return the choice for further runs, whose recordings need not repeat the reason."""

@@ -17,7 +17,7 @@ from typing import (
     Tuple,
 )
 
-from husky_grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
+from husky_grading.records import ROBOT_VERSIONS, SMB, MarkingConfig
 from husky_highlevel_controller.xml_rpc import ask
 
 # [s] longest wait for an answer of the ROS master; a submission may have replaced the master by a program
@@ -45,8 +45,8 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
     Each call looks the service up at the master, and our master counts how often each node does this. The
     nodes with the most calls come first.
     """
-    # the answer is checked, because a submission may have replaced the master by its own program
     answer = _ask(uri, "countLookups", service)
+    # the answer is checked, because a submission may have replaced the master by its own program
     counts = answer if isinstance(answer, dict) else {}
     of_others = {
         node: count for node, count in counts.items() if isinstance(count, int) and node not in our_nodes
@@ -70,20 +70,23 @@ class Registered(NamedTuple):
 
 
 def read_registrations(uri: str, our_nodes: Collection[str]) -> Registered:
-    """Return the registrations of the nodes that are not ours."""
-    # nodes of the submission: by the topic that they publish, by the topic to which they subscribe, and by
-    # the service that they offer; there are none if the master does not answer
-    state = [
-        {name: set(nodes) - set(our_nodes) for name, nodes in part}
-        for part in _ask(uri, "getSystemState") or ((), (), ())
-    ]
-    publishing, subscribing, *_ = state
-    advertised, subscribed = (
-        frozenset(topic for topic, nodes in by_topic.items() if nodes and topic not in EVERY_NODE_HAS)
-        for by_topic in (publishing, subscribing)
+    """Return the nodes that are not ours, and the topics that they publish and subscribe to.
+
+    The result is empty if the master does not answer.
+    """
+    # publishers of each topic, subscribers of each topic, and offering nodes of each service
+    state = _ask(uri, "getSystemState") or ((), (), ())
+    publishers, subscribers, *_ = state
+    all_nodes = {node for part in state for _, nodes in part for node in nodes}
+
+    def topics_of_others(part: Sequence[Tuple[str, Sequence[str]]]) -> FrozenSet[str]:
+        """Return the topics for which the master has a node that is not ours."""
+        used = {topic for topic, nodes in part if set(nodes) - set(our_nodes)}
+        return frozenset(used - EVERY_NODE_HAS)
+
+    return Registered(
+        frozenset(all_nodes - set(our_nodes)), topics_of_others(publishers), topics_of_others(subscribers)
     )
-    all_nodes = frozenset(node for part in state for nodes in part.values() for node in nodes)
-    return Registered(all_nodes, advertised, subscribed)
 
 
 def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
@@ -99,10 +102,11 @@ def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, .
 
 
 def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
-    """Return settings with the robot to whose scans a submission subscribes, or None if unknown.
+    """Return settings with the robot to whose scans a submission subscribes; None if there is no such robot.
 
-    The robot of `config` is tried first. If no known robot has one of the topics, but the submission
-    subscribes to exactly one topic of scans, the robot is a Husky that sends its scans there.
+    The robot of `config` is tried first. If no known robot sends scans on one of the topics, but the
+    submission subscribes to exactly one topic of the type LaserScan, the robot is a Husky that sends its
+    scans there.
     """
     topics = topics_subscribed(uri, our_nodes)
     if config.scan_topic in topics:
@@ -116,19 +120,13 @@ def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfi
     return replace(config, robot="husky", scans=scans[0]) if len(scans) == 1 else None
 
 
-def listens_to(config: MarkingConfig) -> str:
-    """Return the reason for a robot in a sentence: the submission subscribes to its scans."""
-    if config.scans:
-        return f"scans are sent on {config.scans}, the only topic of scans that it subscribes to"
-    return f"the simulated robot is the {ROBOT_TITLES[config.robot]}: it subscribes to {config.scan_topic}"
-
-
 def _ask(uri: str, method: str, *arguments: Any) -> Any:
+    """Call an XML-RPC method of a ROS master, and return its value; None if it fails or gets no answer."""
     return ask(uri, method, CALLER, *arguments, deadline=ANSWER_DEADLINE)
 
 
 def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
-    """Return whether the submission subscribes to a topic besides those that every node has."""
+    """Return whether the submission subscribes to a topic, apart from those of every node, such as /clock."""
     return any(set(nodes) - our_nodes for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
 
 
@@ -153,12 +151,15 @@ def unread_topics(
 
 
 def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str]) -> List[Tuple[str, str]]:
-    """Return (topic, node) for each publisher of the submission on a topic of the simulator."""
+    """Return (topic, node) for each node of the submission that publishes on one of these topics.
+
+    The topics are those of the simulator. A submission that publishes on them could forge scans or time.
+    """
     return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]
 
 
 def topics_of_truth(subscribers: Nodes, our_nodes: Set[str]) -> List[Tuple[str, str]]:
     """Return (topic, node) for each subscription of the submission to a topic with true poses."""
     truth = [topic for topic in subscribers if topic == TRUTH or topic.startswith(WORLD)]
-    # the same search as for forged topics, among subscribers in place of publishers
+    # `forged_topics` searches the nodes of the submission, here among subscribers instead of publishers
     return forged_topics(subscribers, truth, our_nodes)

@@ -97,8 +97,8 @@ def drive_submission(
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")
         simulator = bring_up(network, trial, robot.config, truth_socket)
         submitted, events_file = start_submission(network, submission)
-        # settings of the run, with the robot whose scans the submission reads
-        heard_config = _await_joining(network, recorder, submission, submitted, robot)
+        # settings of the run, with the robot to whose scans the submission has subscribed
+        heard_config = _wait_until_it_takes_part(network, recorder, submission, submitted, robot)
         if heard_config != robot.config:  # the guess was wrong, and the caller repeats the run
             return Driven(robot.after_hearing(heard_config))
         # reason why the run must be cut off; None if the recorder itself has ended the run
@@ -107,55 +107,43 @@ def drive_submission(
         # reason
         if recorder.subscribed:
             robot = robot.after_hearing(robot.config)
-        closing = _closing(submission, submitted, events_file, robot, cut_off)
+        # The output and the events are read now, because the end of the network will end the submission, too.
+        # Then the ends of its nodes would look like faults.
+        output = submitted.output
+        # packages whose nodes count as the student's work, such as robot_localization in exercise 4; empty if
+        # the student's packages are unknown
+        own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
+        notes = notes_on(read_events(events_file), output, own_packages)
+        if robot.why:  # the first note gives the reason for the choice of the robot
+            notes.insert(0, Note(Kind.ROBOT, robot.why))
+        # a problem means that a limit, such as the limit of memory, has ended the submission
+        if submitted.problem:
+            notes.append(Note(Kind.LIMIT, submitted.problem))
         # the recorder sends its recording by itself only if it has ended the run
         if cut_off:
             recorder.send(HandOver())
         wait(lambda: recorder.update().recording is not None or not recorder.is_open, START_DEADLINE)
     if recorder.recording is None:
         raise MarkingError(f"the recorder sent no recording: {recorder.process.output.strip()[-500:]}")
-    recording = closed(recorder.recording, closing)
+    # the recorder does not know notes, output and reason of a cut-off, so they are added here
+    recording = closed(recorder.recording, Closing(tuple(notes), cut_off, output))
     write_whole(folder / RECORDING, recording_to_json(recording))
     return Driven(robot, recording)
 
 
-def _closing(
-    submission: Submission, submitted: Process, events_file: Path, robot: RobotChoice, cut_off: Optional[Note]
-) -> Closing:
-    """Return the data of a run that the recorder does not know: notes, output, and the reason of a cut-off.
-
-    Args:
-        submission: submission that was started.
-        submitted: process of the submission.
-        events_file: file with the events of that process.
-        robot: robot that was simulated.
-        cut_off: reason why the run was cut off; None if the recorder has ended it.
-    """
-    # packages whose nodes count as the student's work, such as robot_localization in exercise 4; empty if the
-    # student's packages are unknown
-    own_packages = (*submission.own, *submission.parts.by_submission) if submission.own else ()
-    output = submitted.output
-    notes = notes_on(read_events(events_file), output, own_packages)
-    if robot.why:  # the first note gives the reason for the choice of the robot
-        notes.insert(0, Note(Kind.ROBOT, robot.why))
-    # a problem means that a limit, such as the limit of memory, has ended the submission
-    if submitted.problem:
-        notes.append(Note(Kind.LIMIT, submitted.problem))
-    return Closing(tuple(notes), cut_off, output)
-
-
-def _await_joining(
+def _wait_until_it_takes_part(
     network: Network,
     recorder: RecorderChannel,
     submission: Submission,
     submitted: Process,
     robot: RobotChoice,
 ) -> MarkingConfig:
-    """Wait until the submission takes part in the run, and return the settings that fit it.
+    """Wait until the submission takes part in the run, and return the settings with the robot that fits it.
 
-    Simulated time begins only when the submission takes part. If the submission is not active any more before
-    that, the recorder takes part in its place. The result has another robot than `robot` only if `robot` is a
-    guess, and the submission subscribes to the scans of the other robot.
+    A submission normally takes part as soon as it subscribes to the scans and has a publisher of commands.
+    Simulated time begins only then, so a slow start costs no points. If the submission is not active any more
+    before that, the recorder takes part in its place. The result has another robot than `robot` only if
+    `robot` is a guess, and the submission subscribes to the scans of the other robot.
 
     Args:
         network: ROS network of the run.
@@ -191,8 +179,9 @@ def _follow(
 ) -> Optional[Note]:
     """Wait until a run is over. Return why it must be cut off, or None if the recorder has ended the run.
 
-    A run is cut off after its limit of wall time, if simulated time stands still for STALL_DEADLINE, or if
-    the simulator ends. `on_time` gets the simulated times [s].
+    The recorder ends a run when the exercise is done, for example when the robot stands at the pillar. A run
+    is cut off after its limit of wall time, if simulated time stands still for STALL_DEADLINE, or if the
+    simulator ends. `on_time` gets the simulated times [s].
     """
     # [s] latest simulated time; wall time at which simulated time last advanced
     latest, advanced_at = 0.0, time.monotonic()
@@ -200,7 +189,7 @@ def _follow(
     is_end_reported = False
 
     def is_over() -> bool:
-        """Update the times, and return whether the wait is over."""
+        """Take in the messages of the recorder, and return whether the wait is over."""
         nonlocal latest, advanced_at, is_end_reported
         now = recorder.update().now
         on_time(now)
@@ -222,7 +211,7 @@ def _follow(
 
 
 def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
-    """Return the recording of a run that has not begun."""
+    """Return the recording of a run that has not begun: only start, pillar, deadline and robot are known."""
     return Recording(
         trial.start, trial.pillar, config.deadline, robot=config.robot_name, simulated=config.robot,
         scan_topic=config.scan_topic,
@@ -230,9 +219,10 @@ def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
 
 
 def start_submission(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
-    """Start a submission in a network, and return its process and the file of its events.
+    """Start a submission in a ROS network, and return its process and the file of its events.
 
-    An event is, for example, the end of a node. The action is "run", or "memcheck" to run it in valgrind.
+    An event is, for example, the end of a node. The action is "run", or "memcheck" to run the submission in
+    valgrind.
     """
     events_file = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
     create(events_file).close()  # a new file, which has only the events of this start

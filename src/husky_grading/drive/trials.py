@@ -49,7 +49,10 @@ def draw_trials(count: int, seed: int) -> List[Trial]:
 
 
 def trial_world(trial: Trial, robot: str) -> str:
-    """Return the SDF world of a robot's exercise sheets with the trial's pillar; `robot` is one of ROBOTS."""
+    """Return the course's SDF world with the pillar at the trial's place, in the size for this robot.
+
+    `robot` is one of ROBOTS.
+    """
     text, size = course_world().read_text(), PILLARS[robot]
     assert _POSE in text  # otherwise `replace` would change nothing
     assert _SIZE in text
