@@ -35,8 +35,8 @@ def wait_while_active(
 ) -> bool:
     """Wait until a condition holds, but only while a program is active; return whether the condition holds.
 
-    `grade` waits in this way for a submission to start. So a slow start on a busy machine costs no points, and
-    `grade` does not wait in vain for a submission that will never be ready.
+    `grade` waits in this way for a submission to start. So a slow start on a busy machine costs no points,
+    and `grade` does not wait in vain for a submission that will never be ready.
 
     A program is not active any more if it ends, is idle, or has settled, so that it registers nothing more. A
     program that waits for CPU time is neither idle nor settled, so a busy machine does not end the wait.

@@ -52,7 +52,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
 
 
 def is_regular(path: Path) -> bool:
-    """Return whether there is a regular file; False for names that no file can have."""
+    """Return whether a path leads to a regular file, also through links; False for an impossible name."""
     try:
         return stat.S_ISREG(os.stat(path).st_mode)
     except (OSError, ValueError):
@@ -104,9 +104,10 @@ def read_xml(path: Path, max_size: int) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """Loader that rejects YAML aliases: a few can expand to billions of values, or contain themselves."""
+    """Loader that rejects YAML aliases, because a few can expand to billions of values, or form a loop."""
 
     def compose_node(self, parent: Optional[yaml.Node], index: Any) -> Optional[yaml.Node]:
+        """Reject an alias; YAML calls this for each value."""
         if self.check_event(yaml.AliasEvent):
             problem = "YAML aliases are not allowed; write the value out"
             raise yaml.composer.ComposerError(None, None, problem, self.peek_event().start_mark)
@@ -151,12 +152,15 @@ def copy(source: Path, target: Path) -> None:
 
 
 def is_below(path: Path, root: Path) -> bool:
-    """Return whether a path leads below a folder, after all its links are followed."""
+    """Return whether a path, after all its links are followed, is inside of a folder.
+
+    A submission may contain links that lead to other files of this machine.
+    """
     return root.resolve() in path.resolve().parents
 
 
 def write_whole(path: Path, content: str) -> None:
-    """Write a file completely or not at all, so a full disk leaves no partial file.
+    """Write a text file completely or not at all, so a full disk or a crash leaves no partial file.
 
     Raises:
         OSError: the file cannot be written; an earlier file with its name stays.
@@ -194,8 +198,12 @@ def walk(folder: Path, skipped: frozenset = SKIPPED) -> Iterator[Path]:
         count += len(inner)
         if count > MAX_ENTRIES:
             raise UnreadableFileError(f"{folder}: more than {MAX_ENTRIES} files and folders")
-        yield from (Path(entry.path) for entry in inner if entry.is_file(follow_symlinks=False))
-        folders = [e.path for e in inner if e.is_dir(follow_symlinks=False) and e.name not in skipped]
+        folders = []
+        for entry in inner:
+            if entry.is_file(follow_symlinks=False):
+                yield Path(entry.path)
+            elif entry.is_dir(follow_symlinks=False) and entry.name not in skipped:
+                folders.append(entry.path)
         # `pop` takes the last folder, so the folders are reversed to read the first one first
         waiting += reversed(folders)
 

@@ -32,7 +32,10 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def import_early() -> None:
-    """Start the server process of our programs, which imports their common modules in the background."""
+    """Start the process from which our programs are forked; it imports their modules in the background.
+
+    If this is called long before a program starts, the program need not wait for its imports.
+    """
     # All programs in MODULES are forked from one server process, which imports their modules only once. It
     # does not import the bag player, because the other programs do not need the modules of the bag player.
     _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])
@@ -50,6 +53,7 @@ class ForkedProcess(Process):
         super().__init__(command, log, env, folder)
 
     def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
+        """Fork the program; `Process` calls this in place of starting a command."""
         return _Child(command, env, folder, self._handed)
 
 
@@ -112,9 +116,9 @@ class _Child:
 def _run(
     command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection, handed: Sequence[Any]
 ) -> None:
-    """Become the program of a command, in the forked process; stdout and stderr go to `output`.
+    """Turn the forked process into the program of a command: set it up, and call main() of its module.
 
-    The function main() of the program's module gets the arguments `handed`.
+    stdout and stderr go to `output`. main() gets the arguments `handed`, such as a connection.
     """
     # in a session of its own, this program gets no Ctrl-C from the terminal, and `kill` ends its whole group
     os.setsid()

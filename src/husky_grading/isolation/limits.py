@@ -104,7 +104,7 @@ class SizeWatch:
 
 
 def processes_below(pid: int) -> Optional[List[psutil.Process]]:
-    """Return the descendants of a process, or None if the process has ended."""
+    """Return all processes that a process has started, directly or indirectly; None if it has ended."""
     try:
         root = psutil.Process(pid)
         # a zombie has ended, but its parent has not asked for its exit code yet
@@ -162,6 +162,8 @@ def _used_of_sandbox(folder: str) -> int:
 
 def detached_segments(processes: Sequence[psutil.Process]) -> int:
     """Return the size of a sandbox's System V shared memory to which no process is attached any more [bytes].
+
+    Such memory stays in use although it belongs to no process, so `memory_of` does not count it.
 
     Only a thread inside the sandbox's IPC namespace sees this memory. So the calling thread enters the
     namespace, and stays there. Call this function only in the thread of a `SizeWatch`.

@@ -59,7 +59,7 @@ def is_entered() -> bool:
 
 
 def reach() -> str:
-    """Return the reach of this program's network as text."""
+    """Return how far programs in this program's network can reach, as a text for the result."""
     return "loopback only" if is_entered() else "not kept apart"
 
 

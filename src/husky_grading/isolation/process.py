@@ -116,6 +116,7 @@ class Process:
             self._file.close()
 
     def _write(self, content: bytes) -> None:
+        """Append to the log; a full disk is ignored, so that the program is not blocked by a full pipe."""
         with contextlib.suppress(OSError):
             if self._file is not None:
                 self._file.write(content)
@@ -217,9 +218,10 @@ def wait_and_kill(process: Process, seconds: float, period: float = 0.05) -> boo
 
 
 def pids_with_variable(name: str, value: str) -> List[int]:
-    """Return the ids of processes that were started with this environment variable, such as ROS_MASTER_URI.
+    """Return the ids of other processes that were started with this value of an environment variable.
 
-    A slash at the end of the variable's value does not count.
+    For example, all nodes of a ROS network have the same ROS_MASTER_URI. A slash at the end of the variable's
+    value does not count.
     """
     pids = []
     for process in psutil.process_iter():
@@ -230,7 +232,7 @@ def pids_with_variable(name: str, value: str) -> List[int]:
 
 
 def end_all(processes: Sequence[Process]) -> List[int]:
-    """Kill processes and everything that they started, and return the ids of processes that still run."""
+    """Kill processes and everything that they started, and return the ids of those that cannot be killed."""
     for process in processes:
         process.kill()
     return [process.popen.pid for process in processes if process.running]

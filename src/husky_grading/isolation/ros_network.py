@@ -137,6 +137,6 @@ class Network:
 
 
 def _has_started_or_ended(master: Process, port: int) -> bool:
-    """Return whether a master has ended, or listens on its port."""
+    """Return whether the wait for a master is over, because it has ended, or listens on its port."""
     with socket.socket() as probe:
         return not master.running or probe.connect_ex(("127.0.0.1", port)) == 0

@@ -95,24 +95,29 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
         limits.append(f"--nproc={THREADS}")
     # folders that the script removes from PYTHONPATH, so a submission cannot import our package
     removed = folders_on_python_path() if workspace.own is VisibleCode.NOTHING else []
-    # the script gets packages and these folders as two lists, then the setup files that it sources
-    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, removed)]
+    # arguments of the script: folders of packages, folders to remove, and setup files that it sources
+    packages_list = os.pathsep.join(map(str, workspace.packages))
+    removed_list = os.pathsep.join(map(str, removed))
     setups = [str(path.resolve()) for path in workspace.setups]
-    source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
+    source = [system_program("bash"), str(IN_WORKSPACE), packages_list, removed_list, *setups]
     # The command line from left to right: prlimit sets limits, bash sources the workspace, and stdbuf lets
     # the command write each line of its output at once.
     inner = [*limits, *source, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
         return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]
-    return [system_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
+    if kind == NAMESPACE:
+        return [system_program("unshare"), *_NAMESPACE, *inner]
+    return inner
 
 
 @lru_cache(maxsize=1)
 def kind_of_sandbox() -> str:
-    """Return the kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
+    """Return the strongest kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
     if works("bwrap", *_BUBBLEWRAP, *_system(), "true"):
         return BUBBLEWRAP
-    return NAMESPACE if works("unshare", *_NAMESPACE, "true") else NONE
+    if works("unshare", *_NAMESPACE, "true"):
+        return NAMESPACE
+    return NONE
 
 
 @lru_cache(maxsize=1)
@@ -123,7 +128,7 @@ def _bubblewrap() -> List[str]:
 
 
 def works(program: str, *arguments: str) -> bool:
-    """Return whether a program of the system succeeds.
+    """Return whether a program of the system ends with exit code 0; it only tests what the machine allows.
 
     Raises:
         HuskyError: the program does not end in time. A slow machine must not get a weaker sandbox.
@@ -148,7 +153,10 @@ def system_program(name: str) -> str:
 
 
 def _system() -> List[str]:
-    """Return bubblewrap's arguments that show the system's folders, read-only, and hide secrets in /etc."""
+    """Return bubblewrap's arguments that show the system's folders, read-only, and hide secrets in /etc.
+
+    /tmp and the like become empty folders in memory, which the program may write.
+    """
     arguments = ["--proc", "/proc", "--dev", "/dev"]
     for path in (Path("/", name) for name in SYSTEM):
         if path.is_symlink():
@@ -166,7 +174,7 @@ def _system() -> List[str]:
 
 
 def _secrets(folder: str) -> List[Path]:
-    """Return the files and folders below a folder that some users may not read."""
+    """Return the files and folders below a folder that not every user may read, such as keys in /etc."""
     secrets, waiting = [], [folder]
     while waiting:
         # OSError means that the folder was deleted, or that this user cannot read it. Then the sandbox cannot
@@ -234,7 +242,7 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
 
 
 def _homes_to_hide(env: Dict[str, str]) -> Set[Path]:
-    """Return the home folders of this user and of a program with the environment `env`."""
+    """Return the home folders of this user and of a program with the environment `env`, as real paths."""
     homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     # the sandbox has root and temporary folders of its own, so they need not be hidden
     return {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
@@ -244,14 +252,19 @@ def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -
     """Return the symbolic links on the way to some paths that the sandbox does not show yet.
 
     The sandbox shows the target of such a link. But the link itself is in a folder that is hidden, or that is
-    not mounted at all.
+    not mounted at all. So a program could not follow its search path through the link.
+
+    Args:
+        paths: paths that a program reads.
+        shown: folders and files that the sandbox shows.
+        hidden: folders that the sandbox hides.
     """
     links = {each for path in paths for each in (path, *path.parents) if each.is_symlink()}
     missing = []
     for link in links:
-        # the innermost mount above a link decides whether the sandbox shows the link; None if there is none
-        mount = next((each for each in (link, *link.parents) if each in shown | hidden), None)
-        if mount not in shown:
+        # the innermost mount at or above a link decides whether the sandbox shows the link
+        mounts = [each for each in (link, *link.parents) if each in shown or each in hidden]
+        if not mounts or mounts[0] not in shown:
             missing.append(link)
     return missing
 
