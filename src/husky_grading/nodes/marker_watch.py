@@ -51,7 +51,10 @@ _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
 
 
 class MarkerWatch:
-    """Records markers by callbacks; `samples` places them in the end, when all transforms are known."""
+    """Records the markers of a run and all transforms; `samples` places the markers after the run.
+
+    Only then are all transforms known, because a transform may come later than the marker that needs it.
+    """
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now  # returns the simulated time [s]
@@ -200,7 +203,7 @@ class MarkerWatch:
         return True
 
     def _finds_mesh(self, mesh: str) -> bool:
-        """Return whether RViz finds a mesh at file://PATH or package://NAME/PATH.
+        """Return whether RViz finds the mesh file of a marker, whose address is file://... or package://...
 
         Other addresses, such as http, do not count, because a run has no access to the internet. Only files
         of packages count, so a submission cannot learn which other files this machine has.
@@ -225,17 +228,22 @@ class MarkerWatch:
         `pillar` is the position of the pillar's axis in the world, x and y [m]. The samples get their
         distance from this axis.
         """
-        # without poses of the robot, no marker can be placed
-        samples = list(self._samples) if len(times) else []
-        parents = self.frames if samples else {}
+        # markers can be placed only with poses of the robot
+        if not self._samples or not len(times):
+            return ()
+        parents = self.frames
         known_frames = {BASE, *parents, *parents.values()}
-        # a deletion, or a marker that RViz does not draw, has no place
-        return tuple(
-            sample if sample.problem or sample.action != ADD
-            else _without_frame(sample) if sample.frame not in known_frames
-            else self._placed(sample, marker, times, poses, pillar)
-            for sample, marker in samples
-        )  # fmt: skip
+        placed = []
+        for sample, marker in list(self._samples):  # a copy, because a callback may append a marker
+            if sample.problem or sample.action != ADD:
+                # a marker that RViz does not draw, or a deletion, has no place
+                placed.append(sample)
+            elif sample.frame not in known_frames:
+                problem = f"there is no frame {sample.frame!r}"
+                placed.append(replace(sample, problem=problem, has_frame=False))
+            else:
+                placed.append(self._placed(sample, marker, times, poses, pillar))
+        return tuple(placed)
 
     def _placed(
         self,
@@ -317,11 +325,6 @@ class MarkerWatch:
         return conversions.pose_from_transform(transform)
 
 
-def _without_frame(sample: MarkerSample) -> MarkerSample:
-    """Return a sample whose frame TF does not know, with this problem."""
-    return replace(sample, problem=f"there is no frame {sample.frame!r}", has_frame=False)
-
-
 def _is_file_of(folder: Path, place: str) -> bool:
     """Return whether `place`, relative to a folder or absolute, leads to a file below this folder."""
     with suppress(OSError, ValueError):  # a loop of links or a NUL character in the path raises an error
@@ -330,7 +333,7 @@ def _is_file_of(folder: Path, place: str) -> bool:
 
 
 def _pose(marker: Marker) -> Pose:
-    """Return a marker's pose with a quaternion of length 1."""
+    """Return a marker's pose in its frame, with a quaternion of length 1."""
     p, q = marker.pose.position, marker.pose.orientation
     length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
     # no rotation; RViz also shows a quaternion of zeros without rotation
@@ -341,7 +344,10 @@ def _pose(marker: Marker) -> Pose:
 
 
 def _invisible(marker: Marker) -> str:
-    """Return why RViz would not draw a marker, by the marker's own values; empty if RViz draws the marker."""
+    """Return why RViz would not draw a marker with these values; empty if RViz would draw it.
+
+    This does not check whether the marker's frame and mesh exist.
+    """
     scale = marker.scale
     if marker.action != Marker.ADD:  # a deletion is meant to draw nothing, so this is not a fault
         return ""

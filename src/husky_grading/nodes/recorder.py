@@ -161,7 +161,10 @@ class DriveRecorder:
             raise
 
     def _listen(self) -> None:
-        """Obey messages of marking, in a thread of its own, because `run` may wait for the master."""
+        """Obey the messages of the program that runs the submission, see `drive/recorder_channel.py`.
+
+        This is a thread of its own, because `run` may wait for an answer of the ROS master.
+        """
         # an EOFError or OSError means that nobody reads the recording any more
         with suppress(EOFError, OSError):
             while True:
@@ -220,7 +223,7 @@ class DriveRecorder:
                 self._unanswered = text
 
     def _violate(self, text: str) -> None:
-        """Keep a sentence on a broken rule, MAX_VIOLATIONS at most."""
+        """Record that the submission has broken a rule, by a sentence; at most MAX_VIOLATIONS are kept."""
         if len(self._violations) < MAX_VIOLATIONS:
             self._violations[text] = None
 
@@ -247,6 +250,7 @@ class DriveRecorder:
         self._watch.on_scan(scan.stamp)
 
     def _on_message(self, msg: Any, topic: str) -> None:
+        """Pass a message on a followed topic to the exercise's watch, unless the run is over."""
         if not self._is_over:
             self._watch.on_message(topic, msg)
 
@@ -365,7 +369,7 @@ class DriveRecorder:
             self._feed.begin()  # only the first call has an effect
 
     def _send(self, message: Any) -> None:
-        """Send a message to marking."""
+        """Send a message to the program that runs the submission; several threads may call this."""
         with self._channel_lock:
             self._channel.send(message)
 

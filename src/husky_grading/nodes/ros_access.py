@@ -44,7 +44,7 @@ _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']"
 
 
 class DriveAccess:
-    """Access of an exercise's watch to the ROS network of a run, see `watch.RosAccess`."""
+    """Access of an exercise's watch to the ROS network of a run; it fulfils `watch.RosAccess` by rospy."""
 
     def __init__(self, our_nodes: Set[str], transforms: MarkerWatch) -> None:
         self._our_nodes = our_nodes
@@ -93,6 +93,7 @@ class DriveAccess:
         self._give_up_at = time.monotonic() + ANSWER_DEADLINE
 
         def ask() -> None:
+            """Call the service, and keep its answer or error, in a thread, because a call may take long."""
             try:
                 response = rospy.ServiceProxy(name, SetBool)(value)
                 answers.append(Answer(bool(response.success), str(response.message)))

@@ -59,7 +59,7 @@ OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosvers
 
 
 class Reporter(roslaunch.pmon.ProcessListener):
-    """Writes events to a file."""
+    """Writes events to a file, which `grade` reads; roslaunch calls it when a node ends."""
 
     def __init__(self, path: str) -> None:
         self._file = open(path, "a", buffering=1)  # noqa: SIM115 - open as long as the process runs
@@ -111,7 +111,11 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         return value
 
     def _load_as_roslaunch(self, tag_name: str, *arguments: Any, **options: Any) -> Any:
-        """Load a tag as roslaunch would, and return None if it needs a package that does not exist."""
+        """Load a tag as roslaunch would, but leave it out if it needs a package that does not exist.
+
+        roslaunch loads a tag such as <node> by its method `_node_tag`. The methods of this name below call
+        this function. A tag that is left out is reported, and the result is None.
+        """
         try:
             return getattr(super(), f"_{tag_name}_tag")(*arguments, **options)
         except ResourceNotFound as error:
@@ -143,8 +147,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._included_count += 1
         if self._included_count > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
-        # The arguments of an include may name packages, or the world of the course. `resolve_args` takes note
-        # of these names, so it is called even if the include is left out later.
+        # The arguments of an include may name packages, or the world of the course. `resolve_args` keeps
+        # these names, so it is called even if the include is left out later.
         for argument in tag.getElementsByTagName("arg"):
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
@@ -179,15 +183,21 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         return False
 
     def _rosparam_tag(self, *arguments: Any, **options: Any) -> Any:
+        """Load a <rosparam>, or leave it out if it needs a missing package; roslaunch calls this."""
         return self._load_as_roslaunch("rosparam", *arguments, **options)
 
     def _node_tag(self, *arguments: Any, **options: Any) -> Any:
+        """Load a <node>, or leave it out if it needs a missing package; roslaunch calls this."""
         return self._load_as_roslaunch("node", *arguments, **options)
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
+        """Load a <param>, or leave it out if it needs a missing package; roslaunch calls this.
+
+        Two parameters are always left out, because a launch file may set them by a command that this machine
+        does not have. `grade` sets the robot_description itself, and other_simulator only looks for a running
+        simulator.
+        """
         if tag.getAttribute("name").lstrip("/") in ("robot_description", "other_simulator"):
-            # `grade` sets the robot_description itself, and other_simulator only looks for a running
-            # simulator. A launch file may set them by a command that this machine does not have.
             return None
         return self._load_as_roslaunch("param", tag, *arguments, **options)
 
@@ -199,9 +209,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         try:
             return super()._arg_tag(tag, context, *arguments, **options)
         except ResourceNotFound as error:
-            context.add_arg(
-                tag.getAttribute("name"), default=f"/missing/{self._report_missing('arg', error)}"
-            )
+            package = self._report_missing("arg", error)
+            context.add_arg(tag.getAttribute("name"), default=f"/missing/{package}")
             return None
 
 
@@ -222,6 +231,7 @@ def refuse_aliases() -> None:
 
     # takes the place of the method `compose_node`, with which YAML reads each value
     def compose_plain(loader: Any, parent: Any, index: Any) -> Any:
+        """Reject an alias, and read any other value as before."""
         if loader.check_event(yaml.AliasEvent):
             problem = "YAML aliases are not allowed; write the value out"
             raise yaml.composer.ComposerError(None, None, problem, loader.peek_event().start_mark)
@@ -274,7 +284,10 @@ def load_launchable(
 def read_launchable(
     launchable: List[str], reporter: Reporter, loader: TolerantLoader
 ) -> roslaunch.config.ROSLaunchConfig:
-    """Read a launch file or node, write the event "package", and return the configuration of all nodes."""
+    """Let roslaunch read a launch file or node, and return the configuration of all its nodes and parameters.
+
+    Nothing is started. The event "package" tells `grade` the folder of the package.
+    """
     config = roslaunch.config.ROSLaunchConfig()
     kind, package, name, *arguments = launchable
     # `grade` needs the folder of the package. There is no folder if a launch file is given by its path and is
@@ -306,10 +319,11 @@ class SortedNodes(NamedTuple):
 
 
 def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]]) -> SortedNodes:
-    """Sort the nodes of a launch file, and write the event "own" for each node of the grading package.
+    """Sort the nodes of a launch file into the submission's nodes, RViz, and nodes that are not started.
 
-    The nodes to start print into the output of this program, and run without a terminal or debugger. For
-    `ours`, see `load_launchable`.
+    The event "own" is written for each node of the grading package. The submission's nodes are changed: they
+    will print into the output of this program, and run without a terminal or debugger. For `ours`, see
+    `load_launchable`.
     """
     # packages of the simulator or the robot, whose nodes are not started. In some exercises, the submission
     # starts nodes of such a package, or `grade` starts nodes of one more package.
@@ -388,15 +402,17 @@ def drop_prefix(node: Any, reporter: Reporter) -> None:
 
 
 def run_in_valgrind(nodes: List[Any], folder: str) -> None:
-    """Let compiled programs run in valgrind, with a log of each in a folder."""
+    """Let the nodes that are compiled programs run in valgrind, with a log of each process in a folder.
+
+    Scripts, such as Python nodes, run as usual.
+    """
+    log = os.path.join(folder, "memcheck.%p")  # valgrind replaces %p by the process id
+    valgrind = f"valgrind --track-origins=yes --num-callers=20 --log-file={shlex.quote(log)}"
     for node in nodes:
         paths = roslib.packages.find_node(node.package, node.type)
         with open(paths[0] if paths else os.devnull, "rb") as file:
             if file.read(4) == b"\x7fELF":  # compiled programs begin with these bytes, but scripts do not
-                log = os.path.join(folder, "memcheck.%p")
-                node.launch_prefix = (
-                    f"valgrind --track-origins=yes --num-callers=20 --log-file={shlex.quote(log)}"
-                )
+                node.launch_prefix = valgrind
 
 
 def tolerate_failed_nodes() -> None:
@@ -404,6 +420,7 @@ def tolerate_failed_nodes() -> None:
     launch_node = roslaunch.launch.ROSLaunchRunner.launch_node
 
     def tolerant(runner: Any, node: Any, core: bool = False) -> Any:
+        """Start a node as roslaunch would, but print an error and go on if it cannot be started."""
         try:
             return launch_node(runner, node, core)
         except (roslaunch.pmon.FatalProcessLaunch, ValueError) as error:
@@ -416,7 +433,7 @@ def tolerate_failed_nodes() -> None:
 
 
 class Parent(roslaunch.parent.ROSLaunchParent):
-    """Main process of roslaunch, for a configuration that is already loaded."""
+    """Main process of roslaunch, which starts the nodes of a configuration that is already loaded."""
 
     def __init__(self, run_id: str, ready: roslaunch.config.ROSLaunchConfig, reporter: Reporter) -> None:
         super().__init__(
@@ -431,9 +448,10 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 
 
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
-    """Write events on a launchable, and return its configuration, or None if it cannot be loaded.
+    """Load a launch file or node, and return its configuration, or None if it cannot be loaded.
 
-    For `ours`, see `load_launchable`.
+    The events say which nodes it would start, or why it cannot be loaded. For `launchable` and `ours`, see
+    `load_launchable`.
     """
     reporter.write("launchable")  # all events up to the next one of this kind are about this launchable
     # In the module `rospack`, `ElementTree` is the class that rospkg calls with the path of each package.xml.
@@ -453,10 +471,12 @@ def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str
 
 
 def _one_line(error: Exception) -> str:
+    """Return the text of an error without line breaks, at most 500 characters of it."""
     return " ".join(str(error).split())[:500]
 
 
 def _out_of_time(*_: Any) -> None:
+    """End the loading of a launch file; Python calls this when the alarm of `describe` goes off."""
     raise TimeoutError(f"it could not be read within {LOAD_DEADLINE} s")
 
 
