@@ -57,7 +57,7 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
 
 def is_published(uri: str, topic: str) -> bool:
     """Return whether a node advertises a topic."""
-    published, *_ = _ask(uri, "getSystemState") or ((),)
+    published, *_ = _ask(uri, "getSystemState") or ((), (), ())
     return any(name == topic for name, _ in published)
 
 
@@ -90,7 +90,7 @@ def read_registrations(uri: str, our_nodes: Collection[str]) -> Registered:
 
 
 def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
-    """Set parameters."""
+    """Set ROS parameters, given by their names."""
     for name, value in values.items():
         _ask(uri, "setParam", name, value)
 
@@ -131,7 +131,10 @@ def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
 
 
 def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) -> List[str]:
-    """Return the topics to which the submission subscribes and which nothing publishes."""
+    """Return the topics to which the submission subscribes, but on which no node publishes.
+
+    Often the name of such a topic is misspelt, or belongs to another robot.
+    """
     return sorted(
         topic
         for topic, nodes in subscribers.items()
@@ -155,11 +158,20 @@ def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str])
 
     The topics are those of the simulator. A submission that publishes on them could forge scans or time.
     """
-    return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]
+    forged: List[Tuple[str, str]] = []
+    for topic in topics:
+        of_submission = set(publishers.get(topic, ())) - our_nodes
+        forged += [(topic, node) for node in sorted(of_submission)]
+    return forged
 
 
 def topics_of_truth(subscribers: Nodes, our_nodes: Set[str]) -> List[Tuple[str, str]]:
-    """Return (topic, node) for each subscription of the submission to a topic with true poses."""
-    truth = [topic for topic in subscribers if topic == TRUTH or topic.startswith(WORLD)]
-    # `forged_topics` searches the nodes of the submission, here among subscribers instead of publishers
-    return forged_topics(subscribers, truth, our_nodes)
+    """Return (topic, node) for each subscription of the submission to a topic with true poses.
+
+    A robot does not know its true pose, so a submission must not read it.
+    """
+    read: List[Tuple[str, str]] = []
+    for topic, nodes in subscribers.items():
+        if topic == TRUTH or topic.startswith(WORLD):
+            read += [(topic, node) for node in sorted(set(nodes) - our_nodes)]
+    return read

@@ -92,6 +92,7 @@ def drive_submission(
         )
         task = Assignment(initial, truth_socket, robot.config.exercise, SIMULATOR_NODES, packages)
         recorder = RecorderChannel(network, task)
+        # `update` takes in the messages that have come, and returns the recorder itself
         wait(lambda: recorder.update().ready or not recorder.is_open, START_DEADLINE, START_PERIOD)
         if not recorder.ready:
             raise MarkingError(f"the recorder does not start: {recorder.process.output.strip()[-500:]}")

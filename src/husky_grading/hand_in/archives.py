@@ -64,7 +64,10 @@ class Allowance:
 
 def suffix_of(name: str) -> str:
     """Return the suffix that makes a file an archive; empty if it is not an archive."""
-    return next((suffix for suffix in (*SUFFIXES, *UNREAD) if name.lower().endswith(suffix)), "")
+    for suffix in (*SUFFIXES, *UNREAD):
+        if name.lower().endswith(suffix):
+            return suffix
+    return ""
 
 
 def large_files_note(names: Sequence[str]) -> List[str]:

@@ -132,9 +132,9 @@ def read_launch_files(
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
         possible_owners = [containing, *map(_package_of, nodes), *folders]
-        owner = next(name for name in possible_owners if name in folders)
+        owners = [name for name in possible_owners if name in folders]
         launch_file = LaunchFile(
-            path, place, owner, plan, nodes,
+            path, place, owners[0], plan, nodes,
             scans=any(_package_of(node) in scanning for node in nodes), driving_packages=driving,
             is_template=bool(containing) and _is_template(path, folders[containing], containing),
         )  # fmt: skip
@@ -180,10 +180,12 @@ def _packages_by_messages(
     }
     scanning = {name for name in folders if any(map(SCAN.search, texts[name]))}
     searched = {package.name: package for package in packages if package.name in folders}
-    driving = frozenset(
-        name for name in searched if any(texts[each] for each in with_dependencies({name}, searched))
-    )
-    return scanning, driving
+    driving = set()
+    for name in searched:
+        names = with_dependencies({name}, searched)  # the package itself, and those on which it depends
+        if any(texts[each] for each in names):
+            driving.add(name)
+    return scanning, frozenset(driving)
 
 
 def _package_of(node: str) -> str:

@@ -133,15 +133,16 @@ def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
         text = _COMMENT.sub("", read_text(launch_file, MAX_FILE))
     except UnreadableFileError:
         return ()
-    # attributes of each node, by name
-    nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
     # roslaunch would replace $(find PACKAGE) by the path of the package, so this function does it
     find = re.compile(rf"\$\(find +{re.escape(package.name)} *\)")
-    return tuple(
-        RvizNode(node.get("name", "rviz"), find.sub(lambda _: str(package), node.get("args", "")), remap=())
-        for node in nodes
-        if node.get("pkg") == "rviz"
-    )
+    rviz_nodes = []
+    for node in re.findall(r"<node\b([^<>]{0,2000})", text):
+        attributes = dict(_ATTRIBUTE.findall(node))
+        if attributes.get("pkg") == "rviz":
+            # a function returns the path, because a text with a backslash would be changed by `sub`
+            arguments = find.sub(lambda _: str(package), attributes.get("args", ""))
+            rviz_nodes.append(RvizNode(attributes.get("name", "rviz"), arguments, remap=()))
+    return tuple(rviz_nodes)
 
 
 def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dict[str, Path]:

@@ -74,7 +74,10 @@ class Package:
 
     @cached_property
     def imported(self) -> FrozenSet[str]:
-        """Return the names that its Python files import; package.xml may forget them."""
+        """Return the names of the modules that its Python files import.
+
+        Some of them may be packages on which it depends, but which its package.xml forgets.
+        """
         # a Python node may have a name without an ending
         texts = texts_in(self.path, {".py", ""}, MAX_MANIFEST, skipped=BUILT)
         return frozenset(name for _, text in texts for name in _IMPORT.findall(text))
@@ -113,7 +116,9 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
         places = {root: PurePosixPath(".")}
         folders = [root]
         for folder in folders:  # the list grows, because archives may contain archives
-            for archive in (path for path in walk(folder, skipped=BUILT) if suffix_of(path.name)):
+            for archive in walk(folder, skipped=BUILT):
+                if not suffix_of(archive.name):
+                    continue
                 if len(folders) > MAX_ARCHIVES:
                     break  # further archives are left out
                 unpacked = scratch / str(len(folders))
@@ -192,9 +197,12 @@ def exercise_numbers(name: str) -> Set[int]:
     name = unicodedata.normalize("NFC", name)
     # MyExercise3 becomes my_exercise3, so that words are found
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
-    # the pattern has a group for each way to write a number, and only one of these groups matches
-    numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(text)]
-    return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
+    numbers = set()
+    for groups in _EXERCISE.findall(text):
+        # the pattern has a group for each way to write a number; only one of these groups is not empty
+        word = "".join(groups)
+        numbers.add(_NUMBERS[word] if word in _NUMBERS else int(word))
+    return numbers
 
 
 class Fit(IntEnum):

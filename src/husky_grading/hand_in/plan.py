@@ -70,7 +70,11 @@ def with_stand_ins(workspace: Workspace, visible_code: VisibleCode) -> Workspace
     not installed. `visible_code` says which files of our package the replacements use.
     """
     roots = _roots(workspace)
-    stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
+    stand_ins = []
+    for path in COMPAT.iterdir():
+        is_installed = any((root / path.name).is_dir() for root in roots)
+        if not is_installed:
+            stand_ins.append(path)
     return replace(workspace, packages=(*workspace.packages, *stand_ins), own=visible_code)
 
 

@@ -95,11 +95,13 @@ def prepare(job: Job, facts: Facts) -> Submission:
     if planned.package_path:
         sentences += misspelt_dependencies(planned.package_path, submission.workspace)
     file_notes = [Note(Kind.HAND_IN, sentence) for sentence in sentences]
+    problem = submission.problem
+    if not problem and not planned.nodes:
+        problem = planned.notes  # the notes are the reasons why the submission starts no node
     submission = replace(
         submission,
         nodes=planned.nodes,
-        # a submission that starts no node has a problem, and the notes of its plan are the reasons
-        problem=submission.problem or (() if planned.nodes else planned.notes),
+        problem=problem,
         notes=(*submission.notes, *file_notes, *planned.notes),
         rviz=rviz,
         robot=facts.find_robot(planned),

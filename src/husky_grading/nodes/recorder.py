@@ -281,15 +281,16 @@ class DriveRecorder:
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         # the first look that finds silent topics counts, even if their publishers come later
-        self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
+        if not self._silent:
+            self._silent = silent_topics(publishers, subscribers, self._our_nodes)
         # for unread topics only the latest look counts, because a subscriber may come after the publisher
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         self._check_for_violations(publishers, subscribers)
         self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
-        velocity_topics = map(rospy.resolve_name, VELOCITY_TOPICS)
-        velocity_nodes = {node for topic in velocity_topics for node in publishers.get(topic, ())}
-        self._advertises = self._advertises or bool(velocity_nodes - self._our_nodes)
+        for name in VELOCITY_TOPICS:
+            nodes = publishers.get(rospy.resolve_name(name), ())
+            self._advertises = self._advertises or bool(set(nodes) - self._our_nodes)
         self._join()
 
     def _check_for_violations(

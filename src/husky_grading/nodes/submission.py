@@ -391,11 +391,13 @@ def drop_prefix(node: Any, reporter: Reporter) -> None:
 
     With such a launch-prefix, roslaunch would not start the node.
     """
+    if not node.launch_prefix:
+        return
     try:
-        # the first word of the launch-prefix is the program; empty if the node has no prefix
-        program, *_ = shlex.split(node.launch_prefix or "") or [""]
+        words = shlex.split(node.launch_prefix)
     except ValueError:  # a quote in the launch-prefix is not closed
-        program = node.launch_prefix
+        words = [node.launch_prefix]
+    program = words[0] if words else ""
     if program and (os.path.basename(program) in INTERACTIVE or shutil.which(program) is None):
         reporter.write("prefix", node=node.name, prefix=node.launch_prefix)
         node.launch_prefix = None
