@@ -9,10 +9,12 @@ gives 12 mm of statistical error, and 18 m of range on a surface of 10 % remissi
 remission of surfaces, the distance below which two echoes become one, and the scale of the intensities, so
 these three values are assumed.
 
-A beam is a round spot of light. Rays sample the spot across its width, in the scan plane only, and each ray
-returns a fraction of the light. The rays of one echo are averaged, so an edge gives ranges between near and
-far. An echo is detected if its fraction is large enough for its distance: half a spot on a pillar is enough
-at 10 m, but not at 20 m.
+A beam is a round spot of light, which becomes wider with the distance. At an edge, a part of the spot falls
+on the near surface, and the rest on a surface behind it. So several rays in the scan plane sample the spot
+across its width, and each ray carries a fraction of the light. An echo is the light that comes back from
+surfaces at nearly one distance. Its range is the mean of the rays of this echo, so an edge gives ranges
+between near and far. An echo is detected if its fraction of the light is large enough for its distance: half
+a spot on a pillar is enough at 10 m, but not at 20 m.
 """
 
 from __future__ import annotations
@@ -29,12 +31,12 @@ from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, 
 from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
-RAYS_PER_BEAM = 5  # number of steps from one beam to the next; a ray is cast at each step
-# [rad] rays are cast up to this angle on either side of a beam. This is half the light spot's angle at 0.3 m;
-# nearer spots have a larger angle, and get no rays at their edges.
+RAYS_PER_BEAM = 5  # number of rays from one beam to the next
+# [rad] Rays sample the spot of a beam up to this angle on either side of its middle. This is half the spot's
+# angle at 0.3 m. A spot on a nearer surface has a larger angle, so its edges are not sampled.
 WIDEST_SPOT = 0.0208
-# number of pieces of a scan if the robot moves; all rays of a piece start at the pose in the middle of the
-# piece, so ranges are wrong by less than 1.5 mm at 1 m/s
+# If the robot moves, a scan is divided into this number of pieces. All rays of a piece start at the robot's
+# pose at the middle of the piece, so ranges are wrong by less than 1.5 mm at 1 m/s.
 SWEEP_PIECES = 5
 MAX_ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
 FARTHEST = 60.0  # [m] largest distance of an echo
@@ -96,16 +98,17 @@ class Lms1xx:
         """Return the sweep that ends at `stamp` [s]; the stamp of the scan is the time of its first beam."""
         config = self._config
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        # if the robot moves, it has another pose for each piece of the scan
         is_moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING_SPEED
-        echoes = []
+        # range [m] of each beam's echo, and fraction of the light in this echo; 0 if there is no echo
+        ranges_of_pieces, fractions_of_pieces = [], []
         for piece in _pieces(config, SWEEP_PIECES if is_moving else 1):
             base_in_world = _pose_before(state, piece.time_to_end) if is_moving else state.pose_in_world
             # a ray may reach beyond `range_max`; below, the noisy range decides whether an echo is valid
             depths = self._cast_rays(compose(base_in_world, self._pose_in_base), piece.rays, FARTHEST)
-            echoes.append(_echoes(depths, piece, config))
-        # range [m] and fraction of the light of the echo of each beam; 0 if there is no echo
-        ranges, light_fractions = (np.concatenate(part) for part in zip(*echoes))
+            ranges_of_piece, fractions_of_piece = _echoes(depths, piece, config)
+            ranges_of_pieces.append(ranges_of_piece)
+            fractions_of_pieces.append(fractions_of_piece)
+        ranges, light_fractions = np.concatenate(ranges_of_pieces), np.concatenate(fractions_of_pieces)
         # every beam gets a random number, even if it meets nothing, so that the noise of one beam does not
         # depend on the other beams
         noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
@@ -130,30 +133,31 @@ class Lms1xx:
 
 
 def _pose_before(state: RobotState, age: float) -> Pose:
-    """Return the pose of base_link in the world `age` s ago, if velocity and tilt were the same as now."""
+    """Return the pose of base_link in the world `age` s ago, estimated from the present velocity and tilt."""
     (vx, vy, vz), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
     turn = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
     return compose(state.pose_in_world, Pose((-vx * age, -vy * age, -vz * age), turn))
 
 
 class _Piece(NamedTuple):
-    """Neighbouring beams that are cast from one pose."""
+    """Neighbouring beams of a scan whose rays are cast from one pose."""
 
     beams: int  # number of beams
     time_to_end: float  # [s] time from the middle beam of this piece to the end of the scan
-    rays: Beams  # rays that sample the light spots of these beams
-    offsets: np.ndarray  # (S,) [rad] angles of the rays of a spot, relative to the beam
+    rays: Beams  # all rays that sample the light spots of these beams
+    offsets: np.ndarray  # (S,) [rad] angles of the S rays of one spot, relative to the middle of its beam
 
 
 @lru_cache(maxsize=8)
 def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
-    """Return the sweep as `count` pieces; all rays of a piece are cast from the pose at its middle beam.
+    """Divide the scan into `count` pieces, and return them with the rays of their beams.
 
-    There are RAYS_PER_BEAM rays from one beam to the next. Neighbouring spots overlap and share rays.
+    There are RAYS_PER_BEAM rays from one beam to the next. A spot is wider than this, so neighbouring spots
+    overlap and share rays.
     """
     angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
     step = float(increment) / RAYS_PER_BEAM  # [rad] angle from one ray to the next
-    half = int(WIDEST_SPOT / step) + 1  # number of rays on either side of a beam
+    half = int(WIDEST_SPOT / step) + 1  # number of a spot's rays on either side of its middle
     offsets = step * np.arange(-half, half + 1)
     pieces = []
     for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
@@ -167,7 +171,7 @@ def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
 
 
 def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np.ndarray, np.ndarray]:
-    """Return the range of each beam's nearest echo that is strong enough, and its fraction of the light.
+    """Find the nearest echo of each beam that is strong enough, and return its range and fraction of light.
 
     Surfaces within `echo_length` give one echo, at the mean of their distances. A weak echo is skipped, and
     the next echo behind it is tried, up to MAX_ECHOES echoes.
@@ -181,11 +185,11 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
     """
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
-    # distances of the S rays that sample the spot of each beam, (N, S); the spot of the next beam begins
-    # RAYS_PER_BEAM rays later
+    # (N, S) distances of the S rays that sample the spot of each beam. The first ray of a beam's spot is
+    # RAYS_PER_BEAM rays behind the first ray of the spot before it.
     depths_of_beams = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
-    # the loop keeps the beams that have no strong echo yet: `beams` has their indices, and `depth` and
-    # `weights` have one row for each of them
+    # The loop below goes on only with beams that have no strong echo yet. `beams` has the indices of these
+    # beams; `depth` and `weights` have one row for each of them.
     (beams,) = np.isfinite(depths_of_beams).any(axis=1).nonzero()
     depth = depths_of_beams[beams]
     weights = _weights(depth, piece.offsets, config)
@@ -193,43 +197,43 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
     for _ in range(MAX_ECHOES):
         if not len(beams):
             break
-        # true for the rays of each beam's nearest echo: the shortest ray of the beam, and its other rays that
-        # are longer by at most `echo_length`. A ray without a surface is inf. FARTHEST keeps such rays out of
-        # the echo, also if the beam has no other rays left
-        in_echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
+        # The nearest echo of a beam consists of its shortest ray, and of its rays that are longer by at most
+        # `echo_length`. A ray that meets nothing is inf; the limit FARTHEST keeps it out of the echo, also if
+        # all rays of the beam are inf.
+        longest = np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)
+        in_echo = depth <= longest[:, None]
         light = np.where(in_echo, weights, 0.0)
         fraction = light.sum(axis=1)
+        # mean of the distances, weighted by the light; 1e-12 avoids a division by zero
         mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
-        # an echo is strong if it returns at least the light of a dark surface at DARK_RANGE; the light falls
-        # with the square of the distance
-        is_strong = (fraction > 0.0) & (
-            fraction * config.remission >= DARK_REMISSION * (mean / DARK_RANGE) ** 2
-        )
+        # An echo is strong enough if at least as much light comes back as from a whole spot on a dark surface
+        # at DARK_RANGE. The light falls with the square of the distance.
+        has_light = fraction > 0.0
+        is_strong = has_light & (fraction * config.remission >= DARK_REMISSION * (mean / DARK_RANGE) ** 2)
         ranges[beams[is_strong]] = mean[is_strong]
         fractions[beams[is_strong]] = np.minimum(fraction[is_strong], 1.0)
-        # these rays do not count any more, so the next round finds the next echo behind them
+        # the rays of this echo do not count any more, so the next round finds the echo behind it
         depth[in_echo] = inf
         # only beams with a weak echo go on; a beam without any light has no further echo
-        is_weak = ~is_strong & (fraction > 0.0)
+        is_weak = ~is_strong & has_light
         beams, depth, weights = beams[is_weak], depth[is_weak], weights[is_weak]
     return ranges, fractions
 
 
 def _weights(depths: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
-    """Return the fraction of its spot's light that each ray carries, (N, S); a ray may meet nothing.
+    """Return the fraction of its spot's light that each ray carries, (N, S); 0 outside of the spot.
 
     Args:
         depths: distances at which the rays meet a surface (N, S) [m], inf for a miss.
         offsets: angles of the rays relative to the beam (S,) [rad].
         config: size and divergence of the spot.
     """
-    # half the angle [rad] of the spot at each distance
+    # half the angle [rad] under which the lidar sees the spot, at each distance
     half_angle = 0.5 * (config.divergence + config.spot / np.maximum(depths, 1e-3))
-    # a ray stands for a strip of the round spot; its fraction of the light is the area of the strip (chord
-    # times step), divided by the area of the spot
-    from_centre = offsets / half_angle  # position of the ray across the spot, from -1 to 1 inside the spot
+    # A ray stands for a narrow strip of the round spot, at a right angle to the scan plane. The fraction of
+    # the light is the area of the strip, divided by the area of the spot. With the half angle as the unit of
+    # length, the strip is 2 sqrt(1 - x^2) long and step / half_angle wide, and the area of the spot is pi.
+    x = offsets / half_angle  # position of the strip across the spot, from -1 to 1
     step = offsets[1] - offsets[0]
-    fractions: np.ndarray = (
-        np.sqrt(np.maximum(1.0 - from_centre * from_centre, 0.0)) * (2.0 / pi * step) / half_angle
-    )
+    fractions: np.ndarray = np.sqrt(np.maximum(1.0 - x * x, 0.0)) * (2.0 / pi * step) / half_angle
     return fractions

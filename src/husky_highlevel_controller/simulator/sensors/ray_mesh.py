@@ -2,9 +2,10 @@
 
 In: a mesh at a pose, the pose of the laser, its beams. Out: distances along the beams.
 
-The scan plane cuts a mesh in line segments, one for each triangle whose corners lie on both sides of it. So a
-scan computes one height for each corner, and its beams meet only the segments. The time grows with the number
-of corners, not with beams times triangles, so no search tree is needed.
+All beams lie in one plane, the scan plane. It cuts each triangle that has corners on both sides of the plane
+in a line segment, and beams can meet the mesh only on these segments. So a scan computes the height of each
+corner over the scan plane, and then meets its beams with the few segments. The time grows with the number of
+corners, not with beams times triangles, so no search tree is needed.
 """
 
 from __future__ import annotations
@@ -19,15 +20,16 @@ from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat
 
 Indices = np.ndarray
 
-# [rad] each segment gets this additional width, so that no beam passes between two neighbouring segments
+# [rad] each segment is treated as wider by this angle at both ends; otherwise rounding could let a beam pass
+# between two neighbouring segments
 _SLACK = 1e-9
 
 
 class RayMesh(NamedTuple):
-    """Mesh of a scene."""
+    """Mesh at a pose, with the ball around the mesh for a quick test whether beams can meet it."""
 
     vertices: np.ndarray  # (V, 3) [m] corners in the mesh's frame
-    faces: np.ndarray  # (3, F) corners of each triangle, as indices of rows of `vertices`
+    faces: np.ndarray  # (3, F) three corners of each triangle, as row numbers of `vertices`
     centre: Vector3  # [m] centre of the ball around the mesh, in the mesh's frame
     bound: float  # [m] radius of the ball around the mesh
     position: Vector3  # [m] position of the mesh's frame in the world
@@ -35,14 +37,14 @@ class RayMesh(NamedTuple):
 
 
 def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:
-    """Return a mesh at a pose, with the ball around the mesh."""
-    low, high = mesh.bounds
+    """Return a mesh at a pose in the form that `meet_mesh` takes."""
+    low, high = mesh.bounds  # opposite corners of the box around the mesh
     x, y, z = ((low + high) / 2.0).tolist()
     return RayMesh(
         vertices=mesh.vertices,
         faces=np.ascontiguousarray(mesh.faces.T),
         centre=(x, y, z),
-        bound=hypot(*mesh.size) / 2.0,
+        bound=hypot(*mesh.size) / 2.0,  # half the diagonal of the box
         position=pose_in_world.position,
         axes=axes_from_quat(pose_in_world.quat_xyzw),
     )
@@ -62,8 +64,8 @@ def meet_mesh(
         distances: distances of the beams.
 
     Returns:
-        0 if no beam can meet the mesh, otherwise inf. `cast_rays` takes the result as the largest distance
-        [m] that this mesh can have put into `distances`.
+        An upper bound of the distances at which beams meet the mesh [m]: 0 if no beam can meet the mesh,
+        otherwise inf, which `cast_rays` takes as "not known".
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
@@ -76,24 +78,25 @@ def meet_mesh(
     x, y, z = along_axes(laser, minus(middle, origin))
     if abs(z) > mesh.bound or hypot(x, y) - mesh.bound > max_range:
         return 0.0
-    # 2. heights of the corners above the scan plane: `turned` (3, 3) has the laser's axes in the mesh's
-    # frame, and `offset` is the position of the mesh's frame in the laser's frame
-    turned = np.array([along_axes(mesh.axes, axis) for axis in laser])
-    offset = along_axes(laser, minus(mesh.position, origin))
-    heights = mesh.vertices @ turned[2] + offset[2]
+    # 2. heights of the corners above the scan plane [m]
+    laser_in_mesh = np.array([along_axes(mesh.axes, axis) for axis in laser])  # axes of the laser (3, 3)
+    mesh_in_laser = along_axes(laser, minus(mesh.position, origin))  # position of the mesh's frame [m]
+    heights = mesh.vertices @ laser_in_mesh[2] + mesh_in_laser[2]
     # 3. the plane cuts the triangles that have corners on both sides
     a, b, c = (heights > 0.0)[mesh.faces]  # (F,) each: true if this corner of a triangle is above the plane
     cut = np.flatnonzero((a != b) | (b != c))
     if len(cut):
-        ends = _segments(mesh, cut, heights, turned[:2], np.array(offset[:2]))
-        _meet_segments(*ends, beams, distances)
+        start, end = _segments(mesh, cut, heights, laser_in_mesh[:2], np.array(mesh_in_laser[:2]))
+        _meet_segments(start, end, beams, distances)
     return inf
 
 
 def _segments(
     mesh: RayMesh, cut: Indices, heights: np.ndarray, axes: np.ndarray, offset: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Return the ends of the segments in which the scan plane cuts triangles, (2, K) each [m].
+    """Return the two ends of the line segments in which the scan plane cuts triangles, (2, K) each [m].
+
+    An end is given by its x and y in the laser's frame.
 
     Args:
         mesh: the triangles.
@@ -104,15 +107,15 @@ def _segments(
     """
     corners = mesh.faces[:, cut]  # (3, K)
     above = heights[corners] > 0.0
-    # one corner of each triangle is alone on its side of the plane; change the order so that this corner
-    # comes first
+    # number (0, 1 or 2) of the corner that is alone on its side of the plane; the other two are opposite
     lone = np.where(above[1] == above[2], 0, np.where(above[0] == above[2], 1, 2))
-    corners = corners[(lone + np.arange(3)[:, None]) % 3, np.arange(len(cut))]
+    # rotate the three corners of each triangle, so that the lone corner comes first
+    order = (lone + np.arange(3)[:, None]) % 3  # (3, K)
+    corners = corners[order, np.arange(len(cut))]
     first, second, third = heights[corners]
     # x and y of the corners in the laser's frame, (3, K) each [m]
     x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))
-    # the plane crosses the two edges that begin at the first corner, because this corner is alone on its
-    # side; the crossings are at these fractions of the edges' length
+    # the plane crosses the two edges that begin at the lone corner, at these fractions of their lengths
     to_second, to_third = first / (first - second), first / (first - third)
     start = np.array([each[0] + to_second * (each[1] - each[0]) for each in (x, y)])
     end = np.array([each[0] + to_third * (each[2] - each[0]) for each in (x, y)])
@@ -128,42 +131,44 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
         beams: beams in the laser's frame, by ascending bearing.
         distances: distances of the beams.
     """
-    # bearings between which the beams may meet each segment [rad]
     start_bearing, end_bearing = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
     low, high = np.minimum(start_bearing, end_bearing), np.maximum(start_bearing, end_bearing)
-    # A segment behind the laser may cross the bearing +-pi, so its beams are at both ends of the scan. Then
-    # the segment is listed twice: for the beams from `high` to the last beam, and from the first beam to
-    # `low`.
-    is_over_seam = high - low > pi
-    segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_over_seam)])
-    low, high = (
-        np.concatenate([np.where(is_over_seam, high, low), np.full(is_over_seam.sum(), -inf)]),
-        np.concatenate([np.where(is_over_seam, inf, high), low[is_over_seam]]),
+    # The beams between `low` and `high` may meet a segment. But a segment behind the laser may cross the
+    # direction pi, which is the same as -pi. The beams of such a segment are at both ends of the scan: from
+    # `high` to the last beam, and from the first beam to `low`. So this segment is listed a second time.
+    is_at_both_ends = high - low > pi
+    segment = np.concatenate([np.arange(len(low)), np.flatnonzero(is_at_both_ends)])
+    from_bearing = np.concatenate(
+        [np.where(is_at_both_ends, high, low), np.full(is_at_both_ends.sum(), -inf)]
     )
+    to_bearing = np.concatenate([np.where(is_at_both_ends, inf, high), low[is_at_both_ends]])
     # bearings ascend, so the beams that may meet a segment are neighbours
-    first = beams.bearings.searchsorted(low - _SLACK)
-    count = beams.bearings.searchsorted(high + _SLACK, side="right") - first
-    met = np.flatnonzero(count)
-    if not len(met):
+    first_beam = beams.bearings.searchsorted(from_bearing - _SLACK)
+    count = beams.bearings.searchsorted(to_bearing + _SLACK, side="right") - first_beam
+    has_beams = np.flatnonzero(count)
+    if not len(has_beams):
         return
-    # P pairs of a beam and a segment that this beam may meet
-    beam, segment = beams_of(first[met], count[met]), segment[met].repeat(count[met])
+    # beam and segment of each of the P pairs that may meet
+    first_beam, count = first_beam[has_beams], count[has_beams]
+    beam, segment = beams_of(first_beam, count), segment[has_beams].repeat(count)
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]
-    # a beam meets the line of a segment at a distance t with t direction = start + s along; the cross product
-    # of both sides with `along` removes s and gives t
+    # A beam meets the line of a segment at the distance t with t direction = start + s along. The cross
+    # product of both sides with `along` removes the unknown s and gives t.
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
     entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
-    # a beam on the line of its segment gives 0 / 0 = nan, which `fmin` ignores; `at` is needed because a beam
-    # may be in several pairs
+    # A beam along its segment gives 0 / 0 = nan, which `fmin` ignores. A beam may be in several pairs;
+    # without `at`, only one of them would count.
     np.fmin.at(distances, beam, entries)
 
 
 def beams_of(first: Indices, count: Indices) -> Indices:
-    """Return the beams of all shapes, shape by shape, (P,).
+    """Return the indices of the beams of several shapes in one array, shape by shape, (P,).
 
     Each shape has `count` neighbouring beams from its beam `first` on, (K,) each. For example, first = (5, 9)
     and count = (2, 3) give (5, 6, 9, 10, 11).
     """
-    ends = count.cumsum()
-    return np.arange(ends[-1]) + (first - ends + count).repeat(count)
+    ends = count.cumsum()  # number of results up to the end of each shape
+    place_of_first = ends - count  # place of the first beam of each shape among the results
+    # a result is its own place, shifted by the same number for all beams of a shape
+    return np.arange(ends[-1]) + (first - place_of_first).repeat(count)

@@ -3,13 +3,15 @@
 In: numbers of one shape, or arrays of many shapes; the formulas are the same. Out: distances along the beams.
 
 The beam with the direction d = (d_x, d_y, 0) has the points t d, with the distance t >= 0 from the laser. A
-formula finds the t at which the beam enters a shape. It has two functions:
+formula finds the t at which the beam enters a shape. Most of the work does not depend on the beam, so each
+formula has two functions:
 
-- `prepare` computes once what does not depend on the beam. It takes the centre, the axes and the size of a
-  shape in the laser's frame: numbers, or arrays (K,) for K shapes. It returns rows (F, 2[, K]) and numbers
-  (G[, K]). The caller multiplies each row by the d of each beam.
-- `enter` takes these products (F, P) and the numbers (G, 1 or P), and returns the distance at which each beam
-  enters the shape, (P,) [m]; inf or nan if the beam misses the shape.
+- `prepare` is called once for a shape. It takes the centre, the axes and the size of the shape in the
+  laser's frame: numbers, or arrays (K,) for K shapes. It returns rows (F, 2[, K]) and numbers (G[, K]). A row
+  is the x and y of a vector whose scalar product with d the formula needs.
+- `enter` is called for all beams at once. It takes the scalar products of the rows with the d of each beam
+  (F, P) and the numbers (G, 1 or P). It returns the distance at which each beam enters the shape, (P,) [m];
+  inf or nan if the beam misses the shape.
 """
 
 from __future__ import annotations
@@ -25,90 +27,109 @@ BOX, CYLINDER, SPHERE = 0, 1, 2
 
 Number = Any  # a number of one shape, or an array with a number for each shape
 Number3 = Tuple[Number, Number, Number]
-Prepared = Tuple[Sequence[Any], Sequence[Number]]
+Prepared = Tuple[Sequence[Any], Sequence[Number]]  # rows and numbers, see the docstring of this module
 
 
 def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
     """Return the rows and numbers of a box.
 
-    A box is the intersection of three slabs, one across each axis. There are three rows, the x and y of each
-    axis; d times a row is the component of d along the axis. There are three numbers of each kind: the centre
-    along each axis, half of each edge, and how deep the laser is inside each slab (negative outside).
+    A box is the intersection of three slabs. A slab is the space between two opposite faces of the box.
+
+    - rows: x and y of each axis of the box, for the component of d along this axis
+    - numbers, each for all three axes: the centre along the axis, half of the edge, and the depth of the
+      laser in the slab, which is negative if the laser is outside of the slab
     """
-    x, y, z = axes
-    a, b, c = size  # halves of the edges
-    i, j, k = dot(center, x), dot(center, y), dot(center, z)
-    return (x[:2], y[:2], z[:2]), (i, j, k, a, b, c, a - abs(i), b - abs(j), c - abs(k))
+    x_axis, y_axis, z_axis = axes
+    half_x, half_y, half_z = size
+    along_x, along_y, along_z = dot(center, x_axis), dot(center, y_axis), dot(center, z_axis)
+    depths = half_x - abs(along_x), half_y - abs(along_y), half_z - abs(along_z)
+    rows = (x_axis[:2], y_axis[:2], z_axis[:2])
+    return rows, (along_x, along_y, along_z, half_x, half_y, half_z, *depths)
 
 
 def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter a box, because from there on they are inside all three slabs."""
-    near, far = _slab(along, numbers[:3], numbers[3:6], numbers[6:])
-    return _entries(np.maximum.reduce(near), np.minimum.reduce(far))
+    """Distances at which beams enter a box.
+
+    A beam is inside the box where it is inside all three slabs: from the last of its three entries to the
+    first of its three exits.
+    """
+    entries, exits = _slab(along, numbers[:3], numbers[3:6], numbers[6:])  # (3, P) each
+    return _entry_or_inf(np.maximum.reduce(entries), np.minimum.reduce(exits))
 
 
 def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Return the rows and numbers of a cylinder with the centre c and the axis e = (u, v, w).
+    """Return the rows and numbers of a cylinder with the centre c, and its axis as the unit vector e.
 
-    A beam meets the side of the cylinder if its point t d is `radius` away from the axis. With m = c x e =
-    (i, j, k) and s = d x e, this is an equation for t, which `_flank` solves::
+    A beam meets the side of the cylinder where its point t d is `radius` away from the axis. The distance of
+    a point p from the axis is |(p - c) x e|. With m = c x e and s = d x e, this is an equation for t::
 
-        |(t d - c) x e| = radius
+        |t s - m| = radius
         (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0
-        t = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
+        t = (s.m -+ sqrt((s.m)^2 - s.s (m.m - radius^2))) / s.s
+          = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
+
+    The last line holds because s.s m.m - (s.m)^2 = (d.m)^2. This form of the root is precise for a cylinder
+    far away, too, but the form above it is not. `_flank` computes the terms of the last line.
     """
-    (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size  # `half` is half the length
-    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # m
-    middle, square = x * u + y * v + z * w, radius * radius
+    (cx, cy, cz), ((ex, ey, ez),), (radius, _, half_length) = center, axes, size
+    mx, my, mz = cy * ez - cz * ey, cz * ex - cx * ez, cx * ey - cy * ex
+    c_along_e, square = cx * ex + cy * ey + cz * ez, radius * radius
     rows = (
-        (i, j),  # d.m, for the root
-        (v * k - w * j, w * i - u * k),  # s.m, which is d.(e x m)
-        (v, -u),  # z of s; s.s is w^2 plus the square of this, because d is a unit vector
-        (u, v),  # d.e, for the ends
+        (mx, my),  # d.m, for the root
+        (ey * mz - ez * my, ez * mx - ex * mz),  # s.m, which is d.(e x m)
+        (ey, -ex),  # z component of s; s.s is ez^2 plus its square, because d is a unit vector
+        (ex, ey),  # d.e, for the ends
     )
-    depth = square - i * i - j * j - k * k  # negative if the laser is outside of the endless cylinder
-    # `_flank` needs the first two numbers. The last three describe the slab between the ends: its middle and
-    # half of its thickness along the axis, and how deep the laser is inside it.
-    return rows, (w * w, square, depth, middle, half, half - abs(middle))
+    # positive if the laser is inside the cylinder without ends, otherwise negative
+    depth = square - mx * mx - my * my - mz * mz
+    # `_flank` needs the first two numbers. The last three are for the slab between the two ends: its middle
+    # and half of its thickness along the axis, and the depth of the laser in it.
+    return rows, (ez * ez, square, depth, c_along_e, half_length, half_length - abs(c_along_e))
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter the part of the endless cylinder (see `_flank`) between its ends."""
+    """Distances at which beams enter a cylinder.
+
+    A beam is inside the cylinder where it is inside the cylinder without ends, and also inside the slab
+    between the two ends.
+    """
+    _, _, depth, middle, half_length, depth_between_ends = numbers
     a, ahead, root = _flank(along, numbers)
-    # a beam parallel to the axis has a = 0; number 2 is the laser's depth in the endless cylinder, and
-    # numbers 3 to 5 describe the slab between the ends, see `_prepare_cylinder`
-    enter, leave = _span((ahead - root) / a, (ahead + root) / a, a < 1e-18, numbers[2])
-    near, far = _slab(along[3], numbers[3], numbers[4], numbers[5])
-    return _entries(np.maximum(enter, near), np.minimum(leave, far))
+    is_parallel = a < 1e-18  # beam along the axis of the cylinder
+    side_entry, side_exit = _span((ahead - root) / a, (ahead + root) / a, is_parallel, depth)
+    slab_entry, slab_exit = _slab(along[3], middle, half_length, depth_between_ends)
+    return _entry_or_inf(np.maximum(side_entry, slab_entry), np.minimum(side_exit, slab_exit))
 
 
 def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter a cylinder that is ahead of them, if no beam can meet its ends.
+    """Distances at which beams enter the side of a cylinder, for a faster scan of upright pillars.
 
-    The result is the same as of `_enter_cylinder`, which also checks the ends, parallel beams and a laser
-    inside the cylinder. An upright pillar and a level lidar, as in each scan of the course, do not need these
-    checks, which would take a fifth of the time.
+    The result is the same as that of `_enter_cylinder` if no beam can meet the ends, if no beam is parallel
+    to the axis, and if the cylinder is not around or behind the laser. Each scan of the course is such a
+    case, because its pillar is upright and the lidar level. The omitted checks would take a fifth of the
+    time.
     """
     a, ahead, root = _flank(along, numbers)
     return (ahead - root) / a
 
 
 def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (a, ahead, root): beams cross the cylinder without ends at the distances (ahead -+ root) / a.
+    """Return a, ahead and root: beams meet the side of a cylinder at the distances (ahead -+ root) / a.
 
-    In the last equation of `_prepare_cylinder`, a is s.s, ahead is s.m, and root is the square root. This
-    form of the root is precise for a cylinder far away, too; the usual ahead^2 - a (m.m - radius^2) is not.
+    In the last equation of `_prepare_cylinder`, a is s.s, ahead is s.m, and root is the square root, which is
+    nan if the beam misses the cylinder.
     """
-    aside, ahead, cross, _ = along  # products of the rows: d.m, s.m, z of s, d.e
-    a = numbers[0] + cross * cross  # squared sine of the angle between beam and axis
-    return a, ahead, np.sqrt(numbers[1] * a - aside * aside)
+    d_m, ahead, s_z, _ = along  # products of the rows: d.m, s.m, z component of s, d.e
+    a = numbers[0] + s_z * s_z
+    return a, ahead, np.sqrt(numbers[1] * a - d_m * d_m)
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
     """Return the rows and the number of a sphere with the centre c = (x, y, z).
 
-    A beam meets the sphere if its point t d is `radius` away from c. The rows give two distances of c in the
-    scan plane: `ahead` along the beam, and `aside` to the side of the beam. The number is radius^2 - z^2::
+    A beam meets the sphere where its point t d is `radius` away from c. The rows give two distances of c in
+    the scan plane: `aside` to the side of the beam, and `ahead` along the beam. The number is
+    radius^2 - z^2::
 
         (t - ahead)^2 + aside^2 + z^2 = radius^2
     """
@@ -119,12 +140,12 @@ def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> 
 def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter a sphere, from the equation of `_prepare_sphere`.
 
-    A beam is nearest to the centre at the distance `ahead`. `root` is half of the beam's way through the
-    sphere; nan if the beam misses.
+    A beam is inside the sphere from `half_way` before the point that is nearest to the centre to `half_way`
+    behind this point. `half_way` is nan if the beam misses.
     """
     aside, ahead = along
-    root = np.sqrt(numbers[0] - aside * aside)
-    return _entries(ahead - root, ahead + root)
+    half_way = np.sqrt(numbers[0] - aside * aside)
+    return _entry_or_inf(ahead - half_way, ahead + half_way)
 
 
 class Formula(NamedTuple):
@@ -141,27 +162,32 @@ FORMULAS = (  # formulas in the order of the numbers BOX, CYLINDER and SPHERE
     Formula(slice(0, 0), _prepare_sphere, _enter_sphere),
 )
 
-# a ray is inside the shape from the first to the second distance [m]; if it misses the shape, a distance is
-# nan or the first is larger
+# distances [m] at which a ray enters and leaves a shape; if the ray misses the shape, a distance is nan, or
+# the first is larger than the second
 Span = Tuple[np.ndarray, np.ndarray]
 
 
 def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:
-    """Span in which a ray is inside a slab: the interval of t with |t direction - middle| <= half.
+    """Return the distances at which rays enter and leave a slab, the space between two parallel planes.
 
-    `directions` are the components of the rays along the slab's axis, and `middles` is its middle on this
-    axis. `depths` is half - |middle|, which is negative if the laser is outside the slab.
+    All values are along the normal of the planes.
+
+    Args:
+        directions: component of each ray's direction.
+        middles: middle of the slab, seen from the laser [m].
+        halves: half of the slab's thickness [m].
+        depths: depth of the laser in the slab [m], negative if the laser is outside.
     """
-    speeds = np.abs(directions)  # way along the axis per distance t; 0 for a ray parallel to the slab
+    speeds = np.abs(directions)  # way along the normal for each metre of the ray; 0 for a parallel ray
     middle, half = middles / directions, halves / speeds
     return _span(middle - half, middle + half, speeds < 1e-9, depths)
 
 
 def _span(near: np.ndarray, far: np.ndarray, is_parallel: np.ndarray, depths: np.ndarray) -> Span:
-    """Span from `near` to `far`, except for rays that are parallel to the surface.
+    """Return the distances `near` and `far`, but replace them for rays that are parallel to the surface.
 
-    A parallel ray is inside everywhere, from -inf to inf, if the laser is inside (`depths` is not negative).
-    Otherwise it is outside everywhere, and its span is empty, from inf to -inf.
+    A parallel ray never crosses the surface. If the laser is inside (`depths` is not negative), the whole ray
+    is inside, from -inf to inf. Otherwise no part of the ray is inside, which is written as inf to -inf.
     """
     if is_parallel.any():
         near_of_parallel = np.where(depths >= 0.0, -inf, inf)
@@ -170,7 +196,11 @@ def _span(near: np.ndarray, far: np.ndarray, is_parallel: np.ndarray, depths: np
     return near, far
 
 
-def _entries(enter: np.ndarray, leave: np.ndarray) -> np.ndarray:
-    """Return the first distance from 0 on between `enter` and `leave`; +inf if there is no such distance."""
+def _entry_or_inf(enter: np.ndarray, leave: np.ndarray) -> np.ndarray:
+    """Return the distance at which each ray enters a shape; 0 if the laser is inside; inf if the ray misses.
+
+    A ray misses the shape if `enter` is larger than `leave`, if one of them is nan, or if the shape is behind
+    the laser (`leave` is negative).
+    """
     enter = np.maximum(enter, 0.0)
     return np.where(enter <= leave, enter, inf)

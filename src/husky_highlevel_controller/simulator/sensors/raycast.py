@@ -2,13 +2,14 @@
 
 In: shapes with poses, the pose of the laser, the bearings of its beams. Out: distances.
 
-Bullet's own rays stop at a margin around a cylinder. So a pillar of 0.2 m at a distance of 20 m would be one
-beam too wide, and its side would be 2 cm wrong. Here every shape is exact, and the time grows with the number
-of beams that may hit something, not with the number of beams times the number of shapes.
+Bullet's own rays are not used, because they stop at a margin around a cylinder. A pillar of 0.2 m at a
+distance of 20 m would be one beam too wide, and its side would be 2 cm wrong. Here every shape is exact. Only
+the beams that may meet a shape are computed, which are few for most shapes.
 
-A call of NumPy costs about the same for one number as for a hundred. So a few shapes are computed one by one,
-in plain numbers, each with the slice of the beams that may meet it. Many shapes are computed all at once.
-Both ways use the same formulas. Meshes are in `ray_mesh.py`.
+A call of NumPy takes about the same time for one number as for a hundred. So few shapes are computed one
+after the other: a shape in plain numbers, with an array of the beams that may meet it. Many shapes are
+computed all at once, in arrays with an entry for each pair of a shape and a beam that may meet. Both ways use
+the same formulas, which are in `ray_shapes.py`. Meshes are in `ray_mesh.py`.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     enter_flank,
 )
 
-# Up to this number of solid shapes, the shapes are computed one by one; if there are more, all at once, as
-# arrays. In the course's world of few shapes, arrays would take three times as long. In a world of 1000
-# shapes, one by one would take ten times as long.
+# Up to this number of solid shapes, the shapes are computed one after the other; more shapes are computed all
+# at once, as arrays. In the course's world of few shapes, arrays would take three times as long. In a world
+# of 1000 shapes, one after the other would take ten times as long.
 MAX_ONE_BY_ONE = 10
 KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
@@ -67,8 +68,9 @@ class RaySolid(NamedTuple):
 class RayScene:
     """Shapes that rays can hit; their sizes are fixed, their poses may change.
 
-    The solids are stored twice: as a list, for few solids that beams meet one by one, and as arrays, for many
-    solids that beams meet all at once. `move` updates only the form that this scene uses, see `has_many`.
+    The solids are stored twice: as a list, for scenes of few solids, which are computed one after the other,
+    and as arrays, for scenes of many solids, which are computed all at once. `has_many` says which of the two
+    forms is used. `move` updates only this form.
     """
 
     solids: List[RaySolid]  # (M,)
@@ -83,7 +85,7 @@ class RayScene:
 
     @property
     def has_many(self) -> bool:
-        """Return whether the beams meet the solids of this scene all at once, as arrays."""
+        """Return whether the solids of this scene are computed all at once, as arrays."""
         return len(self.solids) > MAX_ONE_BY_ONE
 
     def move(self, index: int, pose_in_world: Pose) -> None:
@@ -118,10 +120,14 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
             continue
         x, y, z = shape.size
         kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
-        # radius of the ball around the solid [m]: distance from its centre to a corner of the box, to the rim
-        # of the cylinder, or to the surface of the sphere
-        bounds = {BOX: hypot(*size), CYLINDER: hypot(*size[1:]), SPHERE: size[0]}
-        solids.append(RaySolid(kind, size, bounds[kind], pose.position, axes_from_quat(pose.quat_xyzw)))
+        if kind == BOX:
+            bound = hypot(*size)  # distance from the centre to a corner
+        elif kind == CYLINDER:
+            radius, _, half_length = size
+            bound = hypot(radius, half_length)  # distance from the centre to the rim of an end
+        else:
+            bound = size[0]  # radius of the sphere
+        solids.append(RaySolid(kind, size, bound, pose.position, axes_from_quat(pose.quat_xyzw)))
     return RayScene(
         solids,
         tuple(planes),
@@ -134,32 +140,33 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
     )
 
 
-# numpy gives no warnings, because inf and nan are expected: a beam parallel to a face gives inf or overflows,
-# and a beam beside a round shape gives nan
+# NumPy's warnings are switched off, because inf and nan are usual results here: a beam parallel to a face
+# gives inf or overflows, and a beam beside a round shape gives nan
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
     """Return the distance at which each beam meets the first body, (N,) [m]; +inf beyond `max_range` [m].
 
-    A laser inside a solid shape reads 0; a plane or a mesh is seen from either side. Beams lie in the xy
-    plane of the laser, at bearings within [-pi, pi].
+    A beam that begins inside a solid shape has the distance 0. A plane or a mesh has no inside: it is met
+    from either side. The beams lie in the xy plane of the laser, at bearings within [-pi, pi].
     """
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
+    # Each shape below shortens the distances of the beams that meet it before any earlier shape.
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
-    # [m] upper bound of all finite distances; only if it is above `max_range`, the end of this function
-    # searches for distances beyond `max_range`
+    # [m] upper bound of all finite distances. It saves time, because distances beyond `max_range` need to be
+    # searched only if this bound is above `max_range`.
     farthest = 0.0
     for point, normal in scene.planes:
+        # from the laser to the plane along its normal [m], and components of the normal in the laser's frame
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        # no beam reaches a plane that is farther, for example the floor below a level laser
+        # otherwise no beam reaches the plane, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
-            # distance along each beam: distance to the plane along its normal, divided by the beam's
-            # component along the normal
-            along = height / np.dot((x, y), beams.directions)
-            along[along < 0.0] = inf  # the plane is behind the laser
-            np.fmin(distances, along, out=distances)
+            # the way along the normal, divided by the way along the normal for each metre of the beam
+            to_plane = height / np.dot((x, y), beams.directions)
+            to_plane[to_plane < 0.0] = inf  # the plane is behind the laser
+            np.fmin(distances, to_plane, out=distances)
             farthest = inf
-    if scene.has_many:  # many solids are met all at once, in arrays; a few are met faster one after the other
+    if scene.has_many:
         _meet_many(scene, np.array(origin), np.array(laser), beams, max_range, distances)
         farthest = inf
     else:
@@ -182,54 +189,61 @@ def _meet_one(
 
     The result is an upper bound of the distances at which beams meet the solid [m]; 0 if no beam can meet it.
 
-    The ball around the shape, seen from above: the scan plane cuts it in a circle round (x, y)::
+    Most beams cannot meet the solid, because they do not meet the ball around it. The scan plane cuts this
+    ball in a circle round (x, y), which is drawn here from above. Only the beams within `half_angle` of the
+    centre of the circle are computed::
 
-                          ___
-                        /     \         flat    distance from the laser to (x, y)
-        laser o--------(   +   )---     radius  of the circle, sqrt(bound^2 - z^2)
-                spread  \_____/         spread  asin(radius / flat), on either side of atan2(y, x)
+                              ___
+                            /     \         level       distance from the laser to (x, y)
+            laser o--------(   +   )---     radius      of the circle, sqrt(bound^2 - z^2)
+                half_angle  \_____/         half_angle  asin(radius / level)
     """
-    # 1. the ball around the solid, in the laser's frame, and the circle in which the scan plane cuts the
-    # ball
+    # 1. the centre of the solid in the laser's frame
     center = along_axes(laser, minus(solid.position, origin))
     x, y, z = center
-    flat, square = hypot(x, y), solid.bound * solid.bound - z * z
-    # 2. no beam meets a ball that is above, below or beyond the scan
-    if square < 0.0 or flat - solid.bound > max_range:
+    level, radius_squared = hypot(x, y), solid.bound * solid.bound - z * z
+    # 2. no beam meets a ball that is above or below the scan plane, or farther than `max_range`
+    if radius_squared < 0.0 or level - solid.bound > max_range:
         return 0.0
-    farthest, radius = flat + solid.bound, sqrt(square)
-    # 3. `prepare` computes once the rows and numbers that are the same for all beams; for each beam, `enter`
-    # computes the distance from them. See the module `ray_shapes`
+    farthest, radius = level + solid.bound, sqrt(radius_squared)
+    # 3. `prepare` computes the rows and numbers that are the same for all beams, and `enter` computes the
+    # distances of beams from them, see the module `ray_shapes`
     needed_axes, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
     row_terms, number_terms = prepare(center, axes, solid.size)
     rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
-    if solid.kind == CYLINDER and flat > radius:
+    if solid.kind == CYLINDER and level > radius:
         ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
-        # The ends of the cylinder need no test if no point of a beam up to `farthest` lies beyond an end. The
-        # sum is the largest possible distance of such a point from the cylinder's middle, along its axis.
-        if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= solid.size[2]:
+        # A faster formula is enough if no beam can pass an end of the cylinder. The sum is the largest
+        # distance from the cylinder's middle, along its axis, that any point of a beam up to `farthest` has.
+        half_length = solid.size[2]
+        if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= half_length:
             enter = enter_flank
     # 4. only the beams towards the circle are computed, or all beams if the laser is inside the circle
-    for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
-        entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
-        met = distances[first:last]
-        np.fmin(met, entries, out=met)  # nan means that the beam misses; `fmin` ignores nan
+    half_angle = asin(radius / level) if level > radius else pi
+    for first, end in _beams_around(beams, atan2(y, x), half_angle):
+        entries = enter(np.dot(rows, beams.directions[:, first:end]), numbers)
+        distances_there = distances[first:end]  # a view, so that the next line changes `distances`
+        # a beam that misses has nan, which `fmin` ignores
+        np.fmin(distances_there, entries, out=distances_there)
     return farthest
 
 
-def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
-    """Return ranges of beams within `spread` of `middle` [rad]: first beam, and last beam plus 1."""
+def _beams_around(beams: Beams, middle: float, half_angle: float) -> List[Tuple[int, int]]:
+    """Return the ranges of beams whose bearings differ from `middle` by at most `half_angle` [rad].
+
+    A range is the index of its first beam, and the index behind its last beam. There may be two ranges, at
+    both ends of the scan, because the bearings pi and -pi are the same direction.
+    """
     # 1e-9 rad are added, so that rounding loses no beam that touches an edge
-    low, high = middle - spread - 1e-9, middle + spread + 1e-9
-    ends = [(low, high)]
-    # a ball behind the laser may reach over the angle +-pi, so the beams on the other side of this angle are
-    # computed, too
+    low, high = middle - half_angle - 1e-9, middle + half_angle + 1e-9
+    limits = [(low, high)]
     if low < -pi:
-        ends.append((low + 2.0 * pi, high + 2.0 * pi))
+        limits.append((low + 2.0 * pi, high + 2.0 * pi))
     if high > pi:
-        ends.append((low - 2.0 * pi, high - 2.0 * pi))
-    return [(first, last) for first, last in beams.bearings.searchsorted(ends).tolist() if first < last]
+        limits.append((low - 2.0 * pi, high - 2.0 * pi))
+    # bearings ascend, so the beams between two limits are neighbours
+    return [(first, end) for first, end in beams.bearings.searchsorted(limits).tolist() if first < end]
 
 
 # ---------------------------------------------------------------------------- many shapes
@@ -243,7 +257,10 @@ def _meet_many(
     max_range: float,
     distances: np.ndarray,
 ) -> None:
-    """Shorten the distances of the beams that meet any solid of a scene, all solids of a kind at once.
+    """Shorten the distances of the beams that meet any solid of a scene, for all solids of a kind at once.
+
+    The formulas are computed for pairs of a solid and a beam that may meet, all pairs of a kind of solid in
+    one array.
 
     Args:
         scene: the solids.
@@ -254,32 +271,36 @@ def _meet_many(
         distances: distances of the beams (N,) [m], changed in place.
     """
     centers = (scene.positions - origin) @ laser.T  # (M, 3) centres in the laser's frame
-    # each candidate is a solid, with the first beam and the number of beams that may meet it
+    # each candidate is a solid with neighbouring beams that may meet it: the first beam, and their number
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
-    # the formula of each kind of shape: indices of the axes that it needs, and the functions `prepare` and
-    # `enter`, see the module `ray_shapes`
+    # the formula of each kind of shape has the indices of the axes that it needs, and the functions `prepare`
+    # and `enter`, see the module `ray_shapes`
     for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
-            solid, beams_each = solids[chosen], beam_counts[chosen]
-            # the K candidates have P pairs of a solid and a beam in all; `beam` has the beam of each pair
-            beam = beams_of(first_beams[chosen], beams_each)
+            # solid of each candidate (K,), and number of its beams (K,)
+            solid, count = solids[chosen], beam_counts[chosen]
+            # beam of each pair (P,); the pairs of one candidate come one after the other
+            beam = beams_of(first_beams[chosen], count)
             # axes in the laser's frame, from (K, axis, xyz) to (axis, xyz, K), as `prepare` takes them
             axes = (scene.axes[solid, needed_axes] @ laser.T).transpose(1, 2, 0)
-            prepared = prepare(centers[solid].T, axes, scene.sizes[solid].T)
-            # the terms of each solid are repeated for each of its beams, from (..., K) to (..., P)
-            rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)
+            rows_each, numbers_each = prepare(centers[solid].T, axes, scene.sizes[solid].T)
+            # the values of a candidate are repeated for each of its pairs
+            rows = np.array(rows_each).repeat(count, axis=-1)  # (F, 2, P)
+            numbers = np.array(numbers_each).repeat(count, axis=-1)  # (G, P)
+            # scalar product of each row with the direction (x, y) of the beam, (F, P)
             x, y = beams.directions[:, beam]
-            # each row is multiplied by the direction (x, y) of its beam. nan means that the beam misses, and
-            # `fmin` ignores nan; `at` is needed because a beam may be in several pairs
-            np.fmin.at(distances, beam, enter(rows[:, 0] * x + rows[:, 1] * y, numbers))
+            entries = enter(rows[:, 0] * x + rows[:, 1] * y, numbers)
+            # A beam that misses has nan, which `fmin` ignores. A beam may be in several pairs; without `at`,
+            # only one of them would count.
+            np.fmin.at(distances, beam, entries)
 
 
 def _candidates(
     centers: np.ndarray, bounds: np.ndarray, bearings: np.ndarray, max_range: float
 ) -> Tuple[Indices, Indices, Indices]:
-    """Find the pairs of solids and beams that may meet, judged by the ball around each solid.
+    """Find the beams that may meet each solid: those towards the ball around the solid, as in `_meet_one`.
 
     Args:
         centers: centres of the solids in the laser's frame, (M, 3) [m].
@@ -288,30 +309,30 @@ def _candidates(
         max_range: farther balls are skipped [m].
 
     Returns:
-        Three arrays with an entry for each candidate: the solid, the first beam that may meet it, and the
-        number of neighbouring beams that may meet it. A solid behind the laser may be two candidates, because
-        it has beams at both ends of the scan.
+        Three arrays with an entry for each candidate: the index of the solid, the first beam that may meet
+        it, and the number of neighbouring beams that may meet it. A solid behind the laser may be two
+        candidates, because it has beams at both ends of the scan.
     """
-    # `square` is the squared radius of the circle in which the scan plane cuts a ball; it is negative if the
-    # plane misses the ball
-    x, y, height = centers.T
-    distance, square = np.hypot(x, y), bounds * bounds - height * height
-    near = np.flatnonzero((square >= 0.0) & (distance - bounds <= max_range))  # indices of solids
-    distance, radius = distance[near], np.sqrt(square[near])
+    x, y, z = centers.T
+    # squared radius of the circle in which the scan plane cuts a ball; negative if the plane misses the ball
+    level, radius_squared = np.hypot(x, y), bounds * bounds - z * z
+    solid = np.flatnonzero((radius_squared >= 0.0) & (level - bounds <= max_range))
+    level, radius = level[solid], np.sqrt(radius_squared[solid])
     # angle from the middle of each circle to its edges, seen from the laser [rad]; 1e-9 rad are added, so
     # that rounding loses no beam that touches an edge
-    half_angle = np.arcsin(np.minimum(radius / distance, 1.0)) + 1e-9
-    half_angle[distance <= radius] = pi + 1e-9  # the laser is inside the ball
-    middle = np.arctan2(y[near], x[near])
+    half_angle = np.arcsin(np.minimum(radius / level, 1.0)) + 1e-9
+    half_angle[level <= radius] = pi + 1e-9  # the laser is inside the circle, so all beams may meet the solid
+    middle = np.arctan2(y[solid], x[solid])
     low, high = middle - half_angle, middle + half_angle
-    # a ball behind the laser may reach over the bearing +-pi, so it becomes a second candidate, with bearings
-    # that are turned by 2 pi
+    # The bearings pi and -pi are the same direction. A solid that reaches over this direction is added a
+    # second time, with its bearings turned by 2 pi, for the beams at the other end of the scan.
     for over, turn in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
         if len(over):
-            near = np.concatenate([near, near[over]])
-            low, high = (np.concatenate([edge, edge[over] + turn]) for edge in (low, high))
+            solid = np.concatenate([solid, solid[over]])
+            low = np.concatenate([low, low[over] + turn])
+            high = np.concatenate([high, high[over] + turn])
     # bearings ascend, so the beams from `low` to `high` are neighbours
-    first = bearings.searchsorted(low)
-    count = bearings.searchsorted(high, side="right") - first
-    met = np.flatnonzero(count)  # candidates with at least one beam
-    return near[met], first[met], count[met]
+    first_beam = bearings.searchsorted(low)
+    count = bearings.searchsorted(high, side="right") - first_beam
+    has_beams = np.flatnonzero(count)
+    return solid[has_beams], first_beam[has_beams], count[has_beams]
