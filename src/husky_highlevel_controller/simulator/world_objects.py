@@ -13,6 +13,7 @@ from husky_highlevel_controller.datatypes import (
     ModelMotion,
     Plane,
     Pose,
+    Shape,
     TriangleMesh,
 )
 from husky_highlevel_controller.geometry import compose, inverse
@@ -27,12 +28,17 @@ def model_of_body(name: str) -> str:
 
 
 class WorldObjects:
-    """The bodies in a Bullet world. The name of a body is `model`, or `model::link`."""
+    """All bodies of a world except the robot: those in Bullet, and those that are only drawn.
+
+    A model is one body, or several bodies that are moved and deleted together. The name of a body is `model`,
+    or `model::link` in a model of several bodies. A body without a collision shape is not in Bullet, because
+    it is only drawn.
+    """
 
     def __init__(self, bullet: BulletWorld) -> None:
         self._bullet = bullet
         self._bodies: Dict[str, Body] = {}
-        # present poses in the world of the moved bodies that are only drawn, by name; they are not in Bullet
+        # present poses in the world of bodies that are only drawn, by name, if they have been moved
         self._drawn_poses: Dict[str, Pose] = {}
 
     @property
@@ -52,7 +58,7 @@ class WorldObjects:
         models = {model_of_body(body.name) for body in bodies}
         if ROBOT in models:
             raise PlacementError(f"'{ROBOT}' is the name of the robot; choose another name")
-        # a new body of an existing model would be moved and deleted with that model
+        # a new body with the name of an existing model would become a part of that model
         taken = models.intersection(self.models)
         if taken:
             raise self._name_is_taken(min(taken))
@@ -65,7 +71,7 @@ class WorldObjects:
                 if body.collisions:
                     self._bullet.check_room(body.name)
         except Exception:
-            # the bodies that came before the failure are removed again
+            # the bodies that were added before the error are removed again
             for name in added:
                 self._drop(name)
             raise
@@ -90,7 +96,8 @@ class WorldObjects:
 
     def _drop(self, name: str) -> None:
         """Remove the body with this name."""
-        if self._bodies.pop(name).collisions:
+        body = self._bodies.pop(name)
+        if body.collisions:
             self._bullet.remove_body(name)
         self._drawn_poses.pop(name, None)
         self._scene_is_stale = True
@@ -121,16 +128,19 @@ class WorldObjects:
         members = self.members(model)
         if not members:
             raise self._unknown(model)
-        # the first body in Bullet stands for the whole model; if there is none, the first body that is drawn
-        body = self._bodies[next((name for name in members if self._bodies[name].collisions), members[0])]
-        pose = compose(self.pose_of(body.name), body.pose_model_in_body)
-        # a body that physics does not move has no velocity
+        # the motion of the model is that of its first body in Bullet, or of its first body if all are only
+        # drawn
+        members_in_bullet = [name for name in members if self._bodies[name].collisions]
+        body = self._bodies[(members_in_bullet or members)[0]]
+        pose_of_body = self.pose_of(body.name)
+        pose_of_model = compose(pose_of_body, body.pose_model_in_body)
+        # a static body, and a body that is only drawn, have no velocity
         if not body.collisions or body.mass == 0.0:
-            return ModelMotion(pose)
+            return ModelMotion(pose_of_model)
+        # if the body turns, the origin of the model has another velocity than the origin of the body
         velocity, spin = self._bullet.velocity_of(body.name)
-        # the velocity at the body's origin becomes the velocity at the model's origin
-        at_body = ModelMotion(self.pose_of(body.name), velocity, spin)
-        return ModelMotion(pose, velocity_at(at_body, pose.position), spin)
+        velocity_of_model = velocity_at(ModelMotion(pose_of_body, velocity, spin), pose_of_model.position)
+        return ModelMotion(pose_of_model, velocity_of_model, spin)
 
     def place_model(self, model: str, motion_in_world: ModelMotion) -> None:
         """Move a model with all its bodies, and give a velocity to its movable bodies.
@@ -142,21 +152,23 @@ class WorldObjects:
         Raises:
             PlacementError: no model has this name, or another object is in the way; then nothing changes.
         """
-        # transform in the world from the model's present pose to its new pose; it applies to all bodies of
-        # the model
+        # rigid motion in the world that takes the model from its present pose to its new pose; all bodies of
+        # the model make this motion
         shift = compose(motion_in_world.pose, inverse(self.motion_of(model).pose))
-        solid = [name for name in self.members(model) if self._bodies[name].collisions]
-        if not solid:
+        new_poses = {name: compose(shift, self.pose_of(name)) for name in self.members(model)}
+        new_poses_in_bullet = {
+            name: pose for name, pose in new_poses.items() if self._bodies[name].collisions
+        }
+        if not new_poses_in_bullet:
             raise PlacementError(f"'{model}' has no collision shape, so it cannot be moved")
-        poses = {name: compose(shift, self.pose_of(name)) for name in solid}
         # all bodies are checked before the first one moves, so that an error changes nothing
-        for name in solid:
+        for name in new_poses_in_bullet:
             self._bullet.check_movable(name)
-            self._bullet.check_moves(poses, checked=name)
-        for name in self.members(model):
-            if name not in poses:  # a body that is only drawn is not in Bullet
-                self._drawn_poses[name] = compose(shift, self.pose_of(name))
-        for name, pose in poses.items():
+            self._bullet.check_moves(new_poses_in_bullet, checked=name)
+        for name, pose in new_poses.items():
+            if name not in new_poses_in_bullet:
+                self._drawn_poses[name] = pose
+        for name, pose in new_poses_in_bullet.items():
             self._bullet.move_body(name, pose)
             if self._bodies[name].mass > 0.0:
                 velocity = velocity_at(motion_in_world, pose.position)
@@ -184,10 +196,9 @@ class WorldObjects:
         if name not in self._bodies:
             raise self._unknown(name)
         body = self._bodies[name]
-        # a body without a collision shape is only drawn, so it is not in Bullet
-        return (
-            self._bullet.pose_of(name) if body.collisions else self._drawn_poses.get(name, body.pose_in_world)
-        )
+        if body.collisions:
+            return self._bullet.pose_of(name)
+        return self._drawn_poses.get(name, body.pose_in_world)
 
     def _name_is_taken(self, name: str) -> PlacementError:
         return PlacementError(f"a body named '{name}' exists already; choose another name")
@@ -196,7 +207,11 @@ class WorldObjects:
         return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")
 
     def scene(self) -> RayScene:
-        """Return the scene that the lidar sees: all collision shapes except those of the robot."""
+        """Return the scene that the lidar sees: all collision shapes except those of the robot.
+
+        The scene is built only after bodies were added, removed or moved by a request. Otherwise only the
+        shapes that physics may have moved get their new poses, which is faster.
+        """
         if self._scene_is_stale:
             self._build_scene()
         for move, index, name, geometry in self._movable_shapes:
@@ -206,28 +221,26 @@ class WorldObjects:
     def _build_scene(self) -> None:
         """Make the lidar's scene of all collision shapes, and list the shapes that `scene` must move.
 
-        Each entry of the list has the function that moves the shape, the shape's index for this function, the
-        name of its body, and its geometry. The scene counts meshes and other solids separately.
+        Each entry of the list has the function of the scene that moves the shape, the shape's index for this
+        function, the name of its body, and its geometry.
         """
-        geometries = [(body, geometry) for body in self._bodies.values() for geometry in body.collisions]
-        self._scene = make_scene(
-            [
-                (geometry.shape, compose(self._bullet.pose_of(body.name), geometry.pose_in_body))
-                for body, geometry in geometries
-            ]
-        )
-        meshes = [
-            (body, geometry) for body, geometry in geometries if isinstance(geometry.shape, TriangleMesh)
-        ]
-        solids = [
-            (body, geometry)
-            for body, geometry in geometries
-            if not isinstance(geometry.shape, (Plane, TriangleMesh))
-        ]
-        self._movable_shapes: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = [
-            (move, index, body.name, geometry)
-            for move, pairs in ((self._scene.move, solids), (self._scene.move_mesh, meshes))
-            for index, (body, geometry) in enumerate(pairs)
-            if body.mass > 0.0  # a request that moves a static body makes the scene stale
-        ]
+        shapes_and_poses: List[Tuple[Shape, Pose]] = []
+        # bodies and geometries of the solid shapes and of the meshes, which the scene counts separately
+        solids: List[Tuple[Body, Geometry]] = []
+        meshes: List[Tuple[Body, Geometry]] = []
+        for body in self._bodies.values():
+            for geometry in body.collisions:
+                pose = compose(self._bullet.pose_of(body.name), geometry.pose_in_body)
+                shapes_and_poses.append((geometry.shape, pose))
+                if isinstance(geometry.shape, TriangleMesh):
+                    meshes.append((body, geometry))
+                elif not isinstance(geometry.shape, Plane):  # a plane never moves
+                    solids.append((body, geometry))
+        self._scene = make_scene(shapes_and_poses)
+        self._movable_shapes: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = []
+        for move, shapes in ((self._scene.move, solids), (self._scene.move_mesh, meshes)):
+            for index, (body, geometry) in enumerate(shapes):
+                # physics does not move a static body; a request that moves it makes the scene stale
+                if body.mass > 0.0:
+                    self._movable_shapes.append((move, index, body.name, geometry))
         self._scene_is_stale = False

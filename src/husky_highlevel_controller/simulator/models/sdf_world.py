@@ -2,9 +2,11 @@
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
 
-Joints do not move, so the links that they join in a movable model are one body, with a warning. Elements that
-the simulation does not use or support are left out, with one warning for each kind. `WorldError` is raised if
-an element that changes the scene, such as a size, cannot be read.
+Joints do not move here, so all links that joints connect in a movable model become one body, with a warning.
+Elements that the simulation does not use or support are left out, with one warning for each kind of element.
+`WorldError` is raised if an element that changes the scene, such as a size, cannot be read.
+
+A "note" is an entry for such a warning: reading goes on, and the warnings are logged at the end.
 """
 
 from __future__ import annotations
@@ -59,14 +61,17 @@ def load_world(path: Union[str, Path]) -> World:
 
 
 def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
-    """Read an SDF model as the model `name` at a pose in the world. Raises WorldError for a broken text."""
+    """Return the bodies of an SDF model that a service spawns at a pose in the world.
+
+    `name` replaces the name in the text. Raises WorldError if the text cannot be read.
+    """
     load = Load()
     try:
         root = open_sdf(text, f"model_xml of '{name}'", load)
         model = root.required("model")
         model.element.set("name", name)
         place = _Place(FrameScope(root), pose_in_world=pose_in_world)
-        bodies = list(_whole_model(Model(model), place, read=_read_model))  # no <include> holds this model
+        bodies = list(_whole_model(Model(model), place, read=_read_model))
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
     _log_notes(load)
@@ -77,16 +82,17 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
 
 
 def find_world(name: str) -> Path:
-    """Resolve the name of a world file: an absolute path, or one in this package or GAZEBO_RESOURCE_PATH.
+    """Return the path of a world file, from an absolute path or a name.
 
-    If there is no such file, its name without folders is searched in the same folders, with a warning.
+    A name is searched in the folders of this package, and then in those of GAZEBO_RESOURCE_PATH. If no file
+    is found, its name without folders is searched in the same folders, with a warning.
 
     Raises:
         WorldError: no file has this name.
     """
     folders = [share_folder() / "worlds", share_folder(), *search_path("GAZEBO_RESOURCE_PATH")]
     for folder in folders:
-        path = folder / name  # `folder` has no effect if `name` is an absolute path
+        path = folder / name  # `name` itself if it is an absolute path
         if os.path.isfile(path):  # `path.is_file` would raise an error for a name that is too long
             return path
     for folder in folders:
@@ -110,10 +116,12 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         for second in list(root.children("world"))[1:]:
             second.note("only the first <world> of a file is read")
         world.note_unknown()
-        # the state of a saved world changes poses, deletes models and inserts models
+        # a world that Gazebo has saved has a <state>, which changes poses, and deletes and inserts models
         state = SavedState(world.child("state"))
         place = _Place(FrameScope(world), state)
-        bodies = [body for holder in (world, *state.insertions) for body in _bodies_in(holder, place)]
+        bodies: List[Body] = []
+        for holder in (world, *state.insertions):
+            bodies.extend(_bodies_in(holder, place))
         result = World(world.named(), tuple(bodies), _gravity(world))
     except RecursionError:
         raise WorldError(f"{source}: models or frames are nested too deeply") from None
@@ -123,7 +131,7 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
 
 
 def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
-    """Warn if the world has models, but no shape is left for the lidar, because some were left out."""
+    """Warn if the lidar sees nothing in a world of models, because shapes or models were left out."""
     solids = [part for body in world.bodies for part in body.collisions if not isinstance(part.shape, Plane)]
     if load.model_count and load.missed_by_lidar and not solids:
         log.warning(
@@ -135,7 +143,10 @@ def _warn_if_lidar_sees_nothing(world: World, load: Load) -> None:
 
 
 def _log_notes(load: Load) -> None:
-    """Log which meshes were made coarser, and each kind of note with at most three of its places."""
+    """Log which meshes were made coarser, and one warning for each kind of note.
+
+    A warning names at most three of the places in the file that it is about.
+    """
     if load.meshes.coarser:
         files = "; ".join(load.meshes.coarser)
         log.warning("meshes of more than %d triangles are made coarser: %s", MAX_FACES, files)
@@ -146,7 +157,7 @@ def _log_notes(load: Load) -> None:
 
 @dataclass(frozen=True)
 class _Place:
-    """World or model that contains an element."""
+    """World or model that contains an element, with everything that the element inherits from it."""
 
     frames: FrameScope  # frames of the world or model
     state: SavedState = field(default_factory=SavedState)  # saved state of the world or model
@@ -155,24 +166,27 @@ class _Place:
     pose_in_world: Pose = IDENTITY
     static: bool = False  # true if this model, or a model around it, never moves
     self_collides: bool = False  # true if this model, or a model around it, has <self_collide>
-    # assembly that collects the links of the outermost model and of the models in it; None outside of models
+    # collects the links of an outermost model and of all models inside it; None outside of models
     assembly: Optional[Assembly] = None
 
-    def scoped(self, name: str) -> str:
+    def full_name_of(self, name: str) -> str:
+        """Return the full name of an element in this world or model, such as "outer::inner"."""
         return f"{self.full_name}::{name}" if self.full_name else name
 
 
 def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
-    """Yield the bodies of all models in a world; models in a model yield none, see below."""
+    """Read all models in a world, or in another model.
+
+    The bodies of models in a world are yielded. Models inside a model yield nothing: they add their links to
+    the assembly of the outermost model, because joints may connect links of all these models.
+    """
     for model in models_in(holder):
         if model.name in place.state.deletions:
             continue  # this model was deleted before the world was saved
-        if place.scoped(model.name) in ROBOTS:
+        if place.full_name_of(model.name) in ROBOTS:
             model.node.note("a <model> of the robot is left out; the simulator adds the robot", model.name)
             continue
         read = _read_included if model.include else _read_model
-        # An assembly collects the links of a model and of the models inside it, and makes bodies of them. A
-        # model in the world gets a new assembly; a model inside a model adds its links to that assembly.
         if place.assembly is None:
             yield from _whole_model(model, place, read)
         else:
@@ -180,13 +194,14 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
 
 
 def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], None]) -> Iterator[Body]:
-    """Yield the bodies of a model that is not inside another model.
+    """Yield the bodies of an outermost model, which is not inside another model.
 
     Args:
         model: the model.
         place: world that contains the model.
-        read: function that adds the model and the models inside it to the assembly of the place.
+        read: `_read_model`, or `_read_included` for a model from an <include>.
     """
+    # `read` collects the links of the model and of all models inside it, and then joints connect them
     assembly = Assembly(model.name)
     read(model, replace(place, assembly=assembly))
     bodies = list(assembly.bodies())
@@ -211,40 +226,42 @@ def _read_included(model: Model, place: _Place) -> None:
         raise include.error(
             f"more than {MAX_INCLUDES} models are included; check whether each includes several others"
         )
-    # while the file is on this list, an <include> of the same file is the error above
+    # while the model is read, its file is on this list, so that an <include> of the same file is found above
     load.open_files.append(file)
     _read_model(model, place)
     load.open_files.pop()
 
 
 def _read_model(model: Model, parent: _Place) -> None:
-    """Add the links, frames and joints of a model to the assembly of the outermost model.
+    """Add a model, and the models inside it, to the assembly of the outermost model.
 
-    Models inside the model are added, too. A second model of the same name is left out with a note.
+    The assembly takes the links, frames and joints. A second model of the same name is left out with a note.
     """
     assembly, node, name = parent.assembly, model.node, model.name
     assert assembly is not None  # `_whole_model` has made it for the outermost model
     node.note_unknown()
-    # an <include> without a <name> takes the name in the model file; if another <include> has already taken
-    # this name, the name gets a number
+    # Without a <name> in the <include>, a model has the name in its file. A world may include the same file
+    # several times, so the name gets a number if it is taken.
     if model.include and not model.include.child("name"):
         name = _free_name(name, parent, node)
-    full_name = parent.scoped(name)
+    full_name = parent.full_name_of(name)
     if full_name in node.load.names:
         (model.include or node).note("a second model of the same name is left out, as in Gazebo", name)
         return
     node.load.names.add(full_name)
     place = _place_of_model(model, name, parent)
-    is_outermost = not parent.full_name  # true if no other model contains this model
+    is_outermost = not parent.full_name
     if is_outermost:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
     _read_links(node, place, assembly)
     for frame in node.children("frame"):
-        assembly.frames[place.scoped(frame.named())] = place.scoped(frame.element.get("attached_to", ""))
+        attached_to = frame.element.get("attached_to", "")
+        assembly.frames[place.full_name_of(frame.named())] = place.full_name_of(attached_to)
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
+    # read the models inside this model, which yield no bodies; a generator does nothing until it is iterated
     for _ in _bodies_in(node, place):
-        pass  # models inside a model yield no bodies, because they add their links to the assembly
+        pass
 
 
 def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
@@ -252,35 +269,35 @@ def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
     links = list(node.children("link"))
     if not (links or node.child("model") or node.child("include")):
         node.note("a <model> without a <link> is left out")
-    has_one_link = len(links) == 1
+    is_lone = len(links) == 1
     for link in links:
-        # a lone link gets the name of its model, because users call the model by its name
-        body_name = model.full_name if has_one_link else _claim_link(link, model)
+        name_in_file = model.full_name_of(link.named())
+        # The body of a lone link has the name of its model, because users call the model by its name. Joints
+        # and frames refer to a lone link by its name in the file.
+        body_name = model.full_name if is_lone else _reserve_link_name(link, model)
+        link_name = name_in_file if is_lone else body_name
         body = _read_link(link, model, body_name)
-        # full name by which joints and frames refer to the link; for a lone link it is not the body's name
-        link_name = model.scoped(link.named()) if has_one_link else body_name
         if body:
             assembly.links[link_name] = body
         if model.self_collides or _is_set(link.child("self_collide")):
-            # this is the name in the file, without the number that `_claim_link` may give
-            assembly.self_colliding.add(model.scoped(link.named()))
+            assembly.self_colliding.add(name_in_file)
 
 
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
-    """Return the place of a model in its parent.
+    """Return a model as the place of its links: its frames, pose and flags, also those from its parent.
 
-    `name` is the name that the model gets there; `_free_name` may have added a number to its name in the
+    `name` is the name of the model in its parent; `_free_name` may have added a number to the name in the
     file.
     """
-    # if the saved state of the world has a pose for the model, this pose replaces the <pose>
-    pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
+    pose_in_parent, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")
     return _Place(
         # a <pose> refers to the model by its name in the file, so the frames get this name
-        frames=FrameScope(model.node, model.name, parent.frames, pose),
+        frames=FrameScope(model.node, model.name, parent.frames, pose_in_parent),
         state=state,
-        full_name=parent.scoped(name),
-        pose_in_world=state.pose_in_world or compose(parent.pose_in_world, pose),
+        full_name=parent.full_name_of(name),
+        # if the saved state of the world has a pose for the model, this pose replaces the <pose>
+        pose_in_world=state.pose_in_world or compose(parent.pose_in_world, pose_in_parent),
         static=parent.static or bool(static and static.flag()),
         self_collides=parent.self_collides or _is_set(model.node.child("self_collide")),
         assembly=parent.assembly,
@@ -288,28 +305,32 @@ def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
 
 
 def _is_set(node: Optional[Node]) -> bool:
-    """Return whether a minor flag is set; a flag that cannot be read is not set."""
-    return bool(
-        node and node.unless_broken(node.flag, False, f"a <{node.tag}> that cannot be read is left out")
-    )
+    """Return whether a flag is given and true; a flag that cannot be read is left out, with a note."""
+    if node is None:
+        return False
+    return node.unless_broken(node.flag, False, f"a <{node.tag}> that cannot be read is left out")
 
 
-def _claim_link(link: Node, model: _Place) -> str:
-    """Return a full name for a link, and reserve this name, so that no other body gets it."""
+def _reserve_link_name(link: Node, model: _Place) -> str:
+    """Return a full name for the body of a link, and reserve this name, so that no other body gets it."""
     name = link.named()
-    free = _free_name(name, model, link)
-    if free != name:
+    free_name = _free_name(name, model, link)
+    if free_name != name:
         link.note("a second <link> of the same name gets a number", name)
-    link.load.names.add(model.scoped(free))
-    return model.scoped(free)
+    full_name = model.full_name_of(free_name)
+    link.load.names.add(full_name)
+    return full_name
 
 
 def _free_name(name: str, place: _Place, node: Node) -> str:
-    """Return the name, with a number if it is taken: Gazebo's football field has two goals of one name."""
-    free, number = name, 1
-    while place.scoped(free) in node.load.names:
-        free, number = f"{name}_{number}", number + 1
-    return free
+    """Return a name that is not taken in a place: the name itself, or the name with a number.
+
+    Some worlds need the number, such as Gazebo's football field, which has two goals of one name.
+    """
+    free_name, number = name, 1
+    while place.full_name_of(free_name) in node.load.names:
+        free_name, number = f"{name}_{number}", number + 1
+    return free_name
 
 
 def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
@@ -321,8 +342,8 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
         full_name: name of the body.
     """
     link.note_unknown()
-    # in this simulator, a movable link always has gravity and obeys forces, so any other value causes a
-    # warning
+    # gravity and other forces move every movable link of this simulator, so a link that asks for anything
+    # else gets a note
     for tag, supported in (("gravity", ("true", "1")), ("kinematic", ("false", "0"))):
         node = link.child(tag)
         if node and node.text.lower() not in supported and not model.static:
@@ -332,8 +353,7 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
     pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
     if not _is_near(pose):
         link.note(f"a link farther than {FARTHEST:g} m from the origin is left out", full_name)
-        # counted for the warning that the lidar sees nothing
-        link.load.missed_by_lidar += 1
+        link.load.missed_by_lidar += 1  # counted for the warning that the lidar sees nothing
         return None
     collisions, mass = tuple(_geometries(link, "collision", model)), _mass(link, model)
     if mass and any(isinstance(part.shape, Plane) for part in collisions):
@@ -343,16 +363,20 @@ def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
 
 
 def _is_near(pose: Pose) -> bool:
-    return all(abs(value) <= FARTHEST for value in pose.position)  # NaN is not near
+    """Return whether a pose is near enough to the origin of its frame for the physics engine."""
+    return all(abs(value) <= FARTHEST for value in pose.position)  # false for NaN, too
 
 
 def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
     """Return the pose of a <collision>, <visual> or <inertial> in its link."""
     pose, frames = part.child("pose"), model.frames
-    if pose is None or frame_of(pose) in ("", link.named()):
-        return pose.pose() if pose else IDENTITY
-    # the <pose> names another frame of the model, so both poses are found in the model
-    return compose(inverse(frames.pose_of(link.child("pose"))), frames.pose_of(pose, link.named()))
+    if pose is None:
+        return IDENTITY
+    if frame_of(pose) in ("", link.named()):
+        return pose.pose()
+    # the <pose> names another frame, so the poses of the link and of the part in the model are needed
+    link_in_model, part_in_model = frames.pose_of(link.child("pose")), frames.pose_of(pose, link.named())
+    return compose(inverse(link_in_model), part_in_model)
 
 
 def _mass(link: Node, model: _Place) -> float:
@@ -383,9 +407,15 @@ def _mass(link: Node, model: _Place) -> float:
 
 
 def _note_unused_inertia(inertial: Node, link: Node, model: _Place) -> None:
-    """Note a broken inertia, and a centre of mass away from the link's origin, which has no effect here."""
+    """Note what is wrong with an inertia, or not supported.
+
+    The simulation computes the inertia and the centre of mass of a body from its shapes, so the values of the
+    file have no effect. But a user who has written broken values, or a centre of mass away from the link's
+    origin, should know this.
+    """
     for inertia in inertial.children("inertia"):
         for moment in inertia.children():
+            # the number itself is not used; reading it only makes the note if it is broken
             no_numbers: Tuple[float, ...] = ()
             sentence = "an inertia that is not a number is left out; the simulation uses no inertia"
             moment.unless_broken(partial(moment.numbers, 1), no_numbers, sentence)
@@ -400,7 +430,10 @@ def _note_unused_inertia(inertial: Node, link: Node, model: _Place) -> None:
 
 
 def _gravity(world: Node) -> Vector3:
-    """Return the gravity in the world [m/s^2], from <world>, or from <physics> as in SDF 1.4."""
+    """Return the gravity in the world [m/s^2], from <world>, or from <physics> as in SDF 1.4.
+
+    Without a <gravity>, return the default of SDF.
+    """
     for holder in (world, *world.children("physics")):
         node = holder.child("gravity")
         if node:
@@ -447,9 +480,10 @@ def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
 
 
 def _within_sizes(shape: Shape, node: Node) -> Optional[Shape]:
-    """Return a shape whose edges are within SIZES; None, and a note, for a mesh that is too small or large.
+    """Return a shape of a size that the physics engine can use, with edges within SIZES.
 
-    Any other shape that is too thin becomes thicker, with a note. Raises WorldError if it is too large.
+    A mesh that is too small or too large is left out: the result is None. Any other shape that is too thin
+    becomes thicker. Both cause a note. Raises WorldError if a shape other than a mesh is too large.
     """
     if isinstance(shape, Plane):
         return shape
