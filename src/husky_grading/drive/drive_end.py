@@ -47,7 +47,7 @@ class DriveEnd:
         self._leaving_since = 0.0
 
     def update(self, state: TrueState) -> None:
-        """Follow the next true state."""
+        """Take the robot's next true state, and keep the times and gaps from which `reason` decides."""
         self._now = now = state.stamp
         if abs(state.speed) > STANDS:
             self._drove_at = now

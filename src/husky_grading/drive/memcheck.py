@@ -31,7 +31,7 @@ from husky_grading.isolation.files import (
 )
 from husky_grading.isolation.process import wait
 from husky_grading.isolation.ros_network import Network
-from husky_grading.submission import SIMULATOR_NODES, Submission
+from husky_grading.submission import SIMULATOR_NODES, SUBMISSION_FOLDER, Submission
 
 VALGRIND = "valgrind"
 LOG = "memcheck."  # beginning of the name of valgrind's log; `nodes/submission.py` uses the same name
@@ -77,7 +77,7 @@ class Place(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Read of a value that was never written."""
+    """Read of a value that was never written, as valgrind reports it."""
 
     # line of the submission that reads the value; None if only ROS reads the value, to send it in a message
     line: Optional[Place]
@@ -152,7 +152,7 @@ def find_unwritten_variable(
         # The logs are read before the node is ended, because an interrupted `getParam` leaves its variable
         # without a value. Each process has written a log of its own.
         log = ""
-        for path in sorted(network.folder_of("submission").iterdir()):
+        for path in sorted(network.folder_of(SUBMISSION_FOLDER).iterdir()):
             if path.name.startswith(LOG):
                 with contextlib.suppress(UnreadableFileError):
                     log += read_text(path) + "\n"
@@ -198,7 +198,7 @@ def _texts(sources: Path) -> Dict[str, str]:
 
 
 def reads_in(log: str, sources: Path) -> List[Read]:
-    """Return the reads of values that were never written, from memcheck's log.
+    """Find the reads of values that were never written in the log of memcheck, and return them.
 
     Only lines of the submission's `sources` count. A value that is only printed does not count.
     """

@@ -114,7 +114,10 @@ class _Activity:
 
 
 def state_of_tree(root: int) -> Tuple[bool, float]:
-    """Return whether a thread below a process runs, and the CPU time [s] of all processes below it."""
+    """Return whether a thread of the processes below a process runs, and the CPU time of these processes [s].
+
+    The processes below it are those that it has started, directly or indirectly.
+    """
     runs, ticks = False, 0
     waiting = _children(root)  # the root itself is reaper.py, a program of ours, so it does not count
     while waiting:

@@ -64,9 +64,9 @@ def is_published(uri: str, topic: str) -> bool:
 class Registered(NamedTuple):
     """Registrations of a submission with a ROS master, without the topics that every node has."""
 
-    nodes: FrozenSet[str] = frozenset()
-    advertised: FrozenSet[str] = frozenset()  # topics
-    subscribed: FrozenSet[str] = frozenset()
+    nodes: FrozenSet[str] = frozenset()  # names of nodes
+    advertised: FrozenSet[str] = frozenset()  # topics on which the nodes publish
+    subscribed: FrozenSet[str] = frozenset()  # topics to which the nodes subscribe
 
 
 def read_registrations(uri: str, our_nodes: Collection[str]) -> Registered:
@@ -145,7 +145,10 @@ def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) ->
 def unread_topics(
     publishers: Nodes, subscribers: Nodes, types: Dict[str, str], our_nodes: Set[str]
 ) -> List[str]:
-    """Return the topics on which the submission publishes velocity commands and that have no subscriber."""
+    """Return the topics on which the submission publishes velocity commands, but to which no node subscribes.
+
+    Such commands never reach the robot, often because the name of the topic is wrong.
+    """
     return sorted(
         topic
         for topic, nodes in publishers.items()

@@ -38,16 +38,16 @@ from husky_grading.submission import (
 STALL_DEADLINE = 90.0  # [s] a run ends if simulated time has not advanced for this wall time
 # [s] wall time between two checks whether a run is over
 PROGRESS_PERIOD = 0.2
-RECORDER_NODE = "marking_recorder"
+RECORDER_NODE = "marking_recorder"  # name of the recorder's node
 
 
 @dataclass(frozen=True)
 class Driven:
-    """Result of a run."""
+    """Result of a run; there is no recording if the wrong robot was simulated."""
 
-    # robot that was simulated; if `recording` is None, robot with which the run must be repeated
+    # robot that was simulated; without a recording, robot with which the run must be repeated
     robot: RobotChoice
-    recording: Optional[Recording] = None  # None if the wrong robot was simulated
+    recording: Optional[Recording] = None
 
     @property
     def moved(self) -> bool:

@@ -18,7 +18,11 @@ READ = b"."
 
 
 class TruthFeed:
-    """Reader that takes only the first connection, so a submission, which starts later, finds no listener."""
+    """Receives true poses and other events from the simulator, over a socket and not over ROS.
+
+    So a submission can neither read nor forge them. Only the first connection is taken. A submission starts
+    later than the simulator, so it cannot connect any more.
+    """
 
     def __init__(
         self, path: Path, on_truth: Callable[[TrueState], None], on_event: Callable[[str, str], None]
@@ -41,7 +45,7 @@ class TruthFeed:
         threading.Thread(target=self._read, daemon=True).start()
 
     def begin(self) -> None:
-        """Let simulated time begin."""
+        """Let simulated time begin, by the answer to the simulator's message "ready"."""
         self._may_begin.set()
 
     def _read(self) -> None:

@@ -56,7 +56,7 @@ class ArchiveError(HuskyError):
 
 @dataclass
 class Allowance:
-    """Files and bytes that may still be unpacked."""
+    """Numbers of files and bytes that may still be unpacked; all archives of a submission share them."""
 
     files: int = MAX_FILES
     size: int = MAX_BYTES  # [bytes]

@@ -30,7 +30,7 @@ _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
 def find_rviz_config(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
-    """Return the RViz configuration of a submission; if it has none, only `started` and `missing` are set.
+    """Return the RViz configuration that is graded; if there is none, only `started` and `missing` are set.
 
     The first rviz node names the configuration. If this file was not handed in, or if the node names no file,
     a configuration in the package counts instead.
@@ -191,7 +191,10 @@ def _config_path_in(arguments: str) -> Optional[Path]:
 
 
 def _read_config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
-    """Return the configuration of an .rviz file; a broken file has a `problem`."""
+    """Read an .rviz file, and return its configuration; a broken file has a `problem`.
+
+    `source` names the file for the student. `remaps` are pairs of a topic in the file, and its replacement.
+    """
     try:
         return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):

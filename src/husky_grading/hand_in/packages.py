@@ -57,7 +57,7 @@ _EXERCISE = re.compile(
 
 
 class NotMarkableError(HuskyError):
-    """A submission cannot be marked, so it gets no points, not even 0."""
+    """A submission cannot be marked, so its result has a problem and no points, not even 0."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Package:
 
 @dataclass(frozen=True)
 class Contents:
-    """Packages of a submission, and notes."""
+    """Packages of a submission, where its files are, and notes on files that cannot be read."""
 
     packages: Tuple[Package, ...]
     # folders on this machine with files of the student, and the path of each folder inside the submission, as
@@ -298,7 +298,10 @@ def copies_of_public(packages: Sequence[Package]) -> List[Package]:
 
 
 def _launched_packages(package: Package) -> Set[str]:
-    """Return the names of the packages whose nodes are in the texts of a package's launch files."""
+    """Return the names of the packages whose nodes the launch files of a package start.
+
+    The launch files are only searched as text, see `nodes_in`.
+    """
     files = [path for path in walk(package.path, skipped=BUILT) if file_suffix(path) == ".launch"]
     return {node.partition("/")[0] for path in files for node in nodes_in(path)}
 

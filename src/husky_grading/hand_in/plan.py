@@ -56,7 +56,7 @@ def misspelt_dependencies(package: Path, workspace: Workspace) -> List[str]:
 
 
 def _roots(workspace: Workspace) -> List[Path]:
-    """Return the folders in which a program of a workspace finds packages."""
+    """Return the folders in which ROS searches packages for a program that runs in this workspace."""
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if root]
     for setup in workspace.setups:  # WORKSPACE/devel/setup.bash
         roots += [setup.parent / "share", setup.parents[1] / "src"]

@@ -40,7 +40,7 @@ DISK_POLLS = 8  # only every DISK_POLLS-th check of the memory also checks the s
 
 
 class SizeWatch:
-    """Ends a program whose memory, files or sockets have grown beyond their limits."""
+    """Ends an untrusted program whose memory, threads, files or sockets have grown beyond their limits."""
 
     def __init__(
         self, pid: int, folder: Path, end_program: Callable[[], None], is_network_own: bool = False

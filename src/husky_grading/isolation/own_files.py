@@ -81,7 +81,8 @@ def own_files(visible_code: VisibleCode) -> OwnFiles:
 def folders_on_python_path() -> List[Path]:
     """Return the folders of PYTHONPATH that contain this package, and the folder that contains MODULES.
 
-    A folder that contains only a student's package of the same name does not count.
+    The sandbox removes these folders from PYTHONPATH, so that a submission cannot import our controllers. A
+    folder that contains only a student's package of the same name does not count.
     """
     folders = search_path("PYTHONPATH")
     # files that only our package has; a folder with its generated messages has only the second file

@@ -214,7 +214,7 @@ def wait_and_kill(process: Process, seconds: float, period: float = 0.05) -> boo
     try:
         return wait(lambda: not process.running, seconds, period)
     finally:
-        end_all([process])
+        process.kill()
 
 
 def pids_with_variable(name: str, value: str) -> List[int]:

@@ -73,7 +73,7 @@ class Network:
         }
 
     def folder_of(self, name: str) -> Path:
-        """Return the working directory of an untrusted program, the only folder that it may write."""
+        """Make the working directory of an untrusted program, and return it; it may write only there."""
         folder = self.folder / name
         for path in (folder, folder / "home"):
             path.mkdir(exist_ok=True)
@@ -87,7 +87,7 @@ class Network:
         handed: Sequence[Any] = (),
         **more: str,
     ) -> Process:
-        """Start a program.
+        """Start a program that uses this network's ROS master, and return its process.
 
         Args:
             name: name of the program's log, and of its folder if the program is untrusted.

@@ -270,7 +270,10 @@ def _missing_links(paths: Sequence[Path], shown: Set[Path], hidden: Set[Path]) -
 
 
 def _needed_folders(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
-    """Return the folders that a program of the workspace reads: Python's, and those of its search paths."""
+    """Return the folders that the sandbox must show to a program, because it reads files in them.
+
+    These are the folders of Python, of the program's search paths in `env`, and of its workspace.
+    """
     folders = {Path(sys.prefix), Path(sys.base_prefix), Path(sysconfig.get_paths()["purelib"])}
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}

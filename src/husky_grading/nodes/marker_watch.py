@@ -172,7 +172,7 @@ class MarkerWatch:
                 self._samples.append((sample, marker))
 
     def _problem_of(self, marker: Marker) -> str:
-        """Return why RViz would not draw a marker; empty if RViz draws the marker."""
+        """Return why RViz would not draw a marker, by its values and its mesh file; empty if it would."""
         problem = _invisible(marker)
         if not problem and marker.type == Marker.MESH_RESOURCE and not self._finds_mesh(marker.mesh_resource):
             return "its mesh does not exist"
@@ -326,7 +326,7 @@ class MarkerWatch:
 
 
 def _is_file_of(folder: Path, place: str) -> bool:
-    """Return whether `place`, relative to a folder or absolute, leads to a file below this folder."""
+    """Return whether there is a file at `place`, a path that may be absolute, and it is below this folder."""
     with suppress(OSError, ValueError):  # a loop of links or a NUL character in the path raises an error
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False

@@ -129,7 +129,9 @@ class DriveRecorder:
         self._send(Ready())
 
     def run(self) -> None:
-        """Record until the run is over.
+        """Look at the ROS graph several times per second until the run is over; then send the recording.
+
+        Meanwhile, the callbacks record commands, scans and markers.
 
         Raises:
             Exception: the error of a callback. Then no recording is sent, because a part of a run would cost
