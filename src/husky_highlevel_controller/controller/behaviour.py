@@ -42,15 +42,15 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 
-# [m], [m/s] If a robot moves farther than TELEPORT_DISTANCE + TOP_SPEED * time between two scans, it has not
-# driven there; somebody has put it elsewhere.
+# [m], [m/s] a robot that moves farther than TELEPORT_DISTANCE + TOP_SPEED * time between two scans has not
+# driven there, so somebody has put it elsewhere, or odom was reset
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0
 # [m] an arrived robot drives again if the pillar is farther away than the stop distance by more than this
 RESUME_DISTANCE = 0.10
 ODOM_TIMEOUT = 0.5  # [s] odometry counts as lost if the last known pose in odom is older than this
 ROOM_FRACTION = 0.05  # walls stand around the robot if more than this fraction of the beams has a return
-# [m] the measured gap has an error, so at this gap the robot may already touch the pillar; to be sure, the
-# robot then creeps on for TOUCH_CREEP_TIME
+# [m] if the measured gap to the pillar is at most this, the robot may already touch the pillar, because the
+# gap has an error; to be sure, the robot creeps forwards for TOUCH_CREEP_TIME more
 TOUCH_GAP = 0.003
 # [s] the robot creeps 8 mm in this time at control.MIN_TOUCH_SPEED, so that it touches the pillar but hardly
 # pushes it
@@ -99,11 +99,11 @@ class ControllerState(NamedTuple):
     started_at: Optional[float] = None
     base_in_odom: Optional[Pose2D] = None  # pose of base_link in odom at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
-    # [s] stamp of the last scan for which TF knew the robot's pose in odom; inf if there was no such scan,
-    # because odometry that has never come is not lost
+    # [s] stamp of the last scan for which TF knew the robot's pose in odom; inf before the first such scan,
+    # so that odometry that has never come does not count as lost (see ODOM_TIMEOUT)
     odom_at: float = inf
-    # true if an earlier scan showed walls around the robot; a scan without any return is then a fault of the
-    # lidar
+    # true if an earlier scan showed walls around the robot; then a scan without any return shows that the
+    # lidar is covered or broken
     in_room: bool = False
 
     @property
@@ -149,17 +149,18 @@ def decide(
         detector_config: parameters of the pillar detection.
 
     Returns:
-        The state for the next call, and the output. A scan older than the last one means that the
-        simulator was started again, so odom is another frame and everything is forgotten.
+        The state for the next call, and the output.
     """
     scan, stamp = observation.scan, observation.scan.stamp
+    # a scan older than the last scan means that the simulator was started again; odom is then another frame,
+    # so all remembered positions are wrong
     if stamp < controller_state.updated_at:
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        # the robot was put elsewhere, or odom was reset, so positions that were rejected before get a new
-        # chance, and so does the position of the last object that walked (`walked_to`); the remembered pillar
-        # stays until a scan shows that its position is empty
+        # The robot was put elsewhere, or odom was reset. So a pillar is accepted again also at the positions
+        # that were rejected, and at the position to which the last object walked. The remembered pillar
+        # stays; the next scans show whether its position is empty.
         track = controller_state.track._replace(rejected=(), walked_to=None)
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
@@ -178,17 +179,20 @@ def decide(
         in_room=controller_state.in_room or scan.valid_count > ROOM_FRACTION * len(scan.ranges),
     )
 
-    # decision
+    # decision: choose the command
     action = _act(controller_state, observation, target, pillar is not None, visibility, enabled, control)
 
-    # bookkeeping: `started_at` is set when the controller is started, and again when an arrived robot leaves
-    # the pillar. If no pillar is known, `remaining` is nan, so `remaining <= RESUME_DISTANCE` is false.
+    # memory for the next scan; if no pillar is known, `remaining` is nan, and `remaining <= RESUME_DISTANCE`
+    # is false
     remaining = remaining_distance(target, control) if target else nan
-    was_at_pillar, started_at = controller_state.at_pillar, controller_state.started_at
+    was_at_pillar = controller_state.at_pillar
     at_pillar = action.state is State.ARRIVED or (was_at_pillar and remaining <= RESUME_DISTANCE)
+    has_left_pillar = was_at_pillar and not at_pillar
+    # a drive to the pillar begins when the controller is started, and when an arrived robot leaves the pillar
+    started_at = controller_state.started_at
     if not enabled:
         started_at = None
-    elif started_at is None or (was_at_pillar and not at_pillar):
+    elif started_at is None or has_left_pillar:
         started_at = stamp
     controller_state = controller_state._replace(
         state=action.state, at_pillar=at_pillar, search=action.search, started_at=started_at
@@ -210,17 +214,19 @@ def decide(
 
 
 def _moved(controller_state: ControllerState, observation: Observation) -> bool:
-    """Return whether the robot is farther from its last position than it can have driven."""
+    """Return whether the robot was put elsewhere since the last scan, or odom was reset.
+
+    The robot is then farther from its last position in odom than it can have driven.
+    """
     before, now = controller_state.base_in_odom, observation.base_in_odom
     if before is None or now is None:
         return False
-    return hypot(now.x - before.x, now.y - before.y) > TELEPORT_DISTANCE + TOP_SPEED * (
-        observation.scan.stamp - controller_state.updated_at
-    )
+    elapsed = observation.scan.stamp - controller_state.updated_at
+    return hypot(now.x - before.x, now.y - before.y) > TELEPORT_DISTANCE + TOP_SPEED * elapsed
 
 
 class _Look(NamedTuple):
-    """The tracked pillar after a scan."""
+    """Sight of the tracked pillar in one scan."""
 
     track: Track
     pillar: Optional[Pillar]  # pillar in the laser's frame; None if the scan does not show it
@@ -230,16 +236,17 @@ class _Look(NamedTuple):
 
 
 def _look(controller_state: ControllerState, observation: Observation, pillars: List[Pillar]) -> _Look:
-    """Track the pillar in odom; without a pose in odom, take the nearest of the scan's pillars.
+    """Choose the pillar to drive to among the pillars of a scan, and remember its position in odom.
 
-    `pillars` are sorted by distance.
+    It is the pillar that the last scans showed, at its remembered position. If the robot's pose in odom is
+    unknown, positions cannot be compared, so the nearest pillar is chosen. `pillars` are sorted by distance.
     """
     laser_in_odom = observation.laser_in_odom
     if laser_in_odom is None:
         nearest = pillars[0] if pillars else None
         return _Look(controller_state.track, nearest, pillar_in_odom=None, visibility=Visibility.UNKNOWN)
-    # an arrived robot keeps a near pillar that something hides, so that the robot stays when somebody stands
-    # in front of the pillar
+    # an arrived robot does not give up a near pillar that is hidden, so that the robot stays when somebody
+    # stands in front of the pillar
     keep_hidden = controller_state.state is State.ARRIVED
     track, sighting, visibility = follow(
         controller_state.track, pillars, observation.scan, laser_in_odom, keep_hidden
@@ -252,7 +259,13 @@ def _look(controller_state: ControllerState, observation: Observation, pillars: 
 def _target(
     estimate: Optional[Estimate], observation: Observation, pillar: Optional[Pillar]
 ) -> Optional[Target]:
-    """Return the pillar in base_link, seen or otherwise remembered; None if its position is unknown."""
+    """Return the pillar in base_link, to which the robot shall drive; None if its position is unknown.
+
+    Args:
+        estimate: remembered pillar in odom, which counts only if this scan does not show the pillar.
+        observation: the poses at the stamp of the scan.
+        pillar: pillar that this scan shows, in the laser's frame; None if the scan does not show it.
+    """
     if observation.laser_in_base is None:
         return None
     if pillar is not None:
@@ -268,14 +281,19 @@ def _target(
 def _close_at(
     controller_state: ControllerState, target: Optional[Target], stamp: float, control: ControlConfig
 ) -> Optional[float]:
-    """Return the time since which the robot is close to a pillar that it will touch [s], or None."""
+    """Return when the robot came close to a pillar that it shall touch [s]; None if it is not close.
+
+    From this time on the robot creeps forwards for TOUCH_CREEP_TIME, to be sure that it touches the pillar.
+    `stamp` is the stamp of this scan [s].
+    """
     if target is None or not to_be_touched(target, control):
         return None
-    # a robot that is close stays close up to a larger gap, so that a noisy gap does not start the time again
-    largest_gap = TOUCH_GAP if controller_state.close_at is None else RESUME_DISTANCE
-    if target.gap > largest_gap:
-        return None
-    return stamp if controller_state.close_at is None else controller_state.close_at
+    close_at = controller_state.close_at
+    if close_at is None:
+        return stamp if target.gap <= TOUCH_GAP else None
+    # the measured gap is noisy; because of the larger limit, one gap that is a little too large does not
+    # start the time again
+    return close_at if target.gap <= RESUME_DISTANCE else None
 
 
 class _Action(NamedTuple):
@@ -319,12 +337,13 @@ def _act(
         return _Action(State.WAITING, STOP, reason)
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
         return _wait("no transform from odom to base_link any more; check that odometry is running")
-    measured = pillar_seen or observation.scan.valid_count > 0
+    has_return = pillar_seen or observation.scan.valid_count > 0
     # a beam that meets nothing gives inf, which is normal in an empty world; a scan without a valid range and
     # without inf has no beams, or every return is too close to be valid
-    if not measured and not (observation.scan.returns == inf).any():
+    if not has_return and not (observation.scan.returns == inf).any():
         return _wait("no pillar in the scan (it has no valid range); check that the lidar is uncovered")
-    # the last tracked object walked away, and this one may be the same, because it is not confirmed yet
+    # The last tracked object has walked, so it was a person and not a pillar. The object that is tracked now
+    # is not confirmed yet, so it may be the same person.
     if controller_state.track.doubtful and target is not None:
         return _wait("the pillar moves away; waiting until it stands")
 
@@ -344,7 +363,7 @@ def _act(
             observation.outline,
             control,
         )
-    return _search(controller_state, observation, obstacles_in_base, measured, control)
+    return _search(controller_state, observation, obstacles_in_base, has_return, control)
 
 
 def _wait(problem: str, search: Optional[Search] = None) -> _Action:
@@ -356,19 +375,19 @@ def _search(
     controller_state: ControllerState,
     observation: Observation,
     obstacles_in_base: np.ndarray,
-    measured: bool,
+    has_return: bool,
     control: ControlConfig,
 ) -> _Action:
-    """Choose the action of a robot that does not know where the pillar is.
+    """Choose the action of a robot that does not know where the pillar is: search for it, or stand still.
 
     Args:
         controller_state: state with the search of the last scan.
         observation: the scan, and the poses at its stamp.
         obstacles_in_base: obstacles near the robot, (N, 2) [m].
-        measured: whether any beam of the scan has a return.
+        has_return: whether any beam of the scan has a return.
         control: whether the robot may search, and how fast.
     """
-    cause = "none of its returns looks like one" if measured else "it has no valid range"
+    cause = "none of its returns looks like one" if has_return else "it has no valid range"
     no_pillar = f"no pillar in the scan ({cause})"
     if not control.search:
         return _wait(f"{no_pillar}; set ~search to true, or turn the robot")
@@ -381,9 +400,10 @@ def _search(
         observation.outline,
         control,
     )
-    # the search has turned once around before it drives. An earlier scan showed walls (`in_room`), but this
-    # scan has no return, so the lidar is faulty: the robot must not drive, and the search keeps its old state
-    if twist.linear > 0.0 and not measured and controller_state.in_room:
+    # The robot has turned once around before the search drives. An earlier scan showed walls around the robot
+    # (`in_room`), but this scan has no return at all, so the lidar is covered or broken. The robot must not
+    # drive with such a lidar. The search keeps the state of the last scan, and continues from there later.
+    if twist.linear > 0.0 and not has_return and controller_state.in_room:
         problem = "no beam returns anything, although many did before; check that the lidar is uncovered"
         return _wait(problem, controller_state.search)
     motion = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
@@ -415,10 +435,11 @@ def _drive(
     """
     remaining = remaining_distance(target, control)
     had_arrived = controller_state.state is State.ARRIVED
+    # `tolerance`: the robot is at its stop position if `remaining` is at most this [m]
     if to_be_touched(target, control):
         tolerance, arrival = TOUCH_GAP, "arrived: touching the pillar"
-        # `updated_at` is the stamp of this scan
         close_at = controller_state.close_at
+        # `updated_at` is the stamp of this scan, so the difference is the time for which the robot has crept
         is_reached = close_at is not None and controller_state.updated_at - close_at > TOUCH_CREEP_TIME
     else:
         tolerance, arrival = control.arrival_tolerance, "arrived: at the stop distance"
@@ -432,8 +453,8 @@ def _drive(
         twist = heading_twist(target.bearing, 0.0, control)
         return _Action(State.DRIVING, twist, "turning to the last position of the pillar")
 
-    # Free direction that is nearest to the direction of the pillar. In the pillar's own direction, only the
-    # way to the stop point must be free. In any other direction, LOOK_AHEAD must be free.
+    # Free direction that is nearest to the direction of the pillar. In the pillar's own direction, the way
+    # need not be free beyond the stop point. In any other direction, LOOK_AHEAD must be free.
     bearing = free_bearing(obstacles_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         twist = Twist2D(0.0, control.search_rate)

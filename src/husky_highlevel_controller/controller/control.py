@@ -77,19 +77,26 @@ def target_at(
 
 
 def remaining_distance(target: Target, config: ControlConfig) -> float:
-    """Distance to the stop point, or to the touch if the hull touches the pillar first [m]."""
+    """Distance still to drive [m]: to the stop point, or to the touch if the touch comes first."""
     return min(target.distance - config.stop_distance, target.gap)
 
 
 def to_be_touched(target: Target, config: ControlConfig) -> bool:
-    """Return whether the hull meets the pillar before the lidar is at the stop distance."""
+    """Return whether the robot shall touch the pillar.
+
+    This is so if the stop distance is so small that the hull meets the pillar before the lidar is at it.
+    """
     return target.gap < target.distance - config.stop_distance
 
 
 def steer(target: Target, config: ControlConfig) -> Twist2D:
-    """Twist by the proportional laws: limited, never backwards, slower if the pillar is not ahead."""
+    """Return the twist that drives to the pillar: forward speed by remaining distance, turning by bearing.
+
+    The robot never drives backwards, and drives slower while the pillar is not straight ahead. Near a pillar
+    that it shall touch, its speed is between MIN_TOUCH_SPEED and TOUCH_SPEED.
+    """
     speed = config.p_gain_vel * remaining_distance(target, config)
-    # with a gain of 0, the robot does not drive at all
+    # with a gain of 0, the robot does not drive at all, not even at MIN_TOUCH_SPEED
     if config.p_gain_vel > 0.0 and to_be_touched(target, config):
         speed = max(speed, MIN_TOUCH_SPEED)
         if target.gap < TOUCH_SLOW_FROM:
@@ -98,11 +105,15 @@ def steer(target: Target, config: ControlConfig) -> Twist2D:
 
 
 def heading_twist(bearing: float, speed: float, config: ControlConfig) -> Twist2D:
-    """Turn to a bearing [rad] and drive at a speed [m/s], which falls with the cosine of the bearing."""
+    """Return the twist that turns towards a bearing [rad] and drives forwards, at most at `speed` [m/s].
+
+    The speed is multiplied by the cosine of the bearing. So the robot turns on the spot if the bearing is to
+    the side or behind it, and drives at `speed` if the bearing is straight ahead.
+    """
     return Twist2D(max(cos(bearing), 0.0) * speed, config.p_gain_ang * bearing)
 
 
 def limited(twist: Twist2D, config: ControlConfig) -> Twist2D:
-    """Clamp a twist to max_linear and max_angular; every command passes here last."""
+    """Return a twist within max_linear and max_angular; `decide` limits every command by this."""
     linear, angular = config.max_linear, config.max_angular
     return Twist2D(min(max(twist.linear, -linear), linear), min(max(twist.angular, -angular), angular))

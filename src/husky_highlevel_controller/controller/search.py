@@ -22,8 +22,8 @@ LOOK_AHEAD = 1.0
 SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
 _FREE_BESIDE = 0.15  # [m] the way is free only if there is this much space on either side of the footprint
 _OWN_BODY = 0.01  # [m] returns nearer to the footprint than this come from the robot itself
-# [rad] turns away from the goal that `free_bearing` tries: 0, and up to 120 degrees to either side
-_SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
+# [rad] turns away from the goal that `free_bearing` tries: 0, and up to 120 degrees to the left and right
+_SIDESTEPS = [radians(angle) for angle in range(120, -121, -15)]
 # [m] returns with a longer range are ignored, because they are not within LOOK_AHEAD of the robot
 _NEAR_RANGE = 2.0
 _SAME_BODY = 0.2  # [m] neighbouring returns that are nearer to each other than this belong to one object
@@ -64,7 +64,7 @@ def search_on(
     Returns:
         The search for the next call, and the command.
     """
-    # motion since the last call; it is subtracted from the remaining turn or from the remaining leg
+    # motion since the last call, by which the remaining turn or the remaining leg becomes shorter
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
@@ -75,9 +75,10 @@ def search_on(
             return search, Twist2D(0.0, config.search_rate)
         # the turn has ended, so the next leg begins; every second leg is longer than the leg before it
         length = config.search_radius_step * (1 + search.leg // 2)
-        search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
-    search = search._replace(to_drive=search.to_drive - driven)
-    # the leg has its full length, so the robot turns once to look around, and then to the next direction
+        search = search._replace(leg=search.leg + 1, to_drive=length)
+    else:
+        search = search._replace(to_drive=search.to_drive - driven)
+    # the whole leg is driven, so the robot turns once to look around, and then to the next direction
     if search.to_drive <= 0.0:
         return search._replace(to_turn=_FULL_TURN + _QUARTER_TURN), Twist2D()
     # an obstacle ends the leg, so the robot only turns to the next direction
@@ -87,19 +88,23 @@ def search_on(
 
 
 def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outline: Footprint) -> np.ndarray:
-    """Return the obstacles near the robot: ends of beams, (N, 2) [m] in base_link.
+    """Return the obstacles near the robot, which are ends of beams, (N, 2) [m] in base_link.
 
-    They are without the robot itself, without single points (speckle), and without the target.
+    A beam that hits the robot itself or the target does not count. A single beam that hits another body than
+    the beams beside it does not count, because it is usually an error of measurement.
     """
     (beams,) = ((scan.returns < _NEAR_RANGE) & scan.valid).nonzero()
     if not len(beams):
         return np.empty((0, 2))
     ranges = scan.returns[beams]
-    # element i is true if beams i - 1 and i hit the same body; one beam without a return may lie between
-    # them. A beam is kept if it hits the same body as the beam before it or the beam after it.
-    is_one_body = np.zeros(len(beams) + 1, dtype=bool)
-    is_one_body[1:-1] = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
-    beams = beams[is_one_body[1:] | is_one_body[:-1]]
+    # true for each beam that hits the same body as the next beam; one beam without a return may lie between
+    # the two
+    hits_same = (beams[1:] - beams[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
+    # a beam is kept if it hits the same body as the beam after it or the beam before it
+    is_kept = np.zeros(len(beams), dtype=bool)
+    is_kept[:-1] = hits_same
+    is_kept[1:] |= hits_same
+    beams = beams[is_kept]
     angles = scan.angle_min + beams * scan.angle_increment
     points_in_laser = scan.returns[beams] * np.stack([np.cos(angles), np.sin(angles)])
     # the beams have z = 0 in the laser's frame, so the upper left part of the rotation is enough to compute x
@@ -117,6 +122,7 @@ def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: 
     """Return whether the robot could face `bearing` [rad] and drive `length` [m] without touching a point."""
     if not len(points_in_base):
         return True
+    # distance of each point ahead of the robot if it faces `bearing`, and distance to the left or right, (N,)
     c, s = cos(bearing), sin(bearing)
     along = points_in_base @ (c, s)
     across = np.abs(points_in_base @ (-s, c))
@@ -127,17 +133,18 @@ def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: 
 def free_bearing(
     points_in_base: np.ndarray, goal: float, length: float, outline: Footprint
 ) -> Optional[float]:
-    """Return the direction nearest to `goal` that has a free path [rad], or None if there is none.
+    """Return the direction nearest to the direction `goal` that has a free path [rad]; None if there is none.
 
     If two directions are equally near to `goal`, the direction nearer to straight ahead is returned. In the
     direction of `goal` itself, only `length` [m] must be free, and in any other direction LOOK_AHEAD.
     """
     if is_free(points_in_base, goal, length, outline):
         return goal
-    steps = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(goal + step))))
-    # the first step is 0, which is the goal's own direction, and this direction is not free
-    for step in steps[1:]:
-        bearing = wrap_angle(goal + step)
+    # the smallest turns away from the goal come first; of two equal turns, the one nearer to straight ahead
+    turns = sorted(_SIDESTEPS, key=lambda turn: (abs(turn), abs(wrap_angle(goal + turn))))
+    # the first turn is 0, which is the goal's own direction, and this direction is not free
+    for turn in turns[1:]:
+        bearing = wrap_angle(goal + turn)
         if is_free(points_in_base, bearing, LOOK_AHEAD, outline):
             return bearing
     return None
