@@ -25,18 +25,18 @@ from husky_highlevel_controller.geometry import (
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.urdf import DescriptionError
 
-# Width of the tread, a narrow disc on which the wheel stands. The flanks of the tyre are a slightly smaller
-# cylinder. Without the tread, a rigid wheel would stand on one of its edges, which changes the loads of all
-# wheels.
+# The collision shape of a wheel is two cylinders on one axle: a narrow disc, the tread, on which the wheel
+# stands, and the flanks, which are as wide as the tyre and have a radius that is smaller by FLANK_DEPTH.
+# A single rigid cylinder would stand on one of its two edges, which would change the loads of all wheels.
 TREAD_WIDTH = 0.004  # [m]
 FLANK_DEPTH = 0.005  # [m]
 
-# Limits of a robot description. Beyond these limits, numbers in the engine overflow, and the robot's pose
-# becomes NaN without an error.
+# Limits of a robot description. Beyond these limits, numbers in Bullet overflow, and the robot's pose becomes
+# NaN without an error.
 MIN_MASS = 0.001  # [kg] least mass of the body and of each wheel
 MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m] limits of sqrt(moment of inertia / mass)
-# each moment of inertia may be at most this multiple of the sum of the other two; 1 is a flat plate, and the
-# rest is a margin for rounding
+# Each moment of inertia may be at most this multiple of the sum of the other two. The exact limit is 1, which
+# a flat plate reaches; the rest is a margin for rounding.
 FLATNESS = 1.001
 MIN_SEPARATION = 0.01  # [m] least distance between the left and the right wheels
 MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of the size of a collision shape
@@ -70,7 +70,7 @@ class RobotModel:
     """Robot as physics needs it: one rigid body that stands on four wheels."""
 
     fixed_poses: Mapping[str, Pose]  # pose in base_link of every link that is fixed to it
-    # parent link, child link, and pose of the child in the parent
+    # parent link, child link, and pose of the child in the parent, for each fixed joint
     fixed_joints: Tuple[Tuple[str, str, Pose], ...]
     # name of the lidar's link, at which the rays begin; not in `fixed_poses` if the robot has no lidar
     laser_frame: str
@@ -78,7 +78,8 @@ class RobotModel:
     com: Vector3  # [m] centre of mass in base_link, wheels included
     inertia: np.ndarray  # (3, 3) [kg m^2] inertia about com, along base_link's axes, wheels included
     wheels: Tuple[Wheel, ...]  # wheels in the order front left, front right, rear left, rear right
-    physics_urdf: str  # URDF for PyBullet: one link, base_link, with the shapes of all links; no meshes
+    # URDF for PyBullet: one link, base_link, with the collision shapes of all links, except meshes
+    physics_urdf: str
 
     @property
     def base_height(self) -> float:
@@ -91,13 +92,14 @@ def robot_model(
 ) -> RobotModel:
     """Read a URDF of base_link, four wheels and the links fixed to base_link.
 
-    `physics_urdf` has only one link, base_link, with the mass and the collision shapes of all links. A link
+    All links become one rigid body for the physics, wheels included, see `RobotModel.physics_urdf`. A link
     without <inertial> weighs nothing, although PyBullet would give it 1 kg.
 
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
         robot: names of the wheels' joints and of the lidar's link; None for the Husky.
-        laser_frame: link in which beams start; defaults to the lidar's link, which need not exist.
+        laser_frame: name of the link in which the beams of the lidar start; None for the name in `robot`. A
+            robot without this link has no lidar.
 
     Raises:
         DescriptionError: the text is not a URDF, a link or joint is missing, or physics cannot use a number.
@@ -111,27 +113,32 @@ def robot_model(
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; the wheels' joints are {', '.join(wheel_joints)}")
 
-    # `fixed_joints` has (parent, child, pose of the child in the parent) for each fixed joint; `poses` has
-    # the pose in base_link of each link that these joints connect with base_link
-    fixed = [joint for joint in joints.values() if joint.get("type") == "fixed"]
-    fixed_joints = urdf.joined_links(links, fixed)
+    # 1. parent, child, and pose of the child in the parent, for each fixed joint; and the pose in base_link
+    # of each link that these joints connect with base_link, also of base_link itself
+    joint_elements = [joint for joint in joints.values() if joint.get("type") == "fixed"]
+    fixed_joints = urdf.joined_links(links, joint_elements)
     poses = urdf.poses_of_links("base_link", fixed_joints)
-    # base_link and all links fixed to it become one body, to which the wheels are added
+    # 2. base_link and all links fixed to it become one body in the new URDF
     physics = ET.Element("robot", name=root.get("name", "robot"))
-    fixed_links = [(links[name], pose) for name, pose in poses.items()]  # `poses` also has base_link itself
-    # `_merge` computes the mass, the centre of mass and the inertia of all parts together
-    body = _merge([_inertial(link, pose) for link, pose in fixed_links])
-    # only base_link's body is checked here; `_write_wheel` checks each wheel
-    _require_solid(body, "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
+    fixed_links = [(links[name], pose) for name, pose in poses.items()]
+    inertial_without_wheels = _merge([_inertial(link, pose) for link, pose in fixed_links])
+    _require_solid(inertial_without_wheels, "base_link's rigid body")
     _write_collisions(base, fixed_links)
-    wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
-    left, right, *_ = wheels
-    # the first two joints are front left and front right; `not >=` also refuses a distance of NaN
-    if not left.position[1] - right.position[1] >= MIN_SEPARATION:
-        positions = f"y = {left.position[1]:g} and {right.position[1]:g} m"
-        raise DescriptionError(f"joint '{left.joint}' is not left of joint '{right.joint}': {positions}")
-    mass, com, inertia = _merge([body, *inertials])
+    # 3. the wheels are added to this body
+    wheels: List[Wheel] = []
+    inertials = [inertial_without_wheels]
+    for name in wheel_joints:
+        wheel, inertial = _write_wheel(base, joints[name], links, poses)
+        wheels.append(wheel)
+        inertials.append(inertial)
+    front_left, front_right, _, _ = wheels
+    # `not >=` also refuses a distance of NaN
+    if not front_left.position[1] - front_right.position[1] >= MIN_SEPARATION:
+        positions = f"y = {front_left.position[1]:g} and {front_right.position[1]:g} m"
+        names = f"joint '{front_left.joint}' is not left of joint '{front_right.joint}'"
+        raise DescriptionError(f"{names}: {positions}")
+    mass, com, inertia = _merge(inertials)
     _write_inertial(base, (mass, com, inertia))
     other_links = set(links) - set(poses) - {wheel.link for wheel in wheels}
     if other_links:
@@ -147,7 +154,7 @@ def robot_model(
         mass=mass,
         com=com,
         inertia=inertia,
-        wheels=wheels,
+        wheels=tuple(wheels),
         physics_urdf=ET.tostring(physics, encoding="unicode"),
     )
 
@@ -155,9 +162,9 @@ def robot_model(
 def _write_wheel(
     base: ET.Element, joint: ET.Element, links: urdf.Elements, fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
-    """Write the collision shapes of a wheel into base_link, and return the wheel and its inertial.
+    """Check a wheel, write its collision shapes into base_link, and return the wheel and its inertial.
 
-    The shapes need not turn, because a wheel is round.
+    The shapes are fixed to base_link and do not turn. They need not turn, because a wheel is round.
 
     Args:
         base: <link> of base_link in the URDF for PyBullet, which gets the shapes.
@@ -185,10 +192,10 @@ def _write_wheel(
     cylinder = link.find("collision/geometry/cylinder")
     if cylinder is None:
         raise DescriptionError(f"{link_label} has no collision cylinder, so the wheel has no radius")
-    _require_solid(_inertial(link, Pose()), link_label)  # the result is the same for any pose of the link
+    _require_solid(_inertial(link, Pose()), link_label)  # the pose has no effect on this check
     collisions = _write_collisions(base, [(link, pose)])
     radius = urdf.number_of(cylinder, "radius", link_label)
-    # `_make_tread_and_flanks` takes FLANK_DEPTH from the radius; more than half of the radius must be left
+    # the flanks, whose radius is smaller by FLANK_DEPTH, must keep more than half of the wheel's radius
     if not radius > 2.0 * FLANK_DEPTH:
         limit = f"a wheel's radius must be more than {2.0 * FLANK_DEPTH:g} m"
         raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
@@ -201,12 +208,13 @@ def _write_wheel(
     return Wheel(name, child, pose, radius, width, mass, axial_inertia), inertial
 
 
-# mass [kg], centre of mass [m], inertia about the centre of mass (3, 3) [kg m^2]
+# mass [kg], centre of mass in base_link [m], and inertia (3, 3) about the centre of mass along base_link's
+# axes [kg m^2]
 Inertial = Tuple[float, Vector3, np.ndarray]
 
 
 def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
-    """Return mass, centre of mass and inertia of a link in base_link; it weighs 0 without <inertial>."""
+    """Return mass, centre of mass and inertia of a link in base_link; a link without <inertial> weighs 0."""
     where = urdf.label_of(link)
     element = link.find("inertial")
     if element is None:
@@ -222,37 +230,38 @@ def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
 
 
 def _merge(parts: Sequence[Inertial]) -> Inertial:
-    """Return the inertial of one rigid body that consists of several (parallel axis theorem)."""
-    mass = float(sum(m for m, _, _ in parts))
+    """Return mass, centre of mass and inertia of one rigid body that consists of several parts."""
+    mass = float(sum(part_mass for part_mass, _, _ in parts))
+    weighted_sum = sum((part_mass * np.array(com) for part_mass, com, _ in parts), np.zeros(3))
     # if no part has a mass, the sum is zero, and a division by 1 leaves it zero
-    centre = sum((m * np.array(com) for m, com, _ in parts), np.zeros(3)) / (mass or 1.0)
+    centre = weighted_sum / (mass or 1.0)
     inertia = np.zeros((3, 3))
-    for m, com, about_com in parts:
-        # an inertia about another point is larger by m (|arm|^2 1 - arm arm^T)
+    for part_mass, com, about_com in parts:
+        # parallel axis theorem: the inertia about a point that is `arm` away from the part's centre of mass
+        # is larger by m (|arm|^2 1 - arm arm^T)
         arm = np.array(com) - centre
-        inertia += about_com + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    inertia.setflags(write=False)  # the record of the robot is immutable, so its arrays are, too
+        inertia += about_com + part_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    inertia.setflags(write=False)  # `RobotModel` is immutable, so its array must not be writable
     x, y, z = centre.tolist()
     return mass, (x, y, z), inertia
 
 
 def _require_solid(inertial: Inertial, what: str) -> None:
-    """Raise DescriptionError if no solid body has this mass and inertia, or if the engine cannot use them.
+    """Raise DescriptionError if no solid body has this mass and inertia, or if Bullet cannot use them.
 
     `what` is the name of the body in the message.
     """
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)  # principal moments, ascending [kg m^2]
-    # smallest and largest moment of inertia that are allowed for this mass
-    smallest, largest = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
+    least_moment, middle_moment, greatest_moment = moments
+    least_allowed, greatest_allowed = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
     problem = ""
-    if mass <= 0.0 or moments[0] <= 0.0:
+    if mass <= 0.0 or least_moment <= 0.0:
         problem = "they must be positive"
-    # FLATNESS is slightly above 1, because the moments of a flat plate are rounded
-    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):
-        # with such moments, the engine would set all three to zero
+    elif greatest_moment > FLATNESS * (least_moment + middle_moment):
+        # Bullet would set all three moments to zero
         problem = "no moment can be above the sum of the other two"
-    elif mass < MIN_MASS or moments[0] < smallest or moments[-1] > largest:
+    elif mass < MIN_MASS or least_moment < least_allowed or greatest_moment > greatest_allowed:
         gyration = f"the radii of gyration must be within {MIN_GYRATION} and {MAX_GYRATION:g} m"
         problem = f"the mass must be at least {MIN_MASS} kg, and {gyration}"
     if problem:
@@ -265,6 +274,7 @@ def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
     element = ET.SubElement(link, "inertial")
     urdf.write_origin(element, Pose(com))
     ET.SubElement(element, "mass", value=repr(mass))
+    # row and column of each attribute in the symmetric matrix
     cells = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ET.SubElement(element, "inertia", {name: repr(float(inertia[cell])) for name, cell in cells.items()})
 
@@ -273,8 +283,8 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
     """Copy the collision shapes of other links, except meshes, into a link, and return the copies.
 
     Args:
-        link: element that gets the copies.
-        sources: other links, and their poses in this link.
+        link: element <link> that gets the copies.
+        sources: elements <link> that are copied from, and their poses in `link`.
 
     Raises:
         DescriptionError: a shape has no supported type, or a size is not within MIN_SIZE and MAX_SIZE.
@@ -304,17 +314,18 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
 
 
 def _make_tread_and_flanks(link: ET.Element, collision: ET.Element) -> None:
-    """Replace a wheel's cylinder by a narrow tread and by flanks, as on a tyre with a crown.
+    """Replace the cylinder of a wheel's <collision> by two cylinders: a narrow tread, and wider flanks.
 
-    So the wheel stands on its middle, the tread, and not on one of its edges. The flanks have the wheel's
-    width, and a radius that is smaller by FLANK_DEPTH.
+    So the wheel stands on its middle, the tread, and not on one of its edges, see TREAD_WIDTH. Any other
+    shape, such as a box, stays as it is.
     """
     tread = collision.find("geometry/cylinder")
     if tread is None:
-        return  # any other shape, such as a box, stays as it is
-    flanks = copy.deepcopy(collision)
-    cylinder = flanks.find("geometry/cylinder")
-    assert cylinder is not None
-    cylinder.set("radius", repr(float(tread.attrib["radius"]) - FLANK_DEPTH))
-    link.append(flanks)
+        return
+    # a copy of the <collision> becomes the flanks, and the <collision> itself becomes the tread
+    flanks_collision = copy.deepcopy(collision)
+    flanks = flanks_collision.find("geometry/cylinder")
+    assert flanks is not None
+    flanks.set("radius", repr(float(tread.attrib["radius"]) - FLANK_DEPTH))
+    link.append(flanks_collision)
     tread.set("length", repr(TREAD_WIDTH))

@@ -1,6 +1,9 @@
 """SDF parser: XML elements, and the place of each element in its file, for messages.
 
 In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
+
+An element that is left out, or read in another way than it is written, gets a note. The notes are collected,
+and logged as warnings when the file has been read. An element that must not be left out raises WorldError.
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, pars
 VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))  # versions of SDF that can be read
 NEWEST = 7  # minor version: SDF 1.7 is the newest version that is read completely
 
-# For each element, the children that cause no warning, because they are read or have no effect in this
-# simulator.
+# For each element, the children that cause no warning, because they are read, or because a simulation without
+# them is the same.
 KNOWN = {
     "sdf": "world",
     "world": "model include frame state gravity physics light scene gui audio spherical_coordinates"
@@ -42,8 +45,8 @@ Value = TypeVar("Value")
 class Load:
     """State while one world or model is read: files, names that are in use, and notes for warnings."""
 
-    # for each sentence of a warning, the places of the elements that it is about, by the id of the element;
-    # because of the id, an element that is read twice is named only once
+    # For each sentence of a warning, the places in the file that it is about. The keys are ids of elements,
+    # so that an element that is read twice is named only once.
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # names of models and bodies that are already used
     files: Dict[str, Node] = field(default_factory=dict)  # element <sdf> of each model file, by path
@@ -89,17 +92,25 @@ class Node:
         return WorldError(f"{self.where}: {problem}")
 
     def note(self, sentence: str, value: str = "") -> None:
-        """Keep the place of this element for a warning; there is one warning for each sentence."""
+        """Add a note about this element; `value` is the part of its text that the note is about.
+
+        Notes with the same sentence become one warning, which lists their places.
+        """
         self._note_at(sentence, f"{self.where} '{value}'" if value else self.where)
 
     def _note_at(self, sentence: str, place: str) -> None:
+        """Add a note about this element, with a text that says where the element is."""
         self.load.notes.setdefault(sentence, {})[id(self.element)] = place
 
     def unless_broken(self, read: Callable[[], Value], default: Value, sentence: str) -> Value:
-        """Return the value of `read`; if `read` raises WorldError, note it and return the default.
+        """Return the value that `read` returns; if `read` raises WorldError, add a note and return `default`.
 
-        This is for elements that the simulation can do without, such as a colour. The note is `sentence`,
-        which says what is done instead, with the error's text behind it.
+        This is for elements that the simulation does not need, such as a colour.
+
+        Args:
+            read: function that reads a value of this element.
+            default: value that is used if the element is broken.
+            sentence: note, which says what is done instead; the text of the error is added.
         """
         try:
             return read()
@@ -108,10 +119,10 @@ class Node:
             return default
 
     def note_unknown(self) -> None:
-        """Note every child that KNOWN does not list for this element."""
+        """Add a note for every child that KNOWN does not list for this element."""
         known_tags = KNOWN[self.tag].split()
         for child in self.children():
-            # an empty <wind> causes no warning, because Gazebo saves one in every world
+            # Gazebo saves an empty <wind> in every world
             is_default_wind = child.tag == "wind" and not len(child.element)
             if child.tag not in known_tags and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")
@@ -119,12 +130,14 @@ class Node:
     def children(self, tag: Optional[str] = None) -> Iterator[Node]:
         """Yield all children, or only the children with one tag."""
         for element in self.element:
-            if tag in (None, element.tag):
-                name = element.get("name")
-                label = element.tag if name is None else f"{element.tag} '{name}'"
-                above = f"{self.trail} > " if self.trail else ""
-                trail = "" if element.tag == "world" else above + label  # the trail begins inside the <world>
-                yield Node(element, self.load, self.source, trail)
+            if tag is not None and element.tag != tag:
+                continue
+            name = element.get("name")
+            label = element.tag if name is None else f"{element.tag} '{name}'"
+            trail = f"{self.trail} > {label}" if self.trail else label
+            if element.tag == "world":
+                trail = ""  # a file has one <world>, so messages need not name it
+            yield Node(element, self.load, self.source, trail)
 
     def child(self, tag: str) -> Optional[Node]:
         """Return the first child with a tag, or None."""
@@ -138,7 +151,10 @@ class Node:
         return child
 
     def named(self) -> str:
-        """Return the name of the element; without a name, note this and return its tag and line."""
+        """Return the name of the element.
+
+        An element without a name gets one from its tag and line, and a note.
+        """
         name = self.element.get("name", "").strip()
         if not name:
             name = f"{self.tag}_at_line_{getattr(self.element, 'line', 0)}"
@@ -163,9 +179,10 @@ class Node:
         return values if all(map(isfinite, values)) else ()
 
     def pose(self) -> Pose:
-        """Pose that this element gives, in the frame that it names; the identity if it has no numbers.
+        """Return the pose that the text of a <pose> gives: x, y, z, roll, pitch, yaw; the identity if empty.
 
-        As in Gazebo, missing numbers are read as 0 and numbers after the sixth are left out, with a note.
+        The frame of the pose is not considered here, see `FrameScope.pose_of`. As in Gazebo, missing numbers
+        are read as 0 and numbers after the sixth are left out, with a note.
 
         Raises:
             WorldError: a number of the pose is not finite.
@@ -180,13 +197,13 @@ class Node:
             self.note(
                 "a <pose> needs 6 numbers; missing ones are read as 0, further ones are left out", self.text
             )
-        x, y, z, *angles = (*values, *[0.0] * 6)[:6]
+        x, y, z, *angles = (*values, *[0.0] * 6)[:6]  # zeros are added, and then the first 6 numbers count
         if self.element.get("degrees") in ("1", "true"):  # SDF 1.9
             angles = list(map(radians, angles))
         return Pose((x, y, z), quat_from_rpy(*angles))
 
     def _quaternion_pose(self) -> Pose:
-        """Return the pose of three coordinates and a quaternion xyzw, which is scaled to length 1."""
+        """Return the pose that the text gives as x, y, z and a quaternion xyzw of any length."""
         x, y, z, *quat = self.numbers(7)
         length = hypot(*quat)
         if not 0.0 < length < inf:
@@ -210,7 +227,10 @@ class Node:
 
 
 def minor_version(where: str, version: str) -> int:
-    """Return the number behind the dot of an SDF version. Raises WorldError if VERSIONS does not have it."""
+    """Return the number behind the dot of an SDF version, such as 7 for 1.7.
+
+    Raises WorldError if VERSIONS does not have the version.
+    """
     if version not in VERSIONS:
         raise WorldError(
             f"{where}: SDF version '{version}' is not supported; {VERSIONS[0]} to {VERSIONS[-1]} are"
