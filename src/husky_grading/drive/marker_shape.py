@@ -70,8 +70,8 @@ def _references_and_outline(
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
     """Return the points that can count as the position of a marker, and the corners of the space it covers.
 
-    The caller takes the first kind of point that is nearest to the pillar as the position. The covered space
-    is the convex hull of the corners. All points are in the marker's frame [m].
+    Among the first points, the one that is nearest to the pillar becomes the position. The covered space is
+    the convex hull of the corners. All points are in the marker's frame [m].
     """
     origin = (0.0, 0.0, 0.0)  # origin of the marker's frame
     if kind == ARROW:

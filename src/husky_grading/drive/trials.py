@@ -42,7 +42,8 @@ def draw_trials(count: int, seed: int) -> List[Trial]:
         limits = np.array((MAX_OFFSET, MAX_OFFSET, pi))
         x, y, yaw = rng.uniform(-limits, limits).round(2).tolist()
         start = Pose2D(x, y, yaw)
-        distance, bearing = rng.uniform(NEAREST, FARTHEST), start.yaw + rng.uniform(-SIDE, SIDE)
+        distance = rng.uniform(NEAREST, FARTHEST)  # [m]
+        bearing = start.yaw + rng.uniform(-SIDE, SIDE)  # [rad] direction of the pillar in the world
         pillar = (start.x + distance * cos(bearing), start.y + distance * sin(bearing))
         trials.append(Trial(number, start, (round(pillar[0], 2), round(pillar[1], 2)), seed + number))
     return trials[:count]

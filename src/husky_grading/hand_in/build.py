@@ -168,14 +168,16 @@ def _make_again_if_repairable(
     Returns:
         The outcome of the last build, and whether it used OLD_BOOST.
     """
-    repair = OLD_BOOST if outcome.code and needs_old_boost(outcome.output) else ""
-    if outcome.code and (repair or misses_header(outcome.output)):
-        outcome = _catkin_make(folders, needed, underlay, repair=repair)
-    if outcome.code and not repair and needs_old_boost(outcome.output):
-        # the errors of code for an old version of Boost may appear only in the second build
-        repair = OLD_BOOST
-        outcome = _catkin_make(folders, needed, underlay, repair=repair)
-    return outcome, bool(repair)
+    if not outcome.code:  # the build has succeeded or has taken too long
+        return outcome, False
+    if not needs_old_boost(outcome.output):
+        if not misses_header(outcome.output):
+            return outcome, False
+        outcome = _catkin_make(folders, needed, underlay, repair="")
+        # the errors of code for an old version of Boost may appear only in this second build
+        if not outcome.code or not needs_old_boost(outcome.output):
+            return outcome, False
+    return _catkin_make(folders, needed, underlay, repair=OLD_BOOST), True
 
 
 def _notes_on_build(root: Path, missing: Set[str], used_old_boost: bool, outcome: BuildOutcome) -> List[Note]:

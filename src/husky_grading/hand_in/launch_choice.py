@@ -251,10 +251,10 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
             return False
         return path.read_bytes() == template.read_bytes().replace(TEMPLATE.name.encode(), package.encode())
 
-    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")
-    return is_written_by_us(launch_file, TEMPLATE / "launch" / "drive.launch") and any(
-        is_written_by_us(package_folder / node.parent.name / node.name, node) for node in nodes
-    )
+    if not is_written_by_us(launch_file, TEMPLATE / "launch" / "drive.launch"):
+        return False
+    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")  # in Python, and in C++
+    return any(is_written_by_us(package_folder / node.parent.name / node.name, node) for node in nodes)
 
 
 def equal_launch_files(

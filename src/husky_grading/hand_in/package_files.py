@@ -71,14 +71,16 @@ def _config_in_package(
     `launch_file` is the name of the launch file that is started; empty for a node, for which all files count.
     """
     folder = planned.package_path
-    files = [path for path in walk(folder) if path.suffix == ".rviz"][:MAX_CONFIGS] if folder else []
-    if folder and launch_file:
+    if not folder:
+        return None
+    files = [path for path in walk(folder) if path.suffix == ".rviz"][:MAX_CONFIGS]
+    if launch_file:
         owners = _owners_of_configs(folder, launch_file, starts_rviz=bool(planned.rviz))
-        is_only_file = bool(planned.rviz) and len(files) == 1
-        owner = owners.get(files[0].name) if is_only_file else None
-        if owner and "rosbag" not in _NODE.findall(read_text(owner)):
-            source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
-            return _read_config(source, files[0], remaps)
+        if planned.rviz and len(files) == 1:
+            owner = owners.get(files[0].name)  # the other launch file that names the only .rviz file
+            if owner and "rosbag" not in _NODE.findall(read_text(owner)):
+                source = f"{files[0].name}, the package's only .rviz file, used by {owner.name}"
+                return _read_config(source, files[0], remaps)
         # all files without an owner count, also if there is only one file
         files = [path for path in files if path.name not in owners]
     configs = [_read_config(path.name, path, remaps) for path in files]

@@ -308,8 +308,9 @@ def _build_candidates(
     """
     by_name = {package.name: package for package in packages}
     best = candidates[0] if candidates else None
-    # names of the submission's packages to which the launch file refers; all packages if it refers to none
-    needed = set(best.plan.uses if best else ()) & set(by_name) or set(by_name)
+    # names of the submission's packages to which the launch file refers
+    used = set(best.plan.uses) & set(by_name) if best else set()
+    needed = used or set(by_name)
     first_build = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     if best is None or _is_any_built(best, folders):
         return best, first_build, []

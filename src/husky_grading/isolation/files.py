@@ -90,7 +90,9 @@ def texts_in(
 
 
 def read_xml(path: Path, max_size: int) -> Any:
-    """Return the root of an XML file; entities are rejected.
+    """Return the root element of an XML file.
+
+    Entities are rejected, because a few of them can expand to billions of characters.
 
     Raises:
         UnreadableFileError: the file is not a regular file of at most `max_size` bytes, is not XML, or has

@@ -174,10 +174,11 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
     thread_namespace = os.readlink("/proc/thread-self/ns/ipc")
     # enter the namespace of the first process that is in a sandbox
     for process in processes:
+        if thread_namespace != our_namespace:
+            break  # the thread has entered it, now or at an earlier call
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # an OSError means that the process has ended
-            has_own_namespace = os.readlink(namespace) != our_namespace
-            if thread_namespace == our_namespace and has_own_namespace:
+            if os.readlink(namespace) != our_namespace:
                 with open(namespace) as file:
                     ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
                 thread_namespace = os.readlink("/proc/thread-self/ns/ipc")

@@ -164,9 +164,10 @@ def _system() -> List[str]:
         elif path.is_dir():
             arguments += ["--ro-bind", str(path), str(path)]
     for path in _secrets("/etc"):
-        # an empty folder, or the empty file /dev/null, covers the path
-        cover = ["--tmpfs", str(path), "--remount-ro"] if path.is_dir() else ["--ro-bind", os.devnull]
-        arguments += [*cover, str(path)]
+        if path.is_dir():  # an empty, read-only folder covers it
+            arguments += ["--tmpfs", str(path), "--remount-ro", str(path)]
+        else:  # the empty file /dev/null covers it
+            arguments += ["--ro-bind", os.devnull, str(path)]
     for folder in TEMPORARY:  # the program may write here, in memory
         arguments += ["--size", str(TEMPORARY_FILES), "--tmpfs", folder]
     # /dev becomes read-only last, because one of the temporary folders is mounted in it

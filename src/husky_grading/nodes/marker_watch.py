@@ -121,7 +121,7 @@ class MarkerWatch:
         return {frame: place for frame, place in places.items() if place is not None}
 
     def follow(self, topic: str, kind: str) -> None:
-        """Subscribe to a topic, if its type is a type of markers."""
+        """Record the markers on a topic from now on, if the type `kind` is a type of markers."""
         is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS
         # a topic with a longer name is ignored, because drawing a very long name in a picture could take
         # minutes

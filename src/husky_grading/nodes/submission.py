@@ -152,9 +152,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         for argument in tag.getElementsByTagName("arg"):
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
+        # Most files are given as $(find PACKAGE)/PATH. Without $(find ...), the package is not known.
         match = re.match(r"\$\(find +([^)]+?) *\)/+(.*)", tag.getAttribute("file"))
-        # Most files are given as $(find PACKAGE)/PATH: package of the included file, and its path in the
-        # package. Without $(find ...), no package is known.
         package, place = match.groups() if match else ("", tag.getAttribute("file"))
         is_of_simulator = package in SIMULATION  # the file belongs to a package of the simulator or robot
         if is_of_simulator and place in self._simulator_files:  # our simulator takes its place
