@@ -94,16 +94,20 @@ class Change(NamedTuple):
     vibration_before: float  # [m/s] vibration of the ground, averaged until the change of velocity began
 
     def excess(self, config: CrashConfig) -> float:
-        """Loss or push without the part that the ground may cause [m/s]; above `max_loss`, it is a crash."""
-        # a push from the side also causes vibration, so the sideways limit depends only on the vibration
-        # before the push
-        return max(
-            self.loss - self._allowance(self.vibration, config),
-            self.sideways - SIDEWAYS_FACTOR * self._allowance(self.vibration_before, config),
-        )
+        """Return the loss or push without the part that rough ground may cause [m/s].
+
+        The larger of the two counts. It is a crash if it is above `max_loss`.
+        """
+        unexplained_loss = self.loss - self._allowance(self.vibration, config)
+        # a push from the side also causes vibration, so only the vibration before the push is subtracted
+        unexplained_push = self.sideways - SIDEWAYS_FACTOR * self._allowance(self.vibration_before, config)
+        return max(unexplained_loss, unexplained_push)
 
     def _allowance(self, vibration: float, config: CrashConfig) -> float:
-        """Change of velocity that ground with this vibration may cause, in addition to `max_loss` [m/s]."""
+        """Return the change of velocity that the ground may cause in addition to `max_loss` [m/s].
+
+        `vibration` is the vibration of the ground [m/s].
+        """
         for_rough_ground = _roughness(vibration) * max(config.max_loss_rough - config.max_loss, 0.0)
         return for_rough_ground + config.vibration_factor * vibration
 
@@ -150,7 +154,10 @@ class CrashDetector:
         self.change: Optional[Change] = None
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
-        """Take the speed that the wheels measure at a time [s]."""
+        """Store the speed that the wheels measure at a time [s], for the samples of that time.
+
+        Only the forward speed of the twist counts.
+        """
         if not isfinite(twist_in_base.linear):
             return
         if self._wheel_speeds and stamp == self._wheel_speeds[-1][0]:
@@ -159,23 +166,22 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf  # no IMU sample has come since this odometry
-        # [s] age of the oldest wheel speed that the judgement of a sample uses
-        oldest_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
-        # Older wheel speeds are dropped. The next judged sample may be up to LONGEST_DELAY older than the
-        # newest odometry. A sample that is even older is judged without changes of the wheels' speed.
-        next_sample = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY)
-        oldest = next_sample - max(oldest_age, MEMORY)
-        while self._wheel_speeds[0][0] < oldest:
+        # Wheel speeds that no later sample needs are dropped. A sample needs wheel speeds up to this age [s].
+        needed_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
+        # The next sample is not older than the last judged sample. It may be older than this odometry, but
+        # only by LONGEST_DELAY; a sample that is even older is judged without changes of the wheels' speed.
+        oldest_next_sample = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY)
+        oldest_needed = oldest_next_sample - max(needed_age, MEMORY)
+        while self._wheel_speeds[0][0] < oldest_needed:
             self._wheel_speeds.popleft()
 
     @property
     def delay(self) -> float:
-        """Time between the oldest and the newest sample that wait for odometry [s]."""
-        return (
-            self._waiting_samples[-1][0].stamp - self._waiting_samples[0][0].stamp
-            if self._waiting_samples
-            else 0.0
-        )
+        """Time by which the judgement of samples is late [s], because samples wait for their odometry."""
+        if not self._waiting_samples:
+            return 0.0
+        (oldest, _), (newest, _) = self._waiting_samples[0], self._waiting_samples[-1]
+        return newest.stamp - oldest.stamp
 
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -212,7 +218,7 @@ class CrashDetector:
         return loss
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
-        """Return whether the odometry that a sample needs has come, or is no longer waited for.
+        """Return whether a sample can be judged now: its odometry has come, or has been late for too long.
 
         Args:
             stamp: stamp of the sample [s].
@@ -221,17 +227,19 @@ class CrashDetector:
         # odometry has stopped, or the sample has waited for too long
         if now - self._odometry_silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
+        # up to three stamps of odometry, the newest first, and the periods between them
         newest_stamps = [odometry_stamp for odometry_stamp, _ in islice(reversed(self._wheel_speeds), 3)]
         if not newest_stamps:
             return False
-        # the shorter of the last two periods of odometry, because a lost message makes a period too long
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
+        # a lost message makes a period too long, so the shorter period counts
+        period = min(periods, default=0.0)
         # with this sample, a change is judged that ended LATENESS before it (see `_judge_change`); the last
         # odometry before this end may be one period older than the end
-        return stamp - newest_stamps[0] <= min(periods, default=0.0) + LATENESS
+        return stamp - newest_stamps[0] <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
-        """Take a sample's velocity increment, and return the change of velocity [m/s] in a crash, or None.
+        """Add a sample to the stored ones; return the change of velocity [m/s] if there was a crash, or None.
 
         The first sample, or a sample after a gap, only starts the detector again. A sample with the stamp of
         the last sample is averaged with the last sample. An older sample is dropped.
@@ -259,63 +267,78 @@ class CrashDetector:
         Several samples have the same stamp if the clock of the stamps is coarse.
         """
         self._samples_of_stamp += 1
-        last, increment = self._increments.pop(), self._increment(sample, self._period, imu_in_base)
+        mean, new = self._increments.pop(), self._increment(sample, self._period, imu_in_base)
+        # a new value changes the mean of n values by 1/n of its difference from the mean
         share = 1.0 / self._samples_of_stamp
         self._increments.append(
-            _Increment(last.stamp, *(old + share * (new - old) for old, new in zip(last[1:], increment[1:])))
+            _Increment(
+                mean.stamp,
+                ahead=mean.ahead + share * (new.ahead - mean.ahead),
+                left=mean.left + share * (new.left - mean.left),
+                up=mean.up + share * (new.up - mean.up),
+            )
         )
 
     def _level_vertical(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
-        """Turn `_vertical` by the gyro, and pull it slowly towards the measured force.
+        """Update `_vertical`, the direction upwards in the IMU's frame, by a sample.
 
-        At rest the measured force points upwards, against gravity. Driving adds the accelerations of the
-        wheels and of the curve, so these are subtracted from the force. A force that still differs much from
-        gravity is a shock, so it pulls less. `duration` is the time since the last sample [s].
+        The gyro turns it, and the accelerometer pulls it slowly towards the measured force, which points
+        upwards if the robot is at rest. Driving adds the accelerations of the wheels and of the curve, so
+        these are subtracted from the force. A force that still differs much from gravity is a shock, so it
+        pulls less. `duration` is the time since the last sample [s].
         """
         assert self._vertical is not None
-        # seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration;
-        # minus(a, b, factor) is a - factor * b; `unit` returns None for a vector without a direction, and
-        # then the vertical stays as it is
-        self._vertical = (
-            unit(minus(self._vertical, cross(sample.angular_velocity, self._vertical), duration))
-            or self._vertical
-        )
+        # Seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration.
+        # minus(a, b, factor) is a - factor * b. `unit` returns None for a vector without a direction, and
+        # then the vertical stays as it is.
+        turn_rate = cross(sample.angular_velocity, self._vertical)
+        self._vertical = unit(minus(self._vertical, turn_rate, duration)) or self._vertical
+        # the force without the accelerations of driving, and its difference from gravity [m/s^2]
         ahead, left = self._ground_axes(imu_in_base)
         force = minus(sample.specific_force, ahead, self._wheel_acceleration(sample.stamp))
         force = minus(force, left, self._curve_acceleration(sample))
         error = minus(force, self._vertical, GRAVITY)
+        # weight of the force, which is below 1 for an error above LEVELLING_FORCE
         belief = min(LEVELLING_FORCE / max(sqrt(dot(error, error)), 1e-6), 1.0)
         pull = belief * duration / (self._levelling_time * GRAVITY)
         # `minus` with a negative factor adds a part of the error, so the vertical turns towards the force
         self._vertical = unit(minus(self._vertical, error, -pull)) or self._vertical
 
     def _ground_axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
-        """Unit vectors ahead and left along the ground, in the IMU's frame."""
+        """Return unit vectors ahead and to the left along the ground, in the IMU's frame."""
         assert self._vertical is not None
+        # base_link's x axis, without its part along the vertical; if nothing is left, any direction will do
         ahead = rotate(quat_inverse(imu_in_base), (1.0, 0.0, 0.0))
         ahead = unit(minus(ahead, self._vertical, dot(ahead, self._vertical))) or (1.0, 0.0, 0.0)
         return ahead, cross(self._vertical, ahead)
 
     def _wheel_acceleration(self, stamp: float) -> float:
-        """Acceleration of the wheels by the last two messages before a time [m/s^2]; 0 if they are old."""
+        """Return the acceleration of the wheels at a time [m/s^2], by the last two messages before it.
+
+        It is 0 if there are no such messages, or if they are old.
+        """
+        # pairs of neighbouring messages, the newest pair first
         newest_first = reversed(self._wheel_speeds)
         one_older = islice(reversed(self._wheel_speeds), 1, None)
         for (later, later_speed), (earlier, earlier_speed) in zip(newest_first, one_older):
-            if later <= stamp:
-                if stamp - later > LONGEST_PERIOD:
-                    return 0.0
-                return (later_speed - earlier_speed) / (later - earlier)
+            if later > stamp:
+                continue
+            if stamp - later > LONGEST_PERIOD:
+                return 0.0
+            return (later_speed - earlier_speed) / (later - earlier)
         return 0.0
 
     def _curve_acceleration(self, sample: ImuSample) -> float:
-        """Acceleration to the left in a curve at the wheels' speed [m/s^2]."""
+        """Return the acceleration to the left that driving a curve causes [m/s^2]: speed times yaw rate."""
         assert self._vertical is not None
-        return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._vertical)
+        speed = self._speed_at(sample.stamp) or 0.0
+        yaw_rate = dot(sample.angular_velocity, self._vertical)
+        return speed * yaw_rate
 
     def _increment(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Increment:
-        """Return the velocity increment of a sample, which is its force per mass times its duration [s].
+        """Return the change of velocity in the time of a sample: its acceleration times its duration [s].
 
-        It is without gravity and without the acceleration to the side that driving a curve causes.
+        Gravity, and the acceleration to the side that driving a curve causes, are subtracted before.
         """
         assert self._vertical is not None
         ahead, left = self._ground_axes(imu_in_base)
@@ -339,7 +362,7 @@ class CrashDetector:
         The change is the mean velocity of the last AFTER seconds, minus the mean velocity of BEFORE seconds.
         The time `window` lies between the two. `self.change` gets the part of the change that neither wheels
         nor curve explain, and the vibration of the ground. Nothing is judged until the direction of gravity
-        has been learnt, which takes LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
+        is known, which takes LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
         """
         window, end = self._config.window, self._last_stamp - LATENESS
         longest = AFTER + window + BEFORE
@@ -356,7 +379,7 @@ class CrashDetector:
         for stamp, ahead_by, left_by, up_by in self._increments:
             age = end - stamp
             if age < -1e-6:
-                break
+                break  # this increment and all later ones come after the end of the change
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
@@ -370,15 +393,19 @@ class CrashDetector:
         # until `_levelling_time` reaches LEVELLING_TIME, it is the time since the first sample
         if self._levelling_time < learning:
             return None
-        # a push from the side counts only as far as the robot keeps the velocity that it gained, so the
-        # smaller of `pushed_left` and `change_left` counts; the second `min` is for a push to the right
-        sideways = max(min(pushed_left, change_left), min(-pushed_left, -change_left))
+        # A push from the side counts only as far as the robot keeps the velocity that it gained, so the
+        # smaller of `pushed_left` and `change_left` counts. A push to the right makes both of them negative.
+        push_to_left = min(pushed_left, change_left)
+        push_to_right = min(-pushed_left, -change_left)
+        sideways = max(push_to_left, push_to_right)
         self.change = Change(self._unexplained_loss(change_ahead, end), sideways, vibration, vibration_before)
         is_crash = self.change.excess(self._config) > self._config.max_loss
         return hypot(change_ahead, change_left) if is_crash else None
 
     def _add_vibration(self, squared_swing: float, end: float) -> Tuple[float, float]:
-        """Take the squared velocity that the body gained sideways and upwards in the last `window` [m^2/s^2].
+        """Add a squared velocity [m^2/s^2], and return the vibration of the ground.
+
+        The velocity is the one that the body gained sideways and upwards within the last `window` seconds.
 
         Returns:
             The vibration of the ground at the time `end` [s], and the vibration at the time AFTER + `window`
@@ -395,20 +422,21 @@ class CrashDetector:
         return vibration, self._vibrations[0][1]
 
     def _weight(self, age: float) -> float:
-        """Weight, 0 to 1, of a velocity increment in the change of the mean velocity (see `_judge_change`).
+        """Return the weight, 0 to 1, of a velocity increment in the change of the mean velocity.
 
-        `age` is the time from the increment to the end of the change [s]. An increment between the times of
-        the two means counts fully. An increment within one of these times changes only a part of that mean,
-        so it counts partly.
+        `_judge_change` defines this change. An increment between the times of the two means counts fully. An
+        increment within one of these times changes only a part of that mean, so it counts partly. `age` is
+        the time from the increment to the end of the change [s].
         """
-        remaining = AFTER + self._config.window + BEFORE - age
-        return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
+        since_begin = AFTER + self._config.window + BEFORE - age  # [s] time from the begin of the change
+        return max(min(age / AFTER, since_begin / BEFORE, 1.0), 0.0)
 
     def _unexplained_loss(self, change_ahead: float, end: float) -> float:
-        """Return the loss of speed beyond the wheels' own loss [m/s].
+        """Return the speed that the robot has lost, minus the speed that its wheels have lost [m/s].
 
-        Odometry may be shifted by up to `odometry_delay`, so the shift that explains most of the loss counts.
-        If the direction of travel is unknown, the larger of the losses in both directions counts.
+        A robot that brakes loses speed as fast as its wheels, so this is near 0; in a crash it is large.
+        Odometry may be late or early by up to `odometry_delay`, so the shift that explains most of the loss
+        counts. If the direction of travel is unknown, the larger of the losses in both directions counts.
 
         Args:
             change_ahead: change of the velocity ahead, by the IMU [m/s].
@@ -416,9 +444,9 @@ class CrashDetector:
         """
         # speed of the wheels before the change, which tells the direction of travel; None if unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
-        # possible changes of the wheels' speed. The first is 0, because wheels that only speed up take no
-        # speed from the robot. The others are by odometry, for five shifts in time. In each of them, a step
-        # of the wheels' speed has the weight of an increment of the IMU at the same age.
+        # Possible changes of the wheels' speed. The first is 0, because wheels that only become faster take
+        # no speed from the robot. The others are by odometry, for five shifts in time. In each of them, a
+        # change of speed between two messages has the weight of an increment of the IMU at the same age.
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
@@ -438,7 +466,7 @@ class CrashDetector:
         return max(losses)
 
     def _speed_at(self, stamp: float) -> Optional[float]:
-        """The wheels' speed at a time, by linear interpolation [m/s]; None if unknown."""
+        """Return the wheels' speed at a time, by linear interpolation [m/s]; None if it is unknown."""
         if not self._wheel_speeds or stamp - self._wheel_speeds[-1][0] > LONGEST_PERIOD:
             return None
         stamps, speeds = zip(*self._wheel_speeds)
@@ -446,7 +474,7 @@ class CrashDetector:
 
 
 def _roughness(vibration: float) -> float:
-    """Roughness of ground by its vibration [m/s]: 0 without vibration, 1 from ROUGH_VIBRATION on."""
+    """Return the roughness of ground, 0 to 1, by its vibration [m/s]; 1 from ROUGH_VIBRATION on."""
     return min(vibration / ROUGH_VIBRATION, 1.0)
 
 
