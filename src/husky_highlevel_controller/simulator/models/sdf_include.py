@@ -29,8 +29,8 @@ _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</s
 <collision name="ground"><geometry><plane><size>100 100</size></plane></geometry></collision>
 <visual name="ground"><geometry><plane><size>100 100</size></plane></geometry></visual>
 </link></model></sdf>"""
-# addresses of the models ground plane and sun on Fuel (app.gazebosim.org); this program knows both models, so
-# it needs no network for them
+# addresses of the models ground plane and sun on Fuel, the model server of Gazebo (app.gazebosim.org). Most
+# worlds include both, so they are read without the network: see `_included`.
 _FUEL_GROUND_OR_SUN = re.compile(
     r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE
 )
@@ -43,14 +43,20 @@ class Model(NamedTuple):
     include: Optional[Node] = None  # <include> that adds the model; None if there is no <include>
 
     def child(self, tag: str) -> Optional[Node]:
-        """Return the first child with a tag in the <include>, or otherwise in the <model>."""
-        return (self.include and self.include.child(tag)) or self.node.child(tag)
+        """Return the first child with a tag in the <include>; if it has none, the first in the <model>.
+
+        So an <include> can replace the pose and other values of the model that it includes.
+        """
+        child = self.include.child(tag) if self.include else None
+        return child or self.node.child(tag)
 
     @property
     def name(self) -> str:
-        """Name that the <include> gives, or otherwise the <model>."""
-        given = self.include.child("name") if self.include else None
-        return (given.text if given else "") or self.node.named()
+        """Name of the model: the name in the <include>; if there is none, the name in the <model>."""
+        name_in_include = self.include.child("name") if self.include else None
+        if name_in_include and name_in_include.text:
+            return name_in_include.text
+        return self.node.named()
 
 
 def models_in(holder: Node) -> Iterator[Model]:
@@ -59,17 +65,17 @@ def models_in(holder: Node) -> Iterator[Model]:
         if node.tag == "model":
             yield Model(node)
         elif node.tag == "include":
-            # the results are kept, because the models of one world or model are listed several times
-            included, element = node.load.included, node.element
-            if element not in included:
-                included[element] = _included(node)
-            model = included[element]
+            # this function is called several times for one world or model, but reads each <include> only once
+            known_models, element = node.load.included, node.element
+            if element not in known_models:
+                known_models[element] = _included(node)
+            model = known_models[element]
             if model:
                 yield Model(model, include=node)
 
 
 def _included(include: Node) -> Optional[Node]:
-    """Return the model that an <include> names; None if there is nothing to add.
+    """Return the element <model> that an <include> adds; None if there is nothing to add.
 
     There is nothing to add for a lamp. If the include is not supported, or its model is not on this machine,
     a note says so. A file that is included several times is read once.
@@ -77,15 +83,15 @@ def _included(include: Node) -> Optional[Node]:
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        # a broken pose is only noted here, because it is an error only if there is a model at this pose, and
-        # then `FrameScope.pose_of` raises the error
+        # The pose is read here only to note a broken one, because the <include> may add no model. If it adds
+        # a model at a broken pose, `FrameScope.pose_of` raises the error later.
         pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
     uri_node = include.child("uri")
     if uri_node is None:
         include.note("an <include> without a <uri> is left out")
         return None
     uri = uri_node.text
-    # the ground plane and the sun on Fuel are the same as in Gazebo, and this program needs no file for them
+    # the ground plane and the sun on Fuel are the same models as model://ground_plane and model://sun
     fuel_address = _FUEL_GROUND_OR_SUN.fullmatch(unquote(uri))
     if fuel_address:
         uri = "model://" + fuel_address.group(1).lower().replace(" ", "_")
@@ -98,7 +104,7 @@ def _included(include: Node) -> Optional[Node]:
         return None
     path, files = _find_model(uri, include.source), include.load.files
     if path is None:
-        # counted for the warning that the lidar sees nothing
+        # both are counted for the warning that the lidar sees nothing
         include.load.model_count += 1
         include.load.missed_by_lidar += 1
         include.note(
@@ -117,12 +123,16 @@ def _included(include: Node) -> Optional[Node]:
 
 
 def _find_model(uri: str, source: str) -> Optional[Path]:
-    """Return the SDF file of a model in the newest readable version; None if this machine has no file."""
+    """Return the SDF file of a model://NAME in the newest readable version; None if there is no file.
+
+    `source` is the path of the file that contains the URI.
+    """
     name = uri[len("model://") :].strip("/")
     if not name:
         return None
     for folder in model_folders(name, source):
-        # a model.config names a file for each version of SDF; without a model.config, model.sdf counts
+        # The folder of a model has a model.config, which names a file for each version of SDF. Without a
+        # model.config, the file is model.sdf.
         config = Path(os.path.realpath(os.path.join(folder, "model.config")))
         plain = Path(os.path.realpath(os.path.join(folder, "model.sdf")))
         newest = _newest_file(config, plain) if os.path.isfile(config) else plain
@@ -132,9 +142,9 @@ def _find_model(uri: str, source: str) -> Optional[Path]:
 
 
 def _newest_file(config: Path, plain: Path) -> Path:
-    """Return one of the SDF files of a model.config, which has a file for each version of SDF.
+    """Return the best of the SDF files that a model.config names, one for each version of SDF.
 
-    The result is the file for the newest version up to NEWEST, or for the oldest version if all are newer. If
+    The best file is that of the newest version up to NEWEST, or of the oldest version if all are newer. If
     the model.config cannot be read or names no file, the result is `plain`.
 
     Args:
@@ -150,13 +160,13 @@ def _newest_file(config: Path, plain: Path) -> Path:
         listed = []
     if not listed:
         return plain
-    # a file without a version counts as the oldest version
-    readable = [sdf for sdf in listed if sdf.get("version", VERSIONS[0]) in VERSIONS]
-    # if no file has a readable version, all files are used, and `minor_version` raises the error about the
-    # first one
-    name_by_minor_version = {
-        minor_version(str(config), sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or listed
-    }
-    # the version nearest to NEWEST; a version after NEWEST comes behind all others
-    best = min(name_by_minor_version, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
-    return config.parent / (name_by_minor_version[best] or "").strip()
+    oldest = VERSIONS[0]  # a file without a version counts as the oldest version
+    readable = [sdf for sdf in listed if sdf.get("version", oldest) in VERSIONS]
+    if not readable:
+        # `minor_version` below raises the error about the first of these versions
+        readable = listed
+    file_by_minor = {minor_version(str(config), sdf.get("version", oldest)): sdf.text for sdf in readable}
+    # versions up to NEWEST are better than all versions after NEWEST; among them, the nearest to NEWEST is
+    # the best
+    best = min(file_by_minor, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
+    return config.parent / (file_by_minor[best] or "").strip()

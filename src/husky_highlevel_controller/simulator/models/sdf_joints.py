@@ -1,9 +1,9 @@
 """SDF joints: links of a movable model that joints hold together become one rigid body.
 
-In: a model's links as bodies, and its joints. Out: bodies, one for all links that joints hold together.
+In: a model's links as bodies, and its joints. Out: bodies, one for all links that joints connect.
 
-Joints do not move here, but they hold links together, so that a cart does not lose its wheels.
-Links of one model pass through one another, except links with `<self_collide>`.
+This simulator has no joints that move. But joints must hold links together, so that a cart does not lose its
+wheels. Bodies of one model pass through one another, as in Gazebo, except links with `<self_collide>`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ _WORLD = "world"  # a joint may have the world, by this name, as its parent or c
 
 @dataclass
 class Assembly:
-    """Links, frames and joints of a model and of the models in it, by their full names."""
+    """Links, frames and joints of a model and of all models in it, by full names such as "model::link".
+
+    The world loader first adds them all, and then `bodies` makes rigid bodies of the links.
+    """
 
     name: str  # name of the model
     pose_in_world: Pose = IDENTITY  # pose of the model
@@ -28,7 +31,7 @@ class Assembly:
     # for each frame, name of the frame, link or model to which it is attached
     frames: Dict[str, str] = field(default_factory=dict)
     joints: List[Node] = field(default_factory=list)
-    # full names of the models that contain the joints, in the order of `joints`
+    # full name of the model that contains the joint, for each joint
     scopes: List[str] = field(default_factory=list)
     self_colliding: Set[str] = field(default_factory=set)  # names of links with <self_collide>
 
@@ -38,7 +41,7 @@ class Assembly:
         self.scopes.append(scope)
 
     def bodies(self) -> Iterator[Body]:
-        """Rigid bodies of the model, in the order of their first links."""
+        """Yield the rigid bodies of the model, in the order of their first links."""
         for body in self._rigid_bodies():
             pose_model_in_body = compose(inverse(body.pose_in_world), self.pose_in_world)
             yield replace(body, pose_model_in_body=pose_model_in_body)
@@ -46,50 +49,52 @@ class Assembly:
     def _rigid_bodies(self) -> Iterator[Body]:
         """Yield one body for each group of links that joints connect.
 
-        A group with the world is static. Bodies that have the same text in `Body.model` pass through one
-        another.
+        A group that joints connect with the world is static. Bodies with the same name in `Body.model` pass
+        through one another; a body with the empty name collides with every body.
         """
-        # links that never move need no joints, so each of them stays a body of its own; as in Gazebo, they
-        # may overlap
+        # links that never move need no joints, so each of them stays a body of its own
         is_static = all(body.mass == 0.0 for body in self.links.values())
         if is_static:
             model = self.name if len(self.links) > 1 else ""
-            yield from (replace(body, model=model) for body in self.links.values())
+            for body in self.links.values():
+                yield replace(body, model=model)
             return
         group_of = self._groups()
         links_by_group: Dict[str, List[str]] = {}
         for name in self.links:
             links_by_group.setdefault(group_of[name], []).append(name)
-        is_whole = len(links_by_group) == 1
+        is_whole = len(links_by_group) == 1  # true if one body is the whole model
         for group, names in links_by_group.items():
             body = self._rigid_body(names, is_whole)
-            is_fixed = group == group_of[_WORLD]  # true if joints connect these links with the world
-            # no `model` if the model has no other body, or if a link in this body has <self_collide>
-            hits_other_bodies = is_whole or self.self_colliding.intersection(names)
+            is_fixed_to_world = group == group_of[_WORLD]
+            self_collides = bool(self.self_colliding.intersection(names))
             yield replace(
-                body, mass=0.0 if is_fixed else body.mass, model="" if hits_other_bodies else self.name
+                body,
+                mass=0.0 if is_fixed_to_world else body.mass,
+                model="" if is_whole or self_collides else self.name,
             )
 
     def _groups(self) -> Dict[str, str]:
-        """Return the name of a group for each link and for the world.
+        """Return the name of its group for each link, and for the world.
 
-        Joints, directly or through other links, put links into one group. A joint of a link that does not
-        exist is left out with a note.
+        Two links are in one group if joints connect them, directly or through other links. The name of a
+        group is the name of any link in it, or of the world. A joint of a link that does not exist is left
+        out with a note.
         """
-        # at first, each link and the world are groups of their own, with their own names
+        # at first, each link and the world are groups of their own
         group_of = {name: name for name in (*self.links, _WORLD)}
-        for joint, scope in zip(self.joints, self.scopes):  # the scope is the model that contains the joint
+        for joint, scope in zip(self.joints, self.scopes):
             ends = [self._link_at_end(joint, tag, scope) for tag in ("parent", "child")]
             if "" in ends:
                 joint.note("a <joint> of a link that does not exist is left out")
                 continue
             if joint.element.get("type") != "fixed":
                 joint.note("joints do not move, so a movable model with joints is one rigid body", self.name)
-            # all links in the group of the child link move to the group of the parent link
+            # all links in the group of the child link come into the group of the parent link
             parents_group, childs_group = (group_of[end] for end in ends)
-            group_of = {
-                name: parents_group if group == childs_group else group for name, group in group_of.items()
-            }
+            for name, group in group_of.items():
+                if group == childs_group:
+                    group_of[name] = parents_group
         return group_of
 
     def _link_at_end(self, joint: Node, tag: str, scope: str) -> str:
@@ -105,32 +110,38 @@ class Assembly:
         if name == _WORLD:
             return _WORLD
         name = f"{scope}::{name}"
-        # a frame may be attached to another frame, so each round follows one attachment; there are at most as
-        # many attachments as frames
+        # The end may be a frame that is attached to a frame, and so on, up to a link. Each round follows one
+        # attachment. There are at most as many attachments as frames, and a circle of frames ends here, too.
         for _ in self.frames:
             name = self.frames.get(name, name)
         return name if name in self.links else ""
 
     def _rigid_body(self, names: List[str], is_whole: bool) -> Body:
-        """Return the rigid body of one or more links, in the frame of the first link.
+        """Return the rigid body of the links with these names, in the frame of the first link.
 
-        If one of the links never moves, the body never moves. Several links get the name of the model if they
-        are the whole model (`is_whole`), and otherwise the name of the first link.
+        If one of the links never moves, the body never moves. A body of several links gets the name of the
+        model if the links are the whole model (`is_whole`), and otherwise the name of the first link.
         """
-        bodies = [self.links[name] for name in names]
-        first = bodies[0]
-        if len(bodies) == 1:
+        links = [self.links[name] for name in names]
+        first = links[0]
+        if len(links) == 1:
             return first  # `_read_links` has already given a lone link its name
-        is_static = any(body.mass == 0.0 for body in bodies)
-        parts = [(compose(inverse(first.pose_in_world), body.pose_in_world), body) for body in bodies]
+        collisions: List[Geometry] = []
+        visuals: List[Geometry] = []
+        for link in links:
+            link_in_body = compose(inverse(first.pose_in_world), link.pose_in_world)
+            collisions.extend(_moved(link_in_body, part) for part in link.collisions)
+            visuals.extend(_moved(link_in_body, part) for part in link.visuals)
+        is_static = any(link.mass == 0.0 for link in links)
         return Body(
             self.name if is_whole else first.name,
             first.pose_in_world,
-            collisions=tuple(_moved(pose, part) for pose, body in parts for part in body.collisions),
-            visuals=tuple(_moved(pose, part) for pose, body in parts for part in body.visuals),
-            mass=0.0 if is_static else sum(body.mass for body in bodies),
+            collisions=tuple(collisions),
+            visuals=tuple(visuals),
+            mass=0.0 if is_static else sum(link.mass for link in links),
         )
 
 
 def _moved(pose_link_in_body: Pose, part: Geometry) -> Geometry:
+    """Return a shape of a link with its pose in the body, from its pose in the link."""
     return replace(part, pose_in_body=compose(pose_link_in_body, part.pose_in_body))
