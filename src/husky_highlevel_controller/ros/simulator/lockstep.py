@@ -22,8 +22,8 @@ PARTNER_TIMEOUT = 60.0  # [s] longest wall time for which the start of simulated
 ANSWER_TIMEOUT = 5.0
 # [s] if the very first command has not come after this wall time, the scan is sent again
 RESEND_TIMEOUT = 1.0
-# [s] if an idle controller sends no command for this wall time, the clock is nudged; if it is still idle
-# after the same time again, it counts as sleeping
+# [s] if an idle controller sends no command for this wall time, the clock is nudged (moved to just before its
+# next tick); if the controller is still idle after the same time again, it counts as sleeping
 SLEEP_TIMEOUT = 0.3
 # [s] longest wait at a tick until all subscribers are idle. After a wait of this length there are no more
 # waits at ticks, because some subscribers, such as RViz, are never idle.
@@ -44,26 +44,36 @@ AWAKE = 10  # number of scans that a controller must answer in a row to count as
 
 
 class Mode(Enum):
-    """Mode of lockstep. Listeners are the processes that receive the scans; they are idle if no thread runs.
+    """Rule for the waits of the simulator after a scan, and after a tick (a message on /clock).
 
-    ==============  ==================  ==========================  ==========================================
-    mode            waits after a scan  waits at a tick of /clock   next mode
-    ==============  ==================  ==========================  ==========================================
-    WATCHED         for a command,      until listeners are idle;   ALWAYS_WATCHED: a command came at a tick
-    (the first)     then until          the tick is sent twice      ANSWERING: AWAKE scans answered in a row,
-                    listeners are idle                              or not idle within WATCH_TIMEOUT
-    ALWAYS_WATCHED  the same            the same                    ANSWERING: not idle within WATCH_TIMEOUT
-    ANSWERING       for a command       not at all                  ALWAYS_WATCHED: a nudge of the clock was
-                                                                    needed for the command (from all of these)
-    SLEEPING        until listeners     until listeners are idle;   after AWAKE scans answered in a row: the
-                    are idle            the tick is sent twice      mode before, but ANSWERING if that was
-                                                                    WATCHED
-    FREE            not at all          not at all                  none
-    ==============  ==================  ==========================  ==========================================
+    The listeners are the processes that receive the scans or the clock. They are idle if none of their
+    threads runs.
 
-    In the first three modes, the clock is nudged (moved to just before its next tick) when listeners are idle
-    and no command has come for SLEEP_TIMEOUT. When this happens again, the mode becomes SLEEPING. Every mode
-    becomes FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
+    ==============  ==========================  ==========================
+    mode            wait after a scan           wait after a tick of /clock
+    ==============  ==========================  ==========================
+    WATCHED         for a command, then until   until listeners are idle;
+                    listeners are idle          the tick is sent twice
+    ALWAYS_WATCHED  as WATCHED                  as WATCHED
+    ANSWERING       for a command               none
+    SLEEPING        until listeners are idle    as WATCHED
+    FREE            none                        none
+    ==============  ==========================  ==========================
+
+    The first mode is WATCHED. The mode then changes:
+
+    - WATCHED to ANSWERING when AWAKE scans in a row were answered.
+    - WATCHED or ALWAYS_WATCHED to ANSWERING when listeners are not idle within WATCH_TIMEOUT.
+    - WATCHED to ALWAYS_WATCHED when a command came at a tick, before the scan was sent.
+    - WATCHED or ANSWERING to ALWAYS_WATCHED when a command came only after a nudge. A nudge moves the clock
+      to just before its next tick. It is made once for each scan, when listeners are idle and no command has
+      come for SLEEP_TIMEOUT.
+    - WATCHED, ALWAYS_WATCHED or ANSWERING to SLEEPING when listeners are idle and no command has come for
+      SLEEP_TIMEOUT after the nudge either. Before the very first command, the scan is sent again in place of
+      the nudge.
+    - SLEEPING to the mode before, when AWAKE scans in a row were answered; but to ANSWERING if the mode
+      before was WATCHED, and to ALWAYS_WATCHED if it was WATCHED and a command came at a tick.
+    - any mode to FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
     """
 
     WATCHED = 1
@@ -73,18 +83,20 @@ class Mode(Enum):
     FREE = 5
 
 
-# modes in which the simulator waits at each tick, because a controller may begin to sleep there
+# modes in which the simulator waits at each tick until all listeners are idle, because a controller may begin
+# to sleep there
 _WATCHING_MODES = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
 
 
 class Lockstep:
-    """Clock that waits after each scan for one command, so that a run is repeatable on the busiest machine.
+    """Makes simulated time wait after each scan for one command, so that a run is the same on a busy machine.
 
-    A controller that sleeps by simulated time answers no scan during its sleep, so the clock must go on (mode
-    SLEEPING). A busy machine may begin such a sleep before or after a tick of the clock. So the simulator
-    waits at each tick until the controller sleeps (mode WATCHED). These waits end after AWAKE answered scans
-    in a row (mode ANSWERING), unless the controller works at ticks (mode ALWAYS_WATCHED). In mode FREE,
-    lockstep is off or has ended, and nothing waits.
+    A controller may sleep by simulated time, for example in rospy.sleep. It answers no scan during its sleep,
+    so simulated time must go on without an answer (mode SLEEPING). On a busy machine, such a sleep begins by
+    chance before or after a tick of the clock. So the simulator waits at each tick until the controller
+    sleeps (mode WATCHED). These waits end after AWAKE answered scans in a row (mode ANSWERING), unless the
+    controller works at ticks (mode ALWAYS_WATCHED). In mode FREE, lockstep is off or has ended, and the
+    simulator does not wait.
     """
 
     def __init__(
@@ -111,10 +123,10 @@ class Lockstep:
         self._answered_in_a_row = 0  # number of scans in a row that were answered
 
     def drops(self, topic: str) -> bool:
-        """Return whether to drop a command on a topic, because the last scan has an answer on this topic.
+        """Return whether to ignore a command, because an earlier command on its topic has answered the scan.
 
-        It depends on the load of the machine whether such a command arrives before or after the next physics
-        step. So a run that obeyed the command would not be repeatable.
+        The next physics step begins after the first command. It depends on the load of the machine whether a
+        second command arrives before or after this step, so a run that obeyed it would not be repeatable.
         """
         return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
 
@@ -126,9 +138,12 @@ class Lockstep:
         self._answered.set()
 
     def wait_for_partners(self, partners: Partners, meanwhile: Callable[[], None]) -> None:
-        """Wait until the partners have joined, calling `meanwhile`."""
+        """Wait until controller and subscribers are connected; `meanwhile` is called again and again.
 
-        def joined() -> bool:
+        If they do not come within PARTNER_TIMEOUT, lockstep ends with a warning.
+        """
+
+        def have_joined() -> bool:
             meanwhile()
             return partners.joined()
 
@@ -138,10 +153,10 @@ class Lockstep:
                 f"{partners.command_topics}"
             )
         missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
-        self._wait_or_end_lockstep(joined, PARTNER_TIMEOUT, missing, period=PARTNERS_POLL_PERIOD)
+        self._wait_or_end_lockstep(have_joined, PARTNER_TIMEOUT, missing, period=PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:
-        """Call before a scan is published, so that earlier commands do not count as answers to it."""
+        """Forget earlier commands, so that they do not count as answers; call this before a scan is sent."""
         self._answer_is_due, self._answered_topics = True, set()
         self._answered.clear()
 
@@ -158,8 +173,8 @@ class Lockstep:
             meanwhile: serves calls, and is called again and again.
             resend: sends the scan again. The very first command of a controller may be lost while its
                 publisher connects, so the scan is sent again if no command has come so far.
-            nudge: moves the clock to a time just before the next tick, and nothing else. So it wakes a
-                controller that sleeps until a time between two ticks.
+            nudge: publishes a time just before the next tick, without a physics step. A controller that
+                sleeps until a time between two ticks wakes up.
         """
         if self._mode is Mode.FREE:
             return
@@ -184,7 +199,7 @@ class Lockstep:
                 self._mode = Mode.ANSWERING
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
-        """Call after each tick of the clock; it waits until the listeners have done the work of this tick.
+        """Wait until the listeners have done their work at this tick; call this after each tick of the clock.
 
         Args:
             meanwhile: serves calls, and is called again and again.
@@ -209,14 +224,18 @@ class Lockstep:
     ) -> None:
         """Wait for the command that answers a scan, or until the controller is known to sleep (SLEEPING).
 
-        If no command comes, one attempt is made to get it. Before the very first command, `resend` sends the
-        scan again. Later, `nudge` moves the clock, when the listeners are idle. If they are idle again after
-        this attempt, and still no command has come, they sleep by simulated time.
+        If no command comes, one attempt is made to get it:
+
+        - If the controller has never sent a command, the scan may have been lost, so `resend` sends it again.
+        - If the controller has sent commands and is idle, it may sleep, so `nudge` moves the clock.
+
+        If the listeners are idle after this attempt, and still no command has come, the controller sleeps by
+        simulated time.
         """
         waits_for_first = not self._has_commanded  # true before the very first command
-        # [s] wall time at which the wait began; it begins again with the resend or the nudge
+        # [s] wall time at which the wait began, or of the resend or the nudge after it
         waiting_since = time.monotonic()
-        has_retried = False  # true after `resend` or `nudge` was called; a wait calls only one of them, once
+        has_retried = False  # true after `resend` or `nudge` was called; only one of them is called, once
 
         def is_over() -> bool:
             """Serve calls, resend or nudge if due, and return whether the wait is over."""
@@ -248,7 +267,8 @@ class Lockstep:
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
         """Wait until the listeners are idle; return at once in the modes ANSWERING and FREE.
 
-        A wait that takes too long ends lockstep in mode SLEEPING, but only the watching in the other modes.
+        If the wait takes too long, the mode SLEEPING becomes FREE, with a warning. WATCHED and ALWAYS_WATCHED
+        become ANSWERING, because some listeners, such as RViz, are never idle.
         """
 
         def are_idle() -> bool:
@@ -263,15 +283,19 @@ class Lockstep:
             end = time.monotonic() + WATCH_TIMEOUT
             while self._mode in _WATCHING_MODES and not are_idle():
                 if time.monotonic() >= end or rospy.is_shutdown():
-                    self._mode = Mode.ANSWERING  # some listeners, such as RViz, are never idle
+                    self._mode = Mode.ANSWERING  # this ends the loop
                 time.sleep(0.001)
 
     def _wait_or_end_lockstep(
         self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001
     ) -> None:
-        """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep (FREE).
+        """Wait until `done` returns true; after `timeout` [s] of wall time, end lockstep (mode FREE).
 
-        A warning then says what is `missing`. `period` is the wall time between two calls of `done` [s].
+        Args:
+            done: is called again and again; it also serves service calls.
+            timeout: longest wait, wall time [s].
+            missing: part of a sentence that says what has not come, for the warning at the end of lockstep.
+            period: wall time between two calls of `done` [s].
         """
         end = time.monotonic() + timeout
         while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
@@ -286,14 +310,15 @@ class Lockstep:
 
 
 class LeadLimit:
-    """Lets the simulation be some scans ahead of the controller's answers, and no more.
+    """Lets the simulation be MAX_LEAD scans ahead of the controller's answers, and no more.
 
-    Without this limit, at 20 times real time, the robot would drive blindly for 0.4 s if the controller got
-    no CPU for 20 ms. The simulation does not wait for a controller that answers only some of the scans.
+    It is used at unlimited speed without lockstep. Without this limit, at 20 times real time, the robot would
+    drive blindly for 0.4 s if the controller got no CPU for 20 ms. The simulation does not wait for a
+    controller that answers only some of the scans.
     """
 
     def __init__(self, is_on: bool) -> None:
-        """Limit the lead if `is_on`; at first, the controller counts as answering in time."""
+        """Set up; without `is_on`, the simulation never waits. At first, the controller counts as in time."""
         self._is_on = is_on
         # true while the controller answers scans in time; otherwise a wait makes no sense
         self._follows = is_on
@@ -306,7 +331,7 @@ class LeadLimit:
         self._arrived.set()
 
     def before_scan(self) -> None:
-        """Call before a scan is sent; it waits for a controller that is MAX_LEAD scans behind.
+        """Wait for a controller that is MAX_LEAD scans behind; call this before a scan is sent.
 
         The wait takes CONTROLLER_TIMEOUT at most. After a wait without an answer there are no more waits
         until the controller has answered FOLLOWING_SCANS scans in a row.
@@ -314,14 +339,14 @@ class LeadLimit:
         if not self._is_on:
             return
         if self._arrived.is_set():
-            self._lead, self._answered_in_a_row = 0, self._answered_in_a_row + 1
-        else:
-            self._lead, self._answered_in_a_row = self._lead + 1, 0
-        # a wait sets the number of unanswered scans to 0, so the next wait comes after MAX_LEAD more of them
-        if self._follows and self._lead >= MAX_LEAD:
-            self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
             self._lead = 0
-        # a controller that did not answer in time is waited for again after FOLLOWING_SCANS answered scans in
-        # a row
-        self._follows = self._follows or self._answered_in_a_row >= FOLLOWING_SCANS
+            self._answered_in_a_row += 1
+        else:
+            self._lead += 1
+            self._answered_in_a_row = 0
+        if self._follows and self._lead >= MAX_LEAD:
+            self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)  # false if no command came in this time
+            self._lead = 0  # the next wait comes only after MAX_LEAD more unanswered scans
+        if self._answered_in_a_row >= FOLLOWING_SCANS:
+            self._follows = True  # the controller answers again, so waits for it make sense again
         self._arrived.clear()

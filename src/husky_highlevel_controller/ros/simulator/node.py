@@ -39,7 +39,7 @@ from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
 from husky_highlevel_controller.ros.simulator.one_simulator import running_simulator, why_not_two
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
-from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, loading
+from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, without_window
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices
 from husky_highlevel_controller.simulator.arrival_watch import (
@@ -84,6 +84,7 @@ class SimulatorNode:
         start, config, depth_camera = read_parameters()
         self._start = start
         self._paused = start.paused  # true while simulated time stands still
+        # says how long to sleep so that simulated time passes at the requested real-time factor
         self._pacer = Pacer(start.real_time_factor, 0.0, time.monotonic())
         # this topic is latched, so a web page that is opened later also knows whether the world is paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
@@ -148,8 +149,8 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down.
 
-        Simulated time begins when the other nodes are there. During a pause, the node serves calls and
-        repeats /clock for nodes that start then.
+        Simulated time begins when the other nodes are connected. During a pause, the node serves service
+        calls, and repeats the time on /clock for nodes that start during the pause.
         """
         publishers, simulation = self._publishers, self._simulation
         self._watch_other_nodes()
@@ -162,10 +163,12 @@ class SimulatorNode:
         start_stamp = simulation.stamp
         self._pacer.restart(simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
+            # in a pause, this call waits for the next service call, so that the loop uses little CPU time
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
-            has_changed = self._calls.take_change()
+            # true if a service call has changed the world, for example by moving the robot
+            world_has_changed = self._calls.take_change()
             if self._paused:
-                if has_changed:
+                if world_has_changed:
                     publishers.show_change(simulation.look())
                 # the clock is published during the pause, because nodes that start now need the time
                 publishers.publish_clock(simulation.stamp)
@@ -177,9 +180,11 @@ class SimulatorNode:
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
                     self._display.refresh()
-            # after each message on /clock, the node sleeps until wall time has caught up
-            elif self._advance():
-                self._keep_pace()
+            else:
+                has_published_clock = self._advance()
+                # after each message on /clock, the node sleeps until wall time has caught up
+                if has_published_clock:
+                    self._keep_pace()
         if self._camera:
             self._camera.close()
         simulation.close()
@@ -204,9 +209,12 @@ class SimulatorNode:
     def _wait_for_other_nodes(self) -> None:
         """Wait for the nodes that would miss the begin of simulated time.
 
-        RViz shows the begin of a run. In lockstep, or at unlimited speed, a controller that starts late would
-        miss the first scans. In lockstep, the recorder of a graded run must also be ready. A world that is
-        paused waits only in lockstep, because its time begins later.
+        - RViz must be open, so that the user sees the begin of a run.
+        - In lockstep, or at unlimited speed, a controller that starts late would miss the first scans.
+        - In lockstep, the recorder of a graded run must also be ready.
+
+        If the world starts paused, this method waits only in lockstep. Otherwise there is no need to wait,
+        because simulated time begins only when a user ends the pause.
         """
         publishers = self._publishers
         # simulated time also waits for the subscribers of these topics, because a message that is lost at the
@@ -226,7 +234,8 @@ class SimulatorNode:
     def _set_stamp_to_wall_time_if_used(self) -> None:
         """Set the stamp of the simulation to the wall time if the nodes do not use simulated time.
 
-        Such nodes ask TF for transforms at the present wall time.
+        Such nodes ask TF for transforms at the present wall time, and would not find the transforms of a
+        simulation that counts from 0.
         """
         if self._publishers.uses_simulated_time:
             return
@@ -241,21 +250,27 @@ class SimulatorNode:
             )
 
     def _serve_while_time_waits(self) -> None:
-        """Serve calls and publish the clock, which stands still."""
+        """Serve service calls, and publish the time, which stands still, for nodes that have just started."""
         self._calls.process()
         self._publishers.publish_clock(self._simulation.stamp)
 
     def _wait_for_launch(self, partners: Partners) -> None:
-        """Wait for the launched nodes, because ten simulated seconds may pass while a controller starts."""
+        """Wait until the nodes of the launch are connected; needed at unlimited speed.
+
+        Without this wait, ten simulated seconds may pass while a controller starts.
+        """
 
         def missing() -> str:
             """Return a sentence on the launched nodes that have not joined; empty if nothing is missing."""
-            # nodes that roslaunch has started, without the simulator's own nodes; if there are none, no
-            # controller is expected
-            other_nodes = () if partners.joined() else launched_nodes_of_others()
-            if not other_nodes:
+            if partners.joined():
                 return ""
-            topics = " and ".join(filter(None, (partners.scan_topic, partners.command_topics)))
+            # nodes that roslaunch has started, without the simulator's own nodes
+            other_nodes = launched_nodes_of_others()
+            if not other_nodes:  # no controller was launched, so there is nothing to wait for
+                return ""
+            topics = partners.command_topics
+            if partners.scan_topic:  # the name is empty for a robot without a lidar
+                topics = f"{partners.scan_topic} and {topics}"
             return f"{', '.join(sorted(other_nodes))} did not join on {topics}"
 
         self._keep_time_waiting(missing, LAUNCH_TIMEOUT, period=PARTNERS_POLL_PERIOD)
@@ -269,16 +284,18 @@ class SimulatorNode:
         def missing() -> str:
             """Return a sentence on the RViz nodes without an open window; empty if there are none."""
             nonlocal has_rviz
-            rviz_nodes = sorted(filter(is_rviz, launched_nodes()))
-            has_rviz = has_rviz or bool(rviz_nodes)
-            loading_nodes = ", ".join(loading(master_uri, caller, rviz_nodes))
-            return f"{loading_nodes} did not open its window" if loading_nodes else ""
+            rviz_nodes = sorted(node for node in launched_nodes() if is_rviz(node))
+            if rviz_nodes:
+                has_rviz = True
+            loading_nodes = without_window(master_uri, caller, rviz_nodes)
+            return f"{', '.join(loading_nodes)} did not open its window" if loading_nodes else ""
 
-        if self._keep_time_waiting(missing, RVIZ_TIMEOUT, period=RVIZ_POLL_PERIOD) and has_rviz:
+        all_windows_are_open = self._keep_time_waiting(missing, RVIZ_TIMEOUT, period=RVIZ_POLL_PERIOD)
+        if all_windows_are_open and has_rviz:
             rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begin:.1f} s of wall time")
 
     def _keep_time_waiting(self, missing: Callable[[], str], timeout: float, period: float) -> bool:
-        """Let simulated time wait until nothing is missing, or until `timeout` [s] of wall time have passed.
+        """Let simulated time stand still until nothing is missing, or until `timeout` [s] has passed.
 
         Args:
             missing: returns a sentence on what is missing, which is logged after the timeout; empty if
@@ -297,21 +314,24 @@ class SimulatorNode:
             if time.monotonic() > end:
                 rospy.loginfo(f"time begins: {sentence} within {timeout:g} s of wall time")
                 break
-            self._serve_while_time_waits()  # repeated, because calls and new nodes come during the wait
+            self._serve_while_time_waits()
             time.sleep(period)
         return False
 
     def _advance(self) -> bool:
         """Advance the physics by one step and publish its messages. Return whether /clock was published.
 
-        Commands come first, so that the step obeys them. In lockstep, a step with a scan ends when the scan
-        is answered, and a tick of /clock waits until the controllers have done the work of this tick.
+        Most steps publish nothing, because sensors and clock are slower than the physics. In lockstep, a step
+        with a scan ends only when the controller has answered the scan. A step that publishes /clock (a tick)
+        waits until the controllers have done what they do at this tick.
         """
+        # the commands that have come since the last step are obeyed in this step
         for topic, twist in self._commands.take(self._simulation.stamp):
             try:
                 self._simulation.command(twist)
-            except CommandError as error:
+            except CommandError as error:  # the command is not valid; its speed may be NaN
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
+        # a field of the snapshot is None if its sensor has no sample at this step
         snapshot = self._simulation.step()
         self._notice_fall(snapshot)
         if snapshot.contacts:
@@ -342,7 +362,7 @@ class SimulatorNode:
         return is_tick
 
     def _hold_tick(self) -> None:
-        """Hold the clock at the tick that was just published, as long as lockstep requires it."""
+        """Wait, as long as lockstep requires it, until other nodes have reacted to the tick of /clock."""
         # lockstep may publish the same tick again, because a node that calls rospy.sleep may have missed it
         again = partial(self._publishers.publish_clock, self._simulation.stamp)
         self._lockstep.tick(self._serve_during_step, again)
@@ -380,10 +400,14 @@ class SimulatorNode:
                 rospy.loginfo(arrival_sentence(arrival))
 
     def _pillars(self) -> List[PillarPlace]:
-        """Upright cylinders of the world, at their present positions."""
-        places = [(body, self._simulation.pose_of(name)) for name, body in self._simulation.bodies.items()]
-        pillars = (pillar_of(body, *pose.position[:2]) for body, pose in places)
-        return [pillar for pillar in pillars if pillar]
+        """Return the bodies of the world that are pillars, at their present positions in the world."""
+        pillars = []
+        for name, body in self._simulation.bodies.items():
+            x, y, _ = self._simulation.pose_of(name).position
+            pillar = pillar_of(body, x, y)  # None if the body is not a cylinder
+            if pillar is not None:
+                pillars.append(pillar)
+        return pillars
 
     def _forget_touches_and_arrivals(self) -> None:
         """Let touches and arrivals be logged again, because the robot was put elsewhere."""
@@ -398,7 +422,7 @@ class SimulatorNode:
     def _keep_pace(self) -> None:
         """Sleep until wall time has caught up with simulated time; warn once if this machine is too slow."""
         stamp, now = self._simulation.stamp, time.monotonic()
-        # real-time factor that was reached; None while the simulation can still catch up
+        # real-time factor that was reached, if the simulation is too late to catch up; otherwise None
         reached = self._pacer.lag(stamp, now)
         if reached is not None and reached < SLOW_FRACTION * self._start.real_time_factor:
             rospy.logwarn_once(
@@ -421,9 +445,9 @@ class SimulatorNode:
         self._display: Optional[WorldDisplay] = None
         if not self._publishers.is_graded:
             self._display = WorldDisplay(self._simulation, self._calls)
-        # Each service has a name of this node and the name from Gazebo. The last value of a row is true if
-        # the service changes the world. Such a call waits for the end of the present step, and the program
-        # that records a run for grading gets a line about it.
+        # Each service has a name of this node and a name of Gazebo, and calls the function in the third
+        # column. The last column is true if the service changes the world. Such a call waits for the end of
+        # the present step, and the program that records a run for grading gets a line about the call.
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),
@@ -451,6 +475,7 @@ class SimulatorNode:
         return f"the world is as at the start; time continues from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
+        """Read a world from its file, and add a ground if there is none below the start of the robot."""
         return with_ground(load_world(find_world(name)), self._start.pose, self._start.z)
 
     def _load_world(self, request: srv.LoadWorldRequest) -> str:

@@ -1,6 +1,6 @@
 """RViz windows of a launch: finds the RViz nodes whose window is not open yet.
 
-In: the names of the launched nodes, the ROS master. Out: names.
+In: names of the launched nodes, the ROS master. Out: names of RViz nodes.
 
 RViz first loads its displays, which subscribe to their topics and read the robot's description. Then RViz
 shows its window. It offers its services last (VisualizerApp::init of RViz 1.14).
@@ -19,11 +19,19 @@ SERVICE = "reload_shaders"  # RViz offers this private service only after its wi
 
 
 def is_rviz(node: str) -> bool:
-    """Return whether a launched node is an RViz, by its name, because roslaunch does not give its program."""
+    """Return whether the name of a launched node is a usual name of RViz.
+
+    The name must do, because roslaunch does not tell other programs which executable a node runs.
+    """
     return NAMES.search(node) is not None
 
 
-def loading(master_uri: str, caller: str, nodes: Iterable[str]) -> List[str]:
-    """Names of the RViz nodes without an open window; `caller` is the full name of the node that asks."""
-    services = [(node, f"/{node.lstrip('/')}/{SERVICE}") for node in nodes]
-    return [node for node, service in services if not ask(master_uri, "lookupService", caller, service)]
+def without_window(master_uri: str, caller: str, nodes: Iterable[str]) -> List[str]:
+    """Return the RViz nodes whose window is not open yet; `caller` is the full name of the node that asks."""
+    found = []
+    for node in nodes:
+        service = f"/{node.lstrip('/')}/{SERVICE}"
+        # the master has no address of the service as long as RViz has not opened its window
+        if not ask(master_uri, "lookupService", caller, service):
+            found.append(node)
+    return found

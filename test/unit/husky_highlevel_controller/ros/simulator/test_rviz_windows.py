@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("rospy")
 
 from husky_highlevel_controller.ros.simulator import rviz_windows
-from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, loading
+from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, without_window
 
 
 def test_an_rviz_loads_until_it_offers_its_services(monkeypatch):
@@ -14,11 +14,11 @@ def test_an_rviz_loads_until_it_offers_its_services(monkeypatch):
         rviz_windows, "ask", lambda _uri, _call, _caller, name: "rosrpc://rviz" if name in offered else None
     )
     nodes = ["husky_rviz", "robot1/rviz"]
-    assert loading("http://master", "/husky_simulator", nodes) == nodes
+    assert without_window("http://master", "/husky_simulator", nodes) == nodes
     offered.add("/husky_rviz/reload_shaders")
-    assert loading("http://master", "/husky_simulator", nodes) == ["robot1/rviz"]
+    assert without_window("http://master", "/husky_simulator", nodes) == ["robot1/rviz"]
     offered.add("/robot1/rviz/reload_shaders")
-    assert loading("http://master", "/husky_simulator", nodes) == []
+    assert without_window("http://master", "/husky_simulator", nodes) == []
 
 
 def test_an_rviz_is_known_by_its_name():
