@@ -1,7 +1,8 @@
-"""Messages that write their bytes faster than the classes that they extend, for the busiest topics.
+"""Messages that are serialized faster than the message classes of genpy, for the busiest topics.
 
-A generated class packs a message number by number. The messages here write the same bytes from arrays, or
-change only the numbers in bytes of the last message. Subscribers see no difference.
+A message class of genpy packs its numbers one by one. `ArrayScan` writes the same bytes from arrays.
+`MovingTree` keeps the bytes of its last message, and changes only the numbers in them. Subscribers see no
+difference.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from husky_highlevel_controller.datatypes import Pose
 
 _STAMP = Struct("<2I")  # seconds, nanoseconds
 _POSE = Struct("<7d")  # position [m], quaternion x, y, z, w
-_SEQUENCE_SIZE = 4  # number of bytes of a header before its stamp
+_SEQUENCE_SIZE = 4  # size of the field seq of a header, which is before the stamp [bytes]
 
 
 class ArrayScan(LaserScan):
     """LaserScan whose ranges and intensities are NumPy arrays."""
 
     def serialize(self, buff: BytesIO) -> None:
-        """Write the bytes of the message."""
+        """Write the bytes of the message, in the order of the fields of LaserScan."""
         stamp, frame = self.header.stamp, self.header.frame_id.encode()
         buff.write(pack(f"<4I{len(frame)}s", self.header.seq, stamp.secs, stamp.nsecs, len(frame), frame))
         angles = self.angle_min, self.angle_max, self.angle_increment
@@ -34,17 +35,18 @@ class ArrayScan(LaserScan):
 
 
 class MovingTree(TFMessage):
-    """TFMessage between the same frames each time; `move` fills in a stamp and the poses.
+    """TFMessage that is sent again and again, with the same frames but other stamps and poses.
 
-    The message consists only of its bytes, so the list `transforms` is empty.
+    `move` sets stamp and poses before each sending. Only the bytes of the message are kept, so its list
+    `transforms` stays empty.
     """
 
     def __init__(self, branches: Sequence[Tuple[str, str]]) -> None:
         """Make the message; a branch is the name of a parent frame and the name of its child.
 
-        The bytes begin with the number of branches. Then each branch has a sequence number, a stamp, the
-        length of each name before the name, and a pose. All but lengths and names are zeros until `move` is
-        called.
+        The bytes begin with the number of transforms. Then each transform has the field seq, the stamp, the
+        parent's name, the child's name (each after its length), and the pose. seq, stamps and poses are zeros
+        until `move` is called.
         """
         super().__init__()
         self._bytes = bytearray(pack("<I", len(branches)))
@@ -58,7 +60,7 @@ class MovingTree(TFMessage):
             self._bytes += bytes(_POSE.size)
 
     def move(self, seconds: int, nanoseconds: int, poses_child_in_parent: Sequence[Pose]) -> None:
-        """Set the stamp of all transforms, and the poses in the order of the branches."""
+        """Set the stamp of all transforms, and their poses, which are in the order of the branches."""
         for (stamp_at, pose_at), pose in zip(self._offsets, poses_child_in_parent):
             _STAMP.pack_into(self._bytes, stamp_at, seconds, nanoseconds)
             _POSE.pack_into(self._bytes, pose_at, *pose.position, *pose.quat_xyzw)

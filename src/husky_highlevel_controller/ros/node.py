@@ -27,7 +27,9 @@ LAUNCH_FILES = {  # launch file that loads the parameters of each node
 
 
 def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
-    """Return the node's private parameters without `~robot_name`, and the robot of this name or the Husky.
+    """Return the node's private parameters without `~robot_name`, and the robot that `~robot_name` names.
+
+    The robot is the Husky if the parameter is not set.
 
     Raises:
         ConfigError: the name is not the name of a robot.
@@ -40,30 +42,32 @@ def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
 
 
 def publish(publisher: Any, message: Any, **options: Any) -> None:
-    """Publish a message. A message that a callback publishes while the node shuts down may be lost.
+    """Publish a message, and ignore the error that the topic is closed while the node shuts down.
 
-    rospy closes topics before `is_shutdown()` is true; `is_shutdown_requested()` is true from the signal on.
+    rospy closes the topics at the begin of the shutdown, while callbacks still run and publish. Without this
+    function, each of them would end with a traceback in the log.
     """
     try:
         publisher.publish(message, **options)
     except (rospy.ROSException, ValueError):
-        # this error means that the topic is closed, which is normal only while the node shuts down
+        # `rospy.is_shutdown()` would not do, because it becomes true only after the topics were closed
         if not rospy.core.is_shutdown_requested():
             raise
 
 
 @contextmanager
 def contained(what: str) -> Iterator[None]:
-    """Run a block whose error must not end its thread, because the node still needs the thread.
+    """Log an error of the block in place of raising it, because the thread must go on after any error.
 
-    Each kind of error is logged once with its traceback, and errors are ignored while the node shuts down.
+    Use it as `with contained("drawing the map"): ...`. Each kind of error is logged once, with its traceback.
+    Errors are ignored while the node shuts down.
 
     Args:
-        what: what fails, as the beginning of a sentence.
+        what: action of the block, as the beginning of the sentence "... failed and will be tried again".
     """
     try:
         yield
-    except Exception as error:  # the thread must continue after any error
+    except Exception as error:
         kind = (what, type(error).__name__)
         if kind not in _logged_errors and not rospy.core.is_shutdown_requested():
             _logged_errors.add(kind)
@@ -75,13 +79,13 @@ _logged_errors: Set[Tuple[str, str]] = set()
 
 
 class NewSubscribers(rospy.SubscribeListener):
-    """Flag of a publisher that is set when a node subscribes."""
+    """Remembers that a node has subscribed to a topic; give it to the publisher of the topic."""
 
     def __init__(self) -> None:
         self._came = threading.Event()
 
     def peer_subscribe(self, *_: Any) -> None:
-        """Called by rospy, in a thread of its own."""
+        """Note a new subscriber; rospy calls this, in a thread of its own."""
         self._came.set()
 
     def take(self) -> bool:
@@ -92,10 +96,11 @@ class NewSubscribers(rospy.SubscribeListener):
 
 
 def _end_on_signals() -> None:
-    """Shut down on SIGINT and SIGTERM in a separate thread.
+    """Let SIGINT and SIGTERM shut the node down in a separate thread.
 
-    rospy's handler shuts down in the middle of the main thread's work, and waits forever for a lock that the
-    main thread holds. This happened in 1 of 25 launches that were ended while they started.
+    Python calls a signal handler in the main thread, in the middle of the thread's work. rospy's own handler
+    shuts down there, and waits forever if it needs a lock that the main thread holds. This happened in 1 of
+    25 launches that were ended while they started.
     """
 
     def end(number: int, _: object) -> None:
@@ -115,14 +120,14 @@ class Runnable(Protocol):
 def run_node(
     name: str, make: Callable[[], Runnable], listen_to_clock: bool = True, in_one_thread: bool = False
 ) -> None:
-    """Make and run a node. Bad input ends it with a message and exit code 1, and a signal with exit code 0.
+    """Make and run a node. Bad input ends the node with a message and exit code 1, a signal with exit code 0.
 
-    With the argument --debug it logs at DEBUG level, and shows a stack trace if a crash, such as one of the
-    physics engine, ends Python itself.
+    With the argument --debug on its command line, the node logs at DEBUG level, and shows a stack trace if a
+    crash, such as one of the physics engine, ends Python itself.
 
     Args:
         name: name of the node, unless the launch file gives it another.
-        make: makes the node.
+        make: makes the node; it is called after rospy was set up, and raises HuskyError for bad input.
         listen_to_clock: false for a node that sets its own time.
         in_one_thread: true if one thread receives all topics, which is faster for a node that gets messages
             of several topics at the same moment; false if each topic has a thread. In one thread, a callback

@@ -1,4 +1,8 @@
-"""Queue of calls that service threads make into the thread that owns the simulation."""
+"""Queue of service calls for the thread that owns the simulation.
+
+rospy answers each service call in a thread of its own, but only one thread may use the simulation. So the
+service threads put their work into this queue, and wait until the other thread has done it.
+"""
 
 from __future__ import annotations
 
@@ -17,31 +21,40 @@ SHUTDOWN_POLL_PERIOD = 0.1  # [s] wall time between two checks whether the node 
 
 
 class CallQueue:
-    """Queue of calls; each returns when the thread that owns the simulation (the owner) has made it.
+    """Queue of work for the thread that owns the simulation (the owner).
 
-    Calls that step or reset the simulation wait until the owner is not in the middle of a step itself.
+    Work that steps or resets the simulation waits until the owner is not in the middle of a step itself.
     """
 
     def __init__(self, report: Callable[[str], None] = lambda _: None) -> None:
-        """Call `report` with a sentence about each request that changed the world or read its true state."""
+        """Set up; `report` gets a sentence about each request that changed the world or read true poses."""
         self.report = report
         self._has_changed_world = False  # true if work has changed the world since `take_change`
+        # work that waits for the owner, each with the future of its result; the first queue is also emptied
+        # in the middle of a step, the second only between two steps
         self._calls: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._calls_between_steps: Deque[Tuple[Callable[[], Any], Future]] = deque()
-        self._arrived = threading.Event()
+        self._arrived = threading.Event()  # set when work has come, to wake an owner that waits in `process`
 
     def call(self, work: Callable[[], Any], between_steps: bool = False) -> Any:
-        """Let the owner do `work`, and return its result or raise its error.
+        """Let the owner do `work`, wait until it is done, and return its result or raise its error.
 
         The owner itself must not call this method, because it would wait for itself.
-        The owner also does work in the middle of a step, while lockstep waits there. But work `between_steps`
-        waits for the end of the step. A node that ends before the work is done raises ROSInterruptException.
+
+        Args:
+            work: function that the owner calls.
+            between_steps: true if the work must wait for the end of the present step; otherwise the owner may
+                also do it in the middle of a step, while lockstep waits there.
+
+        Raises:
+            rospy.ROSInterruptException: the node ends before the work is done.
         """
         future: Future = Future()
         calls = self._calls_between_steps if between_steps else self._calls
         calls.append((work, future))
         self._arrived.set()
-        while not wait([future], SHUTDOWN_POLL_PERIOD).done:  # the loop ends when the call is made
+        # `wait` returns the futures that are done within the timeout; the loop ends when the work is done
+        while not wait([future], SHUTDOWN_POLL_PERIOD).done:
             if rospy.is_shutdown():
                 raise rospy.ROSInterruptException("the simulator ends")
         return future.result()
@@ -49,14 +62,17 @@ class CallQueue:
     def ask(
         self, work: Callable[[], str], changes: bool = True, between_steps: bool = False
     ) -> Tuple[bool, str]:
-        """Let the owner do work that returns a sentence. Return success and a message; log a refusal.
+        """Let the owner do work for a request, and return success and a message for the response.
 
-        If the work `changes` the world, `report` gets the sentence, too. The work begins at once, or
-        `between_steps`, see `call`.
+        Args:
+            work: function that the owner calls. It returns a sentence, which is the message. If it raises
+                HuskyError, the request is refused: the error is logged, and is the message.
+            changes: whether the work changes the world; if so, `report` gets the sentence, too.
+            between_steps: as in `call`.
         """
 
         def change() -> str:
-            """Do work that changes the world, in the owner's thread."""
+            """Do the work in the owner's thread, and note for `take_change` that the world has changed."""
             sentence = work()
             self._has_changed_world = True
             return sentence
@@ -73,15 +89,19 @@ class CallQueue:
     def offer(self, name: str, kind: Any, work: Callable[[Any], str], **options: bool) -> None:
         """Offer a service that lets the owner do `work` for each request.
 
-        The response has a success and a message, as `ask` returns them; the `options` are `changes` and
-        `between_steps` of `ask`. The response of an Empty service has no fields, so a refused call of it ends
-        with an error for the caller.
+        Args:
+            name: name of the service.
+            kind: type of the service; its response has the fields success and message, or no fields (Empty).
+            work: function that the owner calls with the request; it returns a sentence for the message.
+            **options: `changes` and `between_steps` of `ask`.
         """
 
         def respond(request: Any) -> Tuple:
+            """Return the values of the response's fields."""
             success, message = self.ask(partial(work, request), **options)
             if kind is not Empty:
                 return success, message
+            # a response without fields cannot say that the request was refused, so the call fails instead
             if not success:
                 raise rospy.ServiceException(message)
             return ()
@@ -89,12 +109,12 @@ class CallQueue:
         rospy.Service(name, kind, respond)
 
     def take_change(self) -> bool:
-        """Return whether requests have changed the world since the last call of this; for the owner only."""
+        """Return whether requests have changed the world since the last call; only for the owner."""
         has_changed, self._has_changed_world = self._has_changed_world, False
         return has_changed
 
     def process(self, timeout: float = 0.0) -> None:
-        """Make all calls; if there is none, wait for one up to `timeout` s.
+        """Do all work in the queue; if there is none, wait for some up to `timeout` [s].
 
         Only the owner may call this, between two steps.
         """
@@ -103,17 +123,17 @@ class CallQueue:
             self._arrived.clear()
         self.process_during_step()
         while self._calls_between_steps:
-            _make(*self._calls_between_steps.popleft())
+            _do(*self._calls_between_steps.popleft())
 
     def process_during_step(self) -> None:
-        """Make the calls that need not wait for the end of a step; only the owner may call this."""
+        """Do the work that need not wait for the end of a step; only the owner may call this."""
         while self._calls:
-            _make(*self._calls.popleft())
+            _do(*self._calls.popleft())
 
 
-def _make(work: Callable[[], Any], future: Future) -> None:
-    """Make a call, and give its result or its error to the caller."""
+def _do(work: Callable[[], Any], future: Future) -> None:
+    """Do some work, and give its result or its error to the thread that waits for the future."""
     try:
         future.set_result(work())
-    except Exception as error:  # `call` raises this error again, in the thread that waits for the result
+    except Exception as error:  # `call` raises this error again, in the thread that waits
         future.set_exception(error)

@@ -1,8 +1,8 @@
 """Publishers of the simulator: the robot's topics at the robot's rates.
 
-The simulator also publishes the transforms of the robot's frames. On a real robot, robot_state_publisher does
-so. But robot_state_publisher (1.15.2) asks the ROS master twice for each message, and both processes together
-took as much CPU time as half a simulator.
+The simulator also publishes the transforms of the robot's frames. On a real robot, robot_state_publisher
+publishes them. But robot_state_publisher (1.15.2) asks the ROS master twice for each message, and this took,
+in both processes together, half as much CPU time as a whole simulator.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ STATE_PUBLISHER = "robot_state_publisher"
 # number of messages that wait for a slow subscriber; older ones are dropped, so a subscriber that hangs
 # cannot stop the simulation
 QUEUE = 200
-LATER = 1e-6  # [s] time between the transforms of two changes of the world in a pause, far below a step
+# [s] time between the transforms of two changes of the world in a pause, much shorter than a physics step
+LATER = 1e-6
 
 
 class Publishers:
@@ -64,7 +65,7 @@ class Publishers:
         self._bumped_bodies: Set[str] = set()
         # connections to the subscribers of /tf at the last check for new subscribers
         self._transform_connections: List[Any] = []
-        # true if another node publishes the estimated pose; any thread may set it
+        # true if another node estimates the pose of the robot and publishes it; any thread may set it
         self.has_other_filter = False
 
         # true if nodes take the time from /clock; otherwise they use wall time
@@ -79,9 +80,9 @@ class Publishers:
         self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         base, wheels = [(ODOM, BASE)], [(BASE, wheel.link) for wheel in robot.wheels]
-        # Messages for /tf, which are made only once, because making a message takes time. A key says whether
-        # the message has the transform of odom, and whether it has the transforms of the wheels, because
-        # another node may publish either of them.
+        # Messages for /tf, which are made only once, because making a message takes time. Another node may
+        # publish the transform odom -> base_link, or the transforms of the wheels, so there are three
+        # messages. A key says whether the message has the first, and whether it has the second.
         self._moving_trees = {
             (True, False): MovingTree(base),
             (False, True): MovingTree(wheels),
@@ -121,12 +122,12 @@ class Publishers:
         if robot.laser_frame in robot.fixed_poses:
             self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
-        # each call of `advertise` adds a row: field of the snapshot, publisher, function that makes the
-        # message, its other arguments
+        # Rows for `publish`, one for each topic: name of the field of the snapshot that has the sample,
+        # publisher, function that makes the message, and the arguments of this function after the sample.
         self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
 
         def advertise(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
-            """Advertise a topic; `make` makes its message of the snapshot's field, and of `args`."""
+            """Advertise a topic; its messages are `make(sample, *args)` of the samples in a field."""
             self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
 
         # the last argument of each call is the frame of the message; `config.gps.drift` gives the
@@ -146,14 +147,18 @@ class Publishers:
 
     @property
     def is_graded(self) -> bool:
-        """Return whether a recorder reads true poses. If so, no topic has them, and no node gets hints."""
+        """Return whether this run is graded, which means that a recorder reads the true poses.
+
+        If so, no topic has true poses, and no node gets hints, because the graded program could use them.
+        """
         return self.truth_log.is_open
 
     def publish(self, snapshot: Snapshot, on_clock: Callable[[], None] = lambda: None) -> bool:
         """Publish the samples of a snapshot. Return whether /clock was published.
 
-        The order is /clock, transforms, scan, and then all other topics, because a controller can answer a
-        scan as soon as it has these three. `on_clock` is called after the message on /clock was sent.
+        The order is /clock, transforms, scan, and then all other topics. A controller needs only the first
+        three for its answer to a scan, so it can begin early. `on_clock` is called after the message on
+        /clock was sent.
         """
         odometry = snapshot.odometry if snapshot.step % self.state_steps == 0 else None
         is_tick = odometry is not None or snapshot.scan is not None  # true if this step publishes /clock
@@ -166,10 +171,9 @@ class Publishers:
             on_clock()
         if odometry is not None:
             self._last_odometry = snapshot.stamp, odometry
-            # if a robot_state_publisher runs, it makes the transforms of the wheels from joint_states, so
-            # this node leaves them out
+            # a robot_state_publisher, if one runs, publishes the transforms of the wheels, and another filter
+            # publishes the transform of odom; with both of them, nothing is left for this node to send
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
-            # other nodes may publish the transforms of both wheels and odom; then nothing is left to send
             if with_wheels or not self.has_other_filter:
                 publish_if_subscribed(
                     self.transforms, self._moving_tree_to_msg, snapshot.stamp, odometry, with_wheels
@@ -186,17 +190,21 @@ class Publishers:
         return is_tick
 
     def leave_filter_to(self, node: str) -> None:
-        """Leave the filtered odometry and the transform of odom to another node; any thread may call it."""
+        """Stop publishing the filtered odometry and the transform of odom, because `node` publishes them.
+
+        Any thread may call this.
+        """
         self.has_other_filter = True
         rospy.loginfo(
             f"{node} publishes {self.filter_topic}, so the simulator leaves it and {ODOM} -> {BASE} to {node}"
         )
 
     def send_last_transforms(self) -> None:
-        """Send the last transforms to new subscribers, which get no others while time stands still.
+        """Send the last transforms to new subscribers of /tf, such as an RViz that is opened in a pause.
 
-        Only the thread that publishes may call this. rospy has one buffer for all messages of a publisher,
-        and two threads would mix their messages in the buffer.
+        Without this call they would get no transforms while time stands still. Only the thread that publishes
+        may call this. rospy has one buffer for all messages of a publisher, and two threads would mix their
+        messages in the buffer.
         """
         publisher = self.transforms.impl
         # rospy makes a new list whenever a connection is added or removed, so the same list means no new
@@ -207,29 +215,28 @@ class Publishers:
         self._transform_connections = connections
         stamp, odometry = self._last_odometry
         with_wheels = self._has_wheels_in_pause(stamp)
-        # other nodes may publish the transforms of both wheels and odom; then nothing is left to send
-        if with_wheels or not self.has_other_filter:
+        if with_wheels or not self.has_other_filter:  # otherwise other nodes publish all transforms
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
 
     def _has_wheels_in_pause(self, stamp: float) -> bool:
-        """Return whether this node sends the transforms of the wheels while time stands still at `stamp` [s].
+        """Return whether this node sends the transforms of the wheels in a pause at `stamp` [s].
 
-        A robot_state_publisher sends no transforms at time 0.
+        A robot_state_publisher would send them in place of this node, but it sends none at time 0.
         """
         return stamp == 0.0 or not self._has_state_publisher()
 
     @staticmethod
     def _send_to_new(publisher: Any, message: Any) -> None:
-        """Send a message to subscribers that have had none, because TF warns of a repeated transform.
+        """Send a message only to the subscribers that have not had any message of this publisher.
 
-        rospy counts the messages of each connection, so a subscriber without a message is new.
+        The other subscribers have this message already, and TF would warn of a repeated transform.
         """
         for connection in publisher.connections:
-            if connection.stat_num_msg == 0:
+            if connection.stat_num_msg == 0:  # rospy counts the messages of each connection
                 publish(publisher, message, connection_override=connection)
 
     def keep_for_new_subscribers(self, snapshot: Snapshot) -> None:
-        """Keep the snapshot of the start, which new subscribers get while time has not begun."""
+        """Keep transforms and scan of the start, which new subscribers get until time begins."""
         if snapshot.odometry is not None:
             self._last_odometry = snapshot.stamp, snapshot.odometry
             if self._world_transforms:  # a latched topic, so new subscribers get this message later
@@ -237,12 +244,13 @@ class Publishers:
         self._kept_scan = snapshot.scan
 
     def show_change(self, snapshot: Snapshot) -> None:
-        """Show a change of the world in a pause, such as a move of the robot; the snapshot has odometry.
+        """Publish the transforms after a change of the world in a pause, such as a move of the robot.
 
-        New subscribers get the transforms at the time of the snapshot. TF ignores a second transform of the
-        same time, so all subscribers also get them a little later than that, and than the change before.
+        The time stands still, but TF ignores a second transform with the same stamp. So the stamp of these
+        transforms is later than the stamp of the last ones by LATER. New subscribers first get the transforms
+        with the present time.
         """
-        assert snapshot.odometry is not None
+        assert snapshot.odometry is not None  # a snapshot that is taken in a pause always has odometry
         odometry, self._kept_scan = snapshot.odometry, snapshot.scan
         self._last_odometry = snapshot.stamp, odometry
         self.send_last_transforms()
@@ -257,17 +265,21 @@ class Publishers:
             )
 
     def send_kept_scan(self) -> None:
-        """Send the scan that was kept to new subscribers, in the thread that publishes."""
+        """Send the scan that was kept to new subscribers; only the thread that publishes may call this."""
         if self.scan and self._kept_scan is not None:
             self._send_to_new(self.scan.impl, conversions.scan_to_msg(self._kept_scan))
 
     def publish_scan(self, scan: Scan) -> None:
-        """Publish a scan."""
+        """Publish a scan, if the robot has a lidar."""
         if self.scan:
             publish_if_subscribed(self.scan, conversions.scan_to_msg, scan)
 
     def publish_points(self, snapshot: Snapshot, measure: Callable[[], np.ndarray]) -> None:
-        """Publish the 3D lidar's points, if they are due; `measure` returns them."""
+        """Publish the points of the 3D lidar if they are due at this step.
+
+        `measure` casts the rays and returns the points. This takes time, so it is called only if the points
+        are due and have a subscriber.
+        """
         if self._points and snapshot.step % self._points_steps == 0:
             publish_if_subscribed(
                 self._points,
@@ -277,11 +289,11 @@ class Publishers:
     def _publish_state(self, snapshot: Snapshot, odometry: OdometrySample) -> None:
         """Publish the state of the robot: joints, odometry, limited command, true poses and bumps.
 
-        Joints and wheel odometry come only when the base reports its wheels, and the filtered odometry only
-        if no other node estimates the pose.
+        Joints and wheel odometry are published only at the steps at which the base reports its wheels. The
+        filtered odometry is published only if no other node estimates the pose.
         """
         stamp = snapshot.stamp
-        if snapshot.step % self._wheel_steps == 0:  # the base reports the state of its wheels at this step
+        if snapshot.step % self._wheel_steps == 0:
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
@@ -301,9 +313,11 @@ class Publishers:
         self._bumped_bodies.clear()
 
     def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> MovingTree:
-        """Transform of odom, unless another node publishes it, and of the wheels if `with_wheels`.
+        """Return a message for /tf with the moving transforms at `stamp` [s].
 
-        All are in one message, because each message costs a system call and wakes every subscriber.
+        The message has odom -> base_link, unless another node publishes it, and base_link -> wheels if
+        `with_wheels`. The caller makes sure that at least one of them is left. All are in one message,
+        because each message costs a system call and wakes every subscriber.
         """
         with_base = not self.has_other_filter
         poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []
@@ -314,7 +328,10 @@ class Publishers:
         return tree
 
     def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
-        """Transforms from the world to the robot's true pose, to its wheels, and to odom."""
+        """Return a message with the true pose of the robot in the world, its wheels, and the pose of odom.
+
+        The pose of odom shows how far the filtered odometry has drifted from the true pose.
+        """
         base_in_world = snapshot.robot.pose_in_world
         odom_in_world = inverse(world_in_odom(base_in_world, odometry.filtered.pose_base_in_odom))
         wheels = zip(self._wheels, self._wheel_poses(odometry))
@@ -327,7 +344,11 @@ class Publishers:
         return [wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles)]
 
     def _has_state_publisher(self) -> bool:
-        """Return whether a robot_state_publisher runs, because TF warns of every frame that is sent twice."""
+        """Return whether a robot_state_publisher runs, which publishes the transforms of the wheels itself.
+
+        TF would warn of each transform that is sent by both nodes. A robot_state_publisher is a subscriber of
+        joint_states, so it is found among the connections of this topic.
+        """
         return any(link.endpoint_id.endswith(STATE_PUBLISHER) for link in self.joints.impl.connections)
 
     def publish_clock(self, stamp: float) -> None:
@@ -341,7 +362,10 @@ class Publishers:
         self.send_last_transforms()
 
     def publish_clock_between_ticks(self, stamp: float) -> None:
-        """Publish a time shortly before the next tick of /clock; `stamp` [s] is the time of the last tick."""
+        """Publish a time shortly before the next tick of /clock, to wake nodes that sleep between two ticks.
+
+        `stamp` [s] is the time of the last tick.
+        """
         self.publish_clock(stamp + 0.95 * self._clock_period)
 
     def _set_time(self, now: rospy.Time) -> None:
@@ -353,6 +377,6 @@ class Publishers:
 
 
 def publish_if_subscribed(publisher: rospy.Publisher, make: Callable[..., Any], *args: Any) -> None:
-    """Make a message and publish it, unless the topic has no subscriber."""
+    """Publish the message `make(*args)`; without a subscriber, it is not even made, which saves time."""
     if publisher.get_num_connections():
         publish(publisher, make(*args))

@@ -17,8 +17,7 @@ import rospy
 
 from husky_highlevel_controller.datatypes import Snapshot
 
-# environment variable with the path of the socket to which true states are written; without it, none are
-# written
+# environment variable with the path of the socket; without this variable, nothing is written
 VARIABLE = "HUSKY_TRUTH_SOCKET"
 # [s] if the reader neither reads nor answers for this wall time, nothing more is sent to it
 SEND_TIMEOUT = 5.0
@@ -36,7 +35,7 @@ class TruthLog:
         """Connect to the reader, if the environment names its socket."""
         path = os.environ.get(VARIABLE)
         self._socket: Optional[socket.socket] = None
-        # held while a line is sent, because the threads of services also send lines
+        # lock that is held while a line is sent, because the threads of services also send lines
         self._lock = threading.Lock()
         if path:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -45,23 +44,24 @@ class TruthLog:
 
     @property
     def is_open(self) -> bool:
-        """Return whether a parent reads the log; then no topic has true poses that a submission could use."""
+        """Return whether a program that grades this run reads the log."""
         return self._socket is not None
 
     def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:
         """Wait until the reader, if there is one, lets time begin; call `meanwhile` again and again."""
         self.write_line("ready", "")
         while self._socket and not rospy.is_shutdown():
-            if select.select([self._socket], [], [], POLL_PERIOD)[0]:
+            readable, _, _ = select.select([self._socket], [], [], POLL_PERIOD)
+            if readable:  # the byte of the reader has come, or the reader has closed the socket
                 self._wait_for_reader()
                 return
             meanwhile()
 
     def write(self, snapshot: Snapshot) -> None:
-        """Write the true state, and wait until the reader has answered it.
+        """Write the true state, and wait until the reader has read it.
 
-        The reader gives each message of other nodes the time of the last true state that it has read. A busy
-        reader may read late. Without the wait, it would then give new messages an old time.
+        The reader records the messages of other nodes, with the time of the last true state that it has read.
+        If this node did not wait, a busy reader would give new messages an old time.
         """
         if self.is_open:
             self.write_line("truth", snapshot.true_state.to_numbers())
@@ -70,17 +70,19 @@ class TruthLog:
     def _wait_for_reader(self) -> None:
         """Wait for the byte by which the reader lets the run go on; end the log if the byte does not come."""
         try:
+            # an answer of 0 bytes means that the reader has closed the socket
             if self._socket is not None and not self._socket.recv(1):
                 raise ConnectionResetError("it has closed the socket")
         except OSError as error:
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
+        """Write nothing more, and log the reason; the simulation goes on without a reader."""
         rospy.logwarn(f"the reader of {VARIABLE} has closed: {error}")
         self._socket = None
 
     def write_line(self, key: str, value: Any) -> None:
-        """Write a line with one key and its value."""
+        """Write a line with one key and its value, if there is a reader; any thread may call this."""
         if self._socket is None:
             return
         try:
