@@ -253,7 +253,7 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
 
     if not is_written_by_us(launch_file, TEMPLATE / "launch" / "drive.launch"):
         return False
-    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")  # in Python, and in C++
+    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")  # a Python and a C++ node
     return any(is_written_by_us(package_folder / node.parent.name / node.name, node) for node in nodes)
 
 
