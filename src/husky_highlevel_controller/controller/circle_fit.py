@@ -73,21 +73,21 @@ class Segments(NamedTuple):
         return starts
 
     def select(self, mask: np.ndarray) -> Segments:
-        """Segments for which `mask`, (S,) bool, is true."""
+        """Return the segments for which `mask`, (S,) bool, is true."""
         if np.count_nonzero(mask) == len(mask):
-            return self  # usually all are selected; a copy would take as long as a step of a fit
+            return self  # usually all are selected, and a copy would take as long as a step of a fit
         beam_mask = mask.repeat(self.counts)
         return Segments(
             self.beams[beam_mask], self.ranges[beam_mask], self.counts[mask], self.near[mask], self.step
         )
 
     def one_by_one(self) -> List[Segment]:
-        """Segments as records of their own, (S,)."""
-        spans = zip(self.starts.tolist(), self.counts.tolist(), self.near.tolist())
-        return [
-            Segment(self.beams[start : start + count], self.ranges[start : start + count], near, self.step)
-            for start, count, near in spans
-        ]
+        """Return a list with a record for each of the S segments."""
+        segments = []
+        for start, count, near in zip(self.starts.tolist(), self.counts.tolist(), self.near.tolist()):
+            end = start + count
+            segments.append(Segment(self.beams[start:end], self.ranges[start:end], near, self.step))
+        return segments
 
 
 class Circle(NamedTuple):
@@ -103,9 +103,10 @@ class Circle(NamedTuple):
 
 
 def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
-    """Most probable circle, given the expected radius: maximum a posteriori by Gauss-Newton.
+    """Fit a circle to a segment, and take the expected radius into account like one more measurement.
 
-    With p_i the end point of beam i, d_i its direction, c the centre and r the radius, the residual of a beam
+    The result is the most probable circle (maximum a posteriori), which is found by Gauss-Newton. With p_i
+    the end point of beam i, d_i its direction, c the centre and r the radius, the residual of a beam
 
         e_i = |c - p_i| - r,    n_i = (c - p_i) / |c - p_i|,    cos_i = max(n_i . d_i, MIN_COSINE)
 
@@ -133,19 +134,20 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     points = segment.ranges * directions
     points[0] -= origin
     # one column for each beam: n_x, n_y, -1 and e; (n_x, n_y) is the unit vector from the end of the beam to
-    # the centre, and e is the error
+    # the centre, and e is the error. `to_centre`, `to_centre_x`, `to_centre_y` and `error` are parts of
+    # `rows`.
     rows = np.empty((4, len(segment.ranges)))
     rows[2] = -1.0
-    to_centre, error = rows[:2], rows[3]
+    to_centre, to_centre_x, to_centre_y, error = rows[:2], rows[0], rows[1], rows[3]
     x, y, r = 0.0, 0.0, radius
     for _ in range(MAX_STEPS):
-        # `out` writes into `rows`, so that no new arrays are made
-        distance = np.hypot(
-            np.subtract(x, points[0], out=to_centre[0]), np.subtract(y, points[1], out=to_centre[1])
-        )
+        # `out` writes into the parts of `rows`, so that no new arrays are made
+        np.subtract(x, points[0], out=to_centre_x)
+        np.subtract(y, points[1], out=to_centre_y)
+        distance = np.hypot(to_centre_x, to_centre_y)
         to_centre /= np.maximum(distance, 1e-9, out=distance)
         np.subtract(distance, r, out=error)
-        cosine = np.add.reduce(to_centre * directions)
+        cosine = np.add.reduce(to_centre * directions)  # sum over x and y, which is the product n_i . d_i
         weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
         # (4, 4) sums over the beams of the products of any two rows, with the weights w_i = 1 / cos_i^2
         products = (weighted @ weighted.T).tolist()
@@ -157,7 +159,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     # `error` belong to the circle before the last step
     free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
-    *_, (*_, sum_squared_error) = products  # the last number of the matrix is sum_i w_i e_i^2
+    sum_squared_error = products[3][3]  # sum_i w_i e_i^2
     return Circle(
         x=origin + x,
         y=y,
@@ -184,9 +186,9 @@ def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vecto
 
 
 def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius: float) -> Row3[Number]:
-    """Return the Gauss-Newton step of centre and radius [m], for one circle or for arrays of circles.
+    """Return the Gauss-Newton step (x, y, r) [m] towards the best circle, for one circle or for many.
 
-    The caller subtracts the step, and shortens it if it is too long.
+    The caller subtracts the step from the circle, and shortens the step if it is too long.
 
     Args:
         circle: x, y and r [m]; the centre is expected at the origin.
@@ -205,6 +207,9 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
 
 def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
     """Return the change of radius that the beams alone would make, and its possible error [m].
+
+    The fit also counts the expected radius. Only the radius by the beams alone shows whether the beams agree
+    with the expected radius.
 
     Args:
         products: as for `fit_step`, at the circle that is changed.
@@ -225,7 +230,8 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
 
 
 def _inverse(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix3[Number]:
-    """Inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]]."""
+    """Return the inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]]."""
+    # cofactors of the matrix, which become the inverse when they are divided by the determinant
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
     bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
     scale = 1.0 / (a * aa + b * ab + c * ac)
@@ -256,27 +262,29 @@ def corner_sum_squared_error(segment: Segment) -> float:
     """Sum of the squared errors of the best corner, which is two lines, measured along the beams [m^2]."""
     terms = _terms(segment)
     # products uu, uv, vv, ur, vr, rr of each beam, from whose sums `line_squared_error` fits a line
-    products = terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]]
-    # the corner may lie behind any beam, so each is tried; `left` has the sums up to this beam, `right` the
-    # sums of the beams after it
+    u, v, r = terms
+    products = np.array((u * u, u * v, v * v, u * r, v * r, r * r))
+    # The corner may lie behind any beam, so each beam is tried. Column i of `left` has the sums up to beam i,
+    # and column i of `right` the sums of the beams after it.
     left = np.cumsum(products, axis=1)
     right = left[:, -1:] - left
     return float((line_squared_error(left[:, :-1]) + line_squared_error(right[:, :-1])).min())
 
 
 def _terms(segment: Segment) -> np.ndarray:
-    """The terms u = r^2 cos, v = r^2 sin and the range r of each beam, (3, M)."""
+    """Return u = r^2 cos, v = r^2 sin and the range r of each beam, (3, M), from which a line is fitted."""
     ranges = segment.ranges
     return np.vstack([segment.directions * (ranges * ranges), ranges])
 
 
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
-    """Sum of the squared errors of the best straight line, for one segment or for many [m^2].
+    """Return the sum of the squared errors of the best straight line, for one segment or for many [m^2].
 
     The line has the equation r = a u + b v, with u = r^2 cos and v = r^2 sin of a beam of range r. `sums` has
     the sums of uu, uv, vv, ur, vr, rr over the beams, (6, ...).
     """
     uu, uv, vv, ur, vr, rr = sums
-    # this keeps the determinant above 0 if all beams have almost the same direction
+    # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). Their errors are then rr - a ur - b vr.
+    # The lower limit keeps the determinant above 0 if all beams have almost the same direction.
     determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)
     return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / determinant, 0.0)

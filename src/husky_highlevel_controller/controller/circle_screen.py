@@ -25,10 +25,10 @@ from husky_highlevel_controller.controller.circle_fit import (
 from husky_highlevel_controller.datatypes import Scan
 
 # A segment is a wall and not a pillar if a straight line fits better than the circle by at least this lead.
-# The lead of a shape is log(squared errors of the circle / squared errors of the shape), times (number of
-# beams - number of parameters of the shape). With 8 beams and a noise of 30 mm, 1 % of the pillars count as
-# another shape. With a noise of 1 mm, less than 1 % of boxes count as pillars. With more beams, such mistakes
-# quickly become rare.
+# The lead says how much better a shape fits than the circle. The lead is log(squared errors of the circle /
+# squared errors of the shape), times (number of beams - number of parameters of the shape). With 8 beams and
+# a noise of 30 mm, 1 % of the pillars count as another shape. With a noise of 1 mm, less than 1 % of boxes
+# count as pillars. With more beams, such mistakes quickly become rare.
 LINE_ODDS = 4.0
 # a circle must fit better than a straight line by this lead (see LINE_ODDS) if another object hides a part of
 # the circle
@@ -94,9 +94,11 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     missing, hidden = _silhouettes(scan, fits, slack=HIT_SLACK * config.max_residual)
     # true if the circle fits better than a line by HIDDEN_ODDS, so that the lead of the line is negative
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
-    # a tenth as many beams as lie on the circle may pass through it. If another object hides a part of the
-    # circle, it must fit clearly better than a line. The results have an entry for each candidate only.
-    candidates[candidates] = (missing <= fits.counts // 10) & ((hidden == 0) | beats_line)
+    # a tenth as many beams as lie on the circle may pass through it; if another object hides a part of the
+    # circle, the circle must fit clearly better than a line
+    is_solid = (missing <= fits.counts // 10) & ((hidden == 0) | beats_line)
+    # `is_solid` has an entry for each candidate only, so only the entries of candidates are set
+    candidates[candidates] = is_solid
     return segments.select(candidates)
 
 
@@ -124,12 +126,16 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # nine products for each beam, of two of the values dx, dy, 1 and error, times the weight of the beam. The
-    # derivative by the radius is -1 and not 1, so three of the sums change their sign below.
+    # Nine products for each beam, of two of the values dx, dy, 1 and error, times the weight of the beam. The
+    # third value stands for the derivative by the radius, which is -1, so three of the sums change their sign
+    # below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of each beam's error by x and y, the error [m], and its weight, as in `fit_circle`."""
+        """Return the derivatives of each beam's error by x and y, the error [m], and its weight.
+
+        All are for the present circles, and as in `fit_circle`.
+        """
         dx, dy = (origin + x)[segment_of_beam] - px, y[segment_of_beam] - py
         distance = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
         dx /= distance
@@ -140,8 +146,12 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     for _ in range(MAX_STEPS):
         dx, dy, error, weight = residuals()
         wx, wy, we = weight * dx, weight * dy, weight * error
-        for row, factors in enumerate(((wx, dx), (wx, dy), (wx, error), (wy, dy), (wy, error))):
-            np.multiply(*factors, out=terms[row])
+        # `out` writes into `terms`, so that no new arrays are made
+        np.multiply(wx, dx, out=terms[0])
+        np.multiply(wx, dy, out=terms[1])
+        np.multiply(wx, error, out=terms[2])
+        np.multiply(wy, dy, out=terms[3])
+        np.multiply(wy, error, out=terms[4])
         terms[5:] = wx, wy, weight, we
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re

@@ -20,7 +20,7 @@ MOVED, TURNED = 0.02, 0.03
 
 
 class Obedience(NamedTuple):
-    """Memory of the last pose at which the robot obeyed."""
+    """Memory of the last pose at which the robot obeyed the controller's commands to move."""
 
     # pose in odom at which the robot last obeyed; None if the pose is unknown or no motion is commanded
     pose: Optional[Pose2D] = None
@@ -33,7 +33,7 @@ class Obedience(NamedTuple):
         return self.pose is None or self.stamp - self.since < STILL_TIME
 
     def after(self, stamp: float, base_in_odom: Optional[Pose2D], twist: Twist2D) -> Obedience:
-        """Return the memory after a command.
+        """Return the memory after one more command; `obeys` of the result then answers the question.
 
         Args:
             stamp: stamp of the scan that the command answers [s].

@@ -9,7 +9,7 @@ radius, look more like a circle than like straight walls, and have beams at both
 from __future__ import annotations
 
 from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, sin
-from typing import Callable, List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -64,22 +64,31 @@ _MAX_SKIPPED = 2  # two beams may lie on one pillar if at most this many beams b
 
 
 def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
-    """Pillars of a scan in the laser's frame, nearest first.
+    """Return the pillars of a scan in the laser's frame, nearest first.
 
     Few beams hit a far object, so a pillar that is far away may turn out to be another object when the robot
     comes closer.
     """
-    if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid_count):
-        return []  # all beams have the same direction, or no beam has a return
-    pillars = [_pillar_of(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
-    return sorted(_distinct([pillar for pillar in pillars if pillar]), key=lambda pillar: pillar.distance)
+    # the directions of the beams are not known if they all have the same angle, or an angle is not finite
+    has_directions = 0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min)
+    if not has_directions or not scan.valid_count:
+        return []
+    pillars = []
+    for segment in _candidates(scan, config).one_by_one():
+        pillar = _pillar_of(scan, config, segment)
+        if pillar is not None:
+            pillars.append(pillar)
+    return sorted(_distinct(pillars), key=lambda pillar: pillar.distance)
 
 
 def _candidates(scan: Scan, config: PillarConfig) -> Segments:
-    """Return the segments worth an exact fit, at most the nearest `MAX_FITS`."""
+    """Return the segments of a scan that may be pillars and get an exact fit, at most the nearest `MAX_FITS`.
+
+    Quick tests reject the other segments, because an exact fit takes long.
+    """
     segments = cluster(scan, config)
     segments = segments.select(_plausible(segments, config))
-    # the screen would take longer than the exact fits of a few segments
+    # this coarse test would take longer than the exact fits of a few segments
     if len(segments.counts) > _UNSCREENED:
         segments = may_be_pillars(scan, segments, config)
     if len(segments.counts) > MAX_FITS:
@@ -97,19 +106,22 @@ def cluster(scan: Scan, config: PillarConfig) -> Segments:
     """
     (beams,) = scan.valid.nonzero()
     ranges = scan.returns[beams]
-    starts, single = _starts(config, abs(scan.angle_increment), beams, ranges)
+    starts, single = _starts_of_bodies(config, abs(scan.angle_increment), beams, ranges)
     if len(single):
         # without the single beams, the beams on their two sides become neighbours
         beams, ranges = np.delete(beams, single), np.delete(ranges, single)
-        starts, _ = _starts(config, abs(scan.angle_increment), beams, ranges)
+        starts, _ = _starts_of_bodies(config, abs(scan.angle_increment), beams, ranges)
+    # each segment ends where the next one begins, and the last segment ends at the last beam
     counts = np.concatenate((starts[1:], (len(beams),))) - starts
     return Segments(beams, ranges, counts, np.minimum.reduceat(ranges, starts), scan.angle_increment)
 
 
-def _starts(
+def _starts_of_bodies(
     config: PillarConfig, step: float, beams: np.ndarray, ranges: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Split the beams into bodies.
+    """Find where one body ends in a row of beams and the next body begins.
+
+    Two neighbouring beams are on two bodies if their ranges differ too much for beams on one pillar.
 
     Args:
         config: size of the pillar.
@@ -118,15 +130,15 @@ def _starts(
         ranges: their ranges (B,) [m].
 
     Returns:
-        Indices in `beams` at which bodies begin, and indices of single beams between beams of one body, which
-        are to be omitted.
+        Indices in `beams` at which bodies begin, and indices of single beams that are to be omitted. A single
+        beam is the only beam on its body, and lies between two beams that may be on one pillar.
     """
     # largest radius that counts as the pillar's radius, and largest difference of two ranges that noise makes
     # [m]
     radius, noise = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def on_two_bodies(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Mask of pairs of beams, by their indices in `beams`, that cannot be on one pillar."""
+        """Return a mask of pairs of beams that cannot be on one pillar; a pair is two indices in `beams`."""
         between = beams[right] - beams[left]  # number of steps between the two beams of a pair
         # [m] distance between the two beams at the shorter of their ranges; a range may be negative if the
         # driver's range_min is negative, and then counts as 0
@@ -145,13 +157,18 @@ def _starts(
     if not len(left):
         return np.array((0,)), left  # all beams lie on one body; `left` is empty, as there is no single beam
     breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
-    # bodies that only one beam meets; such a beam is omitted if the beams before and after it lie on one body
-    single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
-    return np.concatenate(((0,), breaks)), single[~on_two_bodies(single - 1, single + 1)]
+    # a body has only one beam if the next body begins at the next beam
+    lonely = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
+    # such a beam is omitted if the beams before and after it may lie on one body
+    single = lonely[~on_two_bodies(lonely - 1, lonely + 1)]
+    return np.concatenate(((0,), breaks)), single
 
 
 def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
-    """Mask of segments with enough beams, and not wider or deeper than a pillar at their range, (S,) bool."""
+    """Return a mask, (S,) bool, of the segments that are large and small enough for a pillar.
+
+    Such a segment has enough beams, and is not wider or deeper than a pillar at its range.
+    """
     beams, ranges, counts, near, step = segments
     starts, step = segments.starts, abs(step)
     far = np.maximum.reduceat(ranges, starts)
@@ -209,36 +226,35 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
         return False
     noise = beams * config.range_noise**2  # [m^2] sum of the squared errors that noise alone would make
 
-    def beats_circle(error_of_shape: Callable[[Segment], float], parameters: int, odds: float) -> bool:
-        """Return whether another shape fits better than the circle, by a lead of `odds` (see LINE_ODDS).
+    def lead(sum_squared_error: float, parameters: int) -> float:
+        """Return the lead of another shape over the circle; LINE_ODDS has the formula.
 
-        `error_of_shape` fits the shape to a segment and returns the sum of its squared errors [m^2];
-        `parameters` is the number of parameters of the shape.
+        The shape has a sum of squared errors [m^2] and a number of parameters.
         """
+        ratio = (circle.sum_squared_error + noise) / (sum_squared_error + noise)
+        return max(beams - parameters, 1) * log(ratio)
 
-        def lead(sum_squared_error: float) -> float:
-            """Lead of the shape over the circle, by the sum of the shape's squared errors [m^2]."""
-            return max(beams - parameters, 1) * log(
-                (circle.sum_squared_error + noise) / (sum_squared_error + noise)
-            )
-
-        # if even an error of 0 would not be enough, the shape need not be fitted
-        return not (lead(0.0) < odds or lead(error_of_shape(segment)) < odds)
-
-    # normally, the line wins only if it fits better than the circle by LINE_ODDS. If beams are hidden, the
-    # line wins unless the circle fits better than the line by HIDDEN_ODDS.
-    if beats_circle(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS):
+    # A line has two parameters. Normally, the line wins only if it fits better than the circle by LINE_ODDS.
+    # If beams are hidden, the line wins unless the circle fits better than the line by HIDDEN_ODDS. If even
+    # a line with an error of 0 would lose, the line need not be fitted.
+    line_odds = -HIDDEN_ODDS if hidden else LINE_ODDS
+    line_loses = lead(0.0, 2) < line_odds or lead(line_sum_squared_error(segment), 2) < line_odds
+    if not line_loses:
         return False
-    # a corner has five parameters, so it fits five beams or fewer without error, which proves nothing. The
-    # odds of a corner grow with the number of beams. So even a corner of many beams wins only if the squared
-    # errors of the circle are at least e times as large as those of the corner.
-    return beams <= 5 or not beats_circle(corner_sum_squared_error, 5, _CORNER_ODDS * beams)
+    # A corner has five parameters, so it fits five beams or fewer without error, which proves nothing.
+    if beams <= 5:
+        return True
+    # The odds of a corner grow with the number of beams. So even a corner of many beams wins only if the
+    # squared errors of the circle are at least e times as large as those of the corner.
+    corner_odds = _CORNER_ODDS * beams
+    return lead(0.0, 5) < corner_odds or lead(corner_sum_squared_error(segment), 5) < corner_odds
 
 
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
     """Return how many beams pass through a circle that they should have met, and how many are hidden.
 
-    A beam is hidden if a nearer object, or an end of the scan, keeps it from the circle or its sides.
+    If many beams pass through the circle, no pillar is there. A beam is hidden if a nearer object, or an end
+    of the scan, keeps it from the circle or its sides.
     """
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
@@ -279,9 +295,13 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
-    """Return the pillars without the smaller piece of each pillar that was seen in two pieces."""
-    survivors: List[Pillar] = []
+    """Return the pillars without the smaller piece of each pillar that was seen in two pieces.
+
+    Two pieces belong to one pillar if their centres are nearer to each other than the radius. The piece with
+    more beams stays.
+    """
+    kept: List[Pillar] = []
     for pillar in sorted(pillars, key=lambda pillar: -pillar.beams):
-        if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in survivors):
-            survivors.append(pillar)
-    return survivors
+        if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in kept):
+            kept.append(pillar)
+    return kept

@@ -41,7 +41,11 @@ class ProximityConfig:
 
 
 def is_moving(twist: Twist2D) -> bool:
-    """Return whether a measured velocity is larger than the noise of a robot at rest, or is NaN."""
+    """Return whether a robot moves, by its measured velocity; a robot at rest has only a little noise.
+
+    A velocity of NaN counts as motion, because the robot may move.
+    """
+    # a comparison with NaN is false, so NaN gives true here
     return not (abs(twist.linear) <= MOVING_LINEAR and abs(twist.angular) <= MOVING_ANGULAR)
 
 
@@ -66,7 +70,8 @@ def too_close(
     """
     if not is_moving(twist_in_base):
         return None
-    if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
+    is_possible = abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST
+    if not is_possible:
         # a wrong velocity (or NaN) does not tell where the robot goes, so the clearance counts as 0
         return 0.0
     outline = robot.footprint
@@ -74,7 +79,9 @@ def too_close(
     points_in_base = _points(scan, pose_laser_in_base)
     clearance_now = _clearance(points_in_base, Pose2D(), outline)
 
-    # points that the footprint cannot reach on the way to standstill need not be checked
+    # Points that the footprint cannot reach on the way to standstill need not be checked. A corner of the
+    # footprint moves at most by the way of base_link, plus the turn times the corner's distance from
+    # base_link.
     reach = hypot(outline.half_length, outline.half_width)
     longest_move = max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
     within_reach = clearance_now < config.margin + longest_move
@@ -83,10 +90,10 @@ def too_close(
     smallest_clearance = clearance_now  # smallest clearance on the path, for each point
     for pose in path:
         smallest_clearance = np.minimum(smallest_clearance, _clearance(points_in_base, pose, outline))
-    # a point is a danger if it comes too close, and if the robot moves towards it; a point inside the
-    # footprint is the robot itself, and it never counts, because its clearance of 0 cannot become smaller
-    is_threat = (smallest_clearance < config.margin) & (smallest_clearance < clearance_now - APPROACH)
-    return float(clearance_now[is_threat].min()) if is_threat.any() else None
+    # A point is a danger if it comes too close, and if the robot moves towards it. A point inside the
+    # footprint is the robot itself. It never counts, because its clearance of 0 cannot become smaller.
+    is_danger = (smallest_clearance < config.margin) & (smallest_clearance < clearance_now - APPROACH)
+    return float(clearance_now[is_danger].min()) if is_danger.any() else None
 
 
 def nearest_clearance(scan: Scan, pose_laser_in_base: Pose, outline: Footprint) -> float:
@@ -96,9 +103,10 @@ def nearest_clearance(scan: Scan, pose_laser_in_base: Pose, outline: Footprint) 
 
 
 def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:
-    """Poses in base_link on the way to standstill, PATH_STEPS of them at equal times.
+    """Return the poses of a robot that brakes, until it stands: PATH_STEPS poses at equal times.
 
-    The robot keeps its present twist for the reaction time. Then both parts of the twist are braked.
+    The poses are in the frame of base_link before the braking. The robot keeps its present twist for the
+    reaction time. Then forward speed and yaw rate are braked.
     """
     braking = min(config.braking, drive.max_linear_acceleration)
     angular_braking = drive.max_angular_acceleration
@@ -117,7 +125,7 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
-    """Ends of the beams in base_link, (N, 2) [m]; a return of -inf counts as `range_min`.
+    """Return the ends of the beams in base_link, (N, 2) [m]; a return of -inf counts as `range_min`.
 
     By REP 117, -inf means that an object is too near to measure its range.
     """
@@ -125,21 +133,26 @@ def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
     ranges, counted = np.where(too_near, scan.range_min, scan.ranges), scan.valid | too_near
     ranges, bearings = ranges[counted], scan.bearings[counted]
     in_laser = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
+    # the beams have z = 0 in the laser's frame, so the upper left part of the rotation is enough for x and y
     turn = matrix_from_quat(pose_laser_in_base.quat_xyzw)[:2, :2]
     points: np.ndarray = (turn @ in_laser).T + pose_laser_in_base.position[:2]
     return points
 
 
 def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> np.ndarray:
-    """Distance from the outline of a robot at `pose` to each point, (N,) [m]; 0 inside."""
+    """Return the distance from the outline of a robot at `pose` to each point, (N,) [m]; 0 inside."""
     c, s = np.cos(pose.yaw), np.sin(pose.yaw)
+    # the points in the frame of the robot at `pose`
     from_robot = (points_in_base - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
     return outline.clearance(from_robot)
 
 
 @dataclass(frozen=True)
 class Latch:
-    """Memory that a stop was requested, so that it is requested only once."""
+    """Memory that a guard has stopped the robot, so that a danger stops the robot only once.
+
+    Otherwise a robot that stands at an obstacle could not be started again.
+    """
 
     # [s] time at which the controller was stopped because of a danger; None if it was not stopped, or was
     # started again
@@ -148,11 +161,17 @@ class Latch:
 
 
 def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tuple[Latch, bool]:
-    """Return the latch at a time [s], and whether to stop now; begin with Latch().
+    """Return the latch after an update, and whether to stop the robot now.
 
-    A danger trips the latch, and only then the robot is stopped. The latch is ready again when the robot was
-    started: when it moves after it stood, or still moves STOPPING_TIMEOUT after the stop. A time before the
-    stop means a new run.
+    The first danger stops the robot, and the latch remembers this. A further danger stops the robot only
+    after somebody has started the robot again. This is so if the robot moves after it stood, or if it still
+    moves STOPPING_TIMEOUT after the stop.
+
+    Args:
+        latch: result of the last call; Latch() at first.
+        danger: whether the robot is in danger now.
+        moving: whether the robot moves now.
+        stamp: time of this update [s]; a time before the stop means a new run.
     """
     if latch.tripped_at is not None:
         elapsed = stamp - latch.tripped_at

@@ -8,8 +8,8 @@ from __future__ import annotations
 from math import inf
 from typing import Optional
 
-# two clocks are compared in windows of time; a window ends after this wall time [s] and this many messages,
-# and gives one offset
+# Two clocks are compared in windows of time, each of which gives one offset. A window ends as soon as it has
+# lasted for this wall time [s] and has this many messages.
 WINDOW, MIN_MESSAGES = 0.5, 5
 # [s] the window in which two clocks are compared ends after this wall time at the latest, even if no
 # reference message has come
@@ -20,11 +20,12 @@ MAX_OFFSET = 0.55
 
 
 class ClockOffset:
-    """Lasting offset between the clocks that stamp two streams of messages.
+    """Measurement of the offset between the clocks that stamp two streams of messages.
 
-    The stamp of each message is compared with the newest stamp of the reference. The difference also depends
-    on how late the message or the reference comes, but in a window some come in time. So the smallest
-    difference counts if the clock of the messages is ahead, and the largest difference if it is behind.
+    An example is the lidar's clock for scans, and the clock of odometry as the reference. The stamp of each
+    message is compared with the newest stamp of the reference. The difference also depends on how late the
+    message or the reference comes, but in a window some messages come in time. So the smallest difference
+    counts if the clock of the messages is ahead, and the largest difference counts if it is behind.
     """
 
     def __init__(self, tolerance: float) -> None:
@@ -32,9 +33,9 @@ class ClockOffset:
         self.seconds = 0.0  # [s] time by which the messages' clock is ahead of the reference's clock
         self._tolerance = tolerance
         self._newest_reference: Optional[float] = None  # [s] newest stamp of the reference
-        self._new_references = self._message_count = 0  # counts of this window
-        # [s] at the start of the window of comparison: wall time, stamp of the first message, newest stamp of
-        # the reference
+        # number of new stamps of the reference, and number of messages, in this window
+        self._new_references = self._message_count = 0
+        # [s] at the start of the window: wall time, stamp of the first message, newest stamp of the reference
         self._window_begin = (0.0, 0.0, 0.0)
         # [s] smallest and largest difference between the stamp of a message and the newest stamp of the
         # reference, in this window
@@ -44,11 +45,12 @@ class ClockOffset:
         """Take a stamp [s] of the reference; it may be a repeated one."""
         if self._newest_reference is not None and stamp < self._newest_reference:
             self._message_count = 0  # time has gone back, so the next message begins a new window
-        self._new_references += stamp != self._newest_reference
+        if stamp != self._newest_reference:
+            self._new_references += 1
         self._newest_reference = stamp
 
     def add(self, stamp: float, now: float) -> None:
-        """Take the stamp [s] of a message that comes at a wall time [s]."""
+        """Take the stamp [s] of a message that comes at the wall time `now` [s]; this may end a window."""
         if self._newest_reference is None:
             return
         if self._message_count == 0:
@@ -56,34 +58,33 @@ class ClockOffset:
             self._smallest_difference, self._largest_difference = inf, -inf
         self._message_count += 1
         difference = stamp - self._newest_reference
-        self._smallest_difference, self._largest_difference = (
-            min(self._smallest_difference, difference),
-            max(self._largest_difference, difference),
-        )
-        age = now - self._window_begin[0]
+        self._smallest_difference = min(self._smallest_difference, difference)
+        self._largest_difference = max(self._largest_difference, difference)
         # the window ends when it has enough messages and a new stamp of the reference, but after MAX_WINDOW
         # in any case
-        if (
-            age >= WINDOW and self._message_count >= MIN_MESSAGES and self._new_references
-        ) or age >= MAX_WINDOW:
+        age = now - self._window_begin[0]
+        is_full = age >= WINDOW and self._message_count >= MIN_MESSAGES and self._new_references > 0
+        if is_full or age >= MAX_WINDOW:
             self.seconds = self._offset(stamp, now)
-            self._message_count = 0
+            self._message_count = 0  # the next message begins a new window
 
     def _offset(self, stamp: float, now: float) -> float:
-        """Offset that all messages of the window show [s]; 0 if it is within the tolerance.
+        """Return the offset that all messages of the window show [s]; 0 if it is within the tolerance.
 
         `stamp` is the stamp of the window's last message [s], and `now` is the wall time at its end [s].
         """
         begin, first, first_reference = self._window_begin
+        # [s] time that has passed in the window by the stamps of the reference
         progress = (self._newest_reference or 0.0) - first_reference
         # without two messages and a new stamp of the reference, the periods are unknown
         if progress <= 0.0 or not self._new_references or self._message_count < 2:
             return 0.0
-        period = progress / self._new_references
+        period = progress / self._new_references  # [s] period of the reference
+        message_period = abs(stamp - first) / (self._message_count - 1)
         # [s] if the clocks are equal, the smallest difference is at most this. A message is newer than the
         # last reference by at most one period of the reference. The first message after a reference is newer
         # by at most one period of the messages.
-        slack = min(period, abs(stamp - first) / (self._message_count - 1))
+        slack = min(period, message_period)
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
@@ -96,21 +97,24 @@ class ClockOffset:
 
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:
-    """Sentence on stamps that are this much ahead of a reference [s], or behind it if `seconds` is negative.
+    """Return a sentence for the user on stamps that differ from those of a reference.
 
-    `who` is the subject of the sentence with its verb, such as "scans are".
+    Args:
+        who: subject of the sentence with its verb, such as "scans are".
+        seconds: time by which the stamps are ahead of the reference [s]; negative if they are behind it.
+        reference: name of the reference.
     """
     side = "ahead of" if seconds > 0.0 else "behind"
     return f"{who} stamped {abs(seconds):.2f} s {side} {reference}; set the clocks (chrony)"
 
 
 def zero_sentence(who: str) -> str:
-    """Sentence on messages without stamps; `who` is the subject with its verb, such as "scans are"."""
+    """Return a sentence for the user on messages without stamps; `who` is as for `clock_sentence`."""
     return f"{who} stamped 0; set the stamps in their driver"
 
 
 def frame_sentence(frame: str) -> str:
-    """Sentence on scans whose frame TF does not connect with base_link."""
+    """Return a sentence for the user on scans whose frame TF does not connect with base_link."""
     if not frame:
         return "scans have no frame_id; set it in the driver of the lidar"
     return (

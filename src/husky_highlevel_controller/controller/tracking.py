@@ -31,7 +31,9 @@ _HIDDEN_WEIGHT = 0.1
 # pillar that is so near
 _NEAR = 2.0
 _MANY_BEAMS = 8  # a pillar with at least this many beams is accepted even at a rejected position
-_LONGEST_PERIOD = 0.1  # [s] a longer time between two scans counts as this time
+# [s] a longer time between two scans counts as this time, so that a pause of the scans alone does not make
+# the robot give up a pillar
+_LONGEST_PERIOD = 0.1
 # [m/sqrt(s)] odom drifts, so the standard deviation of a remembered position grows by this times sqrt(time)
 _DRIFT = 0.02
 # a pillar of a scan can be the remembered pillar if their distance is below _GATE [m] plus _GATE_FRACTION of
@@ -44,7 +46,7 @@ _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
 # WATCH_TIME; a walking person would move in this time, because a step takes 0.6 s
 BASELINE, WATCH_TIME = 0.3, 2.0
 # [m] an object that moves farther than this in WATCH_TIME is a walking person (0.5 to 1.5 m/s) and not a
-# pillar; errors of measurement and drift of odom (below 0.1 m/s) are smaller
+# pillar; a pillar seems to move less, by errors of measurement and the drift of odom (below 0.1 m/s)
 WALK = 0.2
 
 
@@ -59,7 +61,7 @@ class Estimate(NamedTuple):
 
 
 class Visibility(Enum):
-    """Evidence of a scan about a remembered position."""
+    """Answer of a scan to the question whether a pillar stands at its remembered position."""
 
     SEEN = "seen"
     OUT_OF_VIEW = "out of view"
@@ -83,7 +85,7 @@ class Track(NamedTuple):
     # seen
     missed_time: float = 0.0
     beams: int = 0  # largest number of beams that have hit the pillar in one scan
-    updated_at: float = 0.0  # [s]
+    updated_at: float = 0.0  # [s] stamp of the last scan
     # rejected positions: x and y in odom [m], largest number of beams on the object there
     rejected: Tuple[Tuple[float, float, int], ...] = ()
     anchor: Optional[Anchor] = None
@@ -94,7 +96,7 @@ class Track(NamedTuple):
 
     @property
     def doubtful(self) -> bool:
-        """Return whether the estimate may be the object that walked, so that the robot must not drive yet."""
+        """Return whether the tracked pillar may be the person who walked, so the robot must not drive yet."""
         return self.walked_to is not None and not self.confirmed
 
 
@@ -108,7 +110,7 @@ class Sighting(NamedTuple):
 def follow(
     track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, keep_hidden: bool = False
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
-    """Find the tracked pillar in a scan, or begin to track another one.
+    """Find the tracked pillar in a scan, or begin to track another pillar of the scan.
 
     A pillar that moves (a leg or a wheel), or that is missed for EMPTY_TIMEOUT, is given up. The position is
     rejected if the pillar moved or was confirmed before, or if the position looks empty. At a rejected
@@ -119,7 +121,7 @@ def follow(
         pillars: pillars of this scan, nearest first.
         scan: the scan.
         laser_in_odom: pose of the lidar at the scan.
-        keep_hidden: keep a near pillar although something hides it.
+        keep_hidden: whether to keep a near pillar although something hides it.
 
     Returns:
         The new track, the tracked pillar if the scan shows it, and whether its position is seen, hidden, out
@@ -149,21 +151,29 @@ def follow(
             # or out of view; its position is rejected only if it looks empty.
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
 
-    # no pillar is tracked now, so the nearest one is taken, but the object that walked comes last (`sorted`
-    # puts false before true)
-    for sighting in sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting)):
+    # No pillar is tracked now, so the nearest pillar that is not at a rejected position is taken. The object
+    # that walked comes last, because `sorted` puts false before true.
+    walker_last = sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting))
+    for sighting in walker_last:
         if not _is_rejected(sighting, track):
             return _updated(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN
     return track._replace(updated_at=scan.stamp), None, Visibility.UNKNOWN
 
 
 def aged(estimate: Estimate, stamp: float) -> Estimate:
-    """Return the estimate with its deviation grown to `stamp` [s]."""
+    """Return the estimate at a later time `stamp` [s], at which its position is less certain."""
     return estimate._replace(deviation=_deviation_at(estimate, stamp))
 
 
 def _walks(track: Track, pillar: Pillar) -> bool:
-    """Return whether the estimate has moved from its anchor by more than WALK and the possible errors."""
+    """Return whether the tracked object moves, so that it is a leg or a wheel and not a pillar.
+
+    It moves if it is farther from its earlier position, the anchor, than WALK and the possible errors.
+
+    Args:
+        track: track of the object, with estimate and anchor.
+        pillar: the object in the present scan.
+    """
     assert track.estimate is not None
     assert track.anchor is not None
     before, now = track.anchor.estimate, track.estimate
@@ -175,14 +185,16 @@ def _walks(track: Track, pillar: Pillar) -> bool:
 def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
     """Confirm the track if the pillar stood still for WATCH_TIME, or was seen from positions BASELINE apart.
 
-    Both are measured from the track's anchor, which has an earlier estimate and the lidar's position then.
-    After WATCH_TIME the anchor is renewed. The caller has given up a pillar that does not stand still.
+    Time and distance are measured from the track's anchor, which has an earlier estimate and the lidar's
+    position then. After WATCH_TIME the anchor is renewed. The caller has already given up a pillar that does
+    not stand still.
     """
     assert track.estimate is not None
     assert track.anchor is not None
     anchor, (x, y, _) = track.anchor, laser_in_odom.position
     is_watched = track.estimate.seen_at - anchor.estimate.seen_at >= WATCH_TIME
-    if not is_watched and hypot(x - anchor.laser[0], y - anchor.laser[1]) < BASELINE:
+    has_baseline = hypot(x - anchor.laser[0], y - anchor.laser[1]) >= BASELINE
+    if not is_watched and not has_baseline:
         return track
     if is_watched:
         anchor = Anchor(track.estimate, (x, y))
@@ -191,7 +203,7 @@ def _confirmed_if_watched(track: Track, laser_in_odom: Pose) -> Track:
 
 
 def _is_at(position_in_odom: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
-    """Return whether a sighting is at a position [m]; false if the position is None."""
+    """Return whether a pillar of the scan is at a position [m]; false if the position is None."""
     if position_in_odom is None:
         return False
     x, y, _ = sighting.center_in_odom
@@ -199,20 +211,26 @@ def _is_at(position_in_odom: Optional[Tuple[float, float]], sighting: Sighting) 
 
 
 def _is_rejected(sighting: Sighting, track: Track) -> bool:
-    """Return whether a sighting is at a rejected position, without more beams than were rejected there."""
+    """Return whether a pillar of the scan must not be tracked, because its position was rejected before.
+
+    A rejected position is accepted again if more beams fall on the pillar than on the object that was
+    rejected there, because more beams show its shape better.
+    """
     x, y, _ = sighting.center_in_odom
-    return any(
-        hypot(x - rejected_x, y - rejected_y) <= _GATE and sighting.pillar.beams <= beams
-        for rejected_x, rejected_y, beams in track.rejected
-    )
+    for rejected_x, rejected_y, rejected_beams in track.rejected:
+        is_there = hypot(x - rejected_x, y - rejected_y) <= _GATE
+        if is_there and sighting.pillar.beams <= rejected_beams:
+            return True
+    return False
 
 
 def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
-    """Return the fraction of the time since the last scan that counts as missed time, 0 to 1.
+    """Return how much the missing of the pillar in a scan counts, 0 to 1.
 
-    All of it counts if the position looks empty or the track is not confirmed. A part of it counts if
-    something hides a near position, because the lidar normally sees a pillar that is so near; `keep_hidden`
-    sets this part to 0. Nothing counts if a far position is hidden, or if a position is out of view.
+    It is the fraction of the time since the last scan that is added to the track's missed time. All of the
+    time counts if the position looks empty or the track is not confirmed. A part of it counts if something
+    hides a near position, because the lidar normally sees a pillar that is so near; `keep_hidden` sets this
+    part to 0. Nothing counts if a far position is hidden, or if a position is out of view.
     """
     estimate = track.estimate
     assert estimate is not None
@@ -226,23 +244,28 @@ def _weight_of_miss(visibility: Visibility, track: Track, laser_in_odom: Pose, k
 
 
 def _give_up(track: Track, reject: bool) -> Track:
-    """Return a track without a pillar; with `reject`, its position is added to the rejected positions."""
+    """Return a track that no longer has a pillar.
+
+    With `reject`, the pillar's position is added to the rejected positions, so that the same object is not
+    tracked again at the next scan.
+    """
     assert track.estimate is not None
     rejected = track.rejected
     if reject:
         # the object at a rejected position is accepted again if more beams hit it; this limit makes sure that
         # _MANY_BEAMS are always enough
         beams = min(track.beams, _MANY_BEAMS - 1)
-        newest_rejected = rejected[1 - _MAX_REJECTED :]  # leaves room for one more
+        # at most _MAX_REJECTED positions are kept, so there is room for one more behind the newest ones
+        newest_rejected = rejected[-(_MAX_REJECTED - 1) :]
         rejected = (*newest_rejected, (track.estimate.x, track.estimate.y, beams))
     return Track(updated_at=track.updated_at, rejected=rejected, walked_to=track.walked_to)
 
 
 def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
-    """Return what the beams that should meet a remembered pillar say about it.
+    """Return why a scan does not show a remembered pillar: out of view, hidden, or its position is empty.
 
-    The caller has not found the pillar in the scan. The position is empty if most of these beams reach it or
-    pass beyond it, because then no nearer object hides the pillar.
+    The caller has not found the pillar in the scan. The beams that should meet the pillar decide. The
+    position is empty if most of them reach it or pass beyond it, because then no nearer object hides it.
     """
     step = scan.angle_increment
     center_in_odom = (estimate.x, estimate.y, laser_in_odom.position[2])
@@ -251,7 +274,8 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
-    # indices of the beams that should meet the pillar, without the outermost tenth of the pillar
+    # `first` to `last` are the indices of the beams that should meet the pillar, without the outermost tenth
+    # of the pillar
     half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
     # index of the beam that would point exactly to the pillar's centre, usually not a whole number; `%` adds
     # whole turns until it is positive
@@ -270,24 +294,29 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
 
 
 def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
-    """Return the sighting with the smallest distance from the estimate, as a fraction of its gate.
+    """Return the pillar of the scan that is the remembered pillar; None if all are too far away from it.
 
-    The gate is the largest distance of a match. Return None if all sightings are outside their gates.
+    Each has a gate, the largest distance that it may have from the remembered position. The pillar whose
+    distance is the smallest fraction of its gate is returned. `stamp` is the stamp of the scan [s].
     """
     deviation = _deviation_at(estimate, stamp)
-    nearest, smallest_error = None, 1.0
+    # with the fraction 1, the distance is as large as the gate, so only smaller fractions match
+    best, smallest_fraction = None, 1.0
     for sighting in sightings:
         pillar, (x, y, _) = sighting
-        # [m] largest distance of a match, with three standard deviations of the remembered position
+        # [m] the gate includes three standard deviations of the remembered position
         gate = _GATE + _GATE_FRACTION * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, _LARGEST_DEVIATION)
-        error = hypot(x - estimate.x, y - estimate.y) / gate
-        if error < smallest_error:
-            nearest, smallest_error = sighting, error
-    return nearest
+        fraction = hypot(x - estimate.x, y - estimate.y) / gate
+        if fraction < smallest_fraction:
+            best, smallest_fraction = sighting, fraction
+    return best
 
 
 def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
-    """Return the track after a sighting, which updates the estimate with the gain of a Kalman filter.
+    """Return the track with a new estimate: the mean of the old position and the measured position.
+
+    The mean is weighted with the gain of a Kalman filter. Without an old estimate, the measured position is
+    the estimate.
 
     Args:
         track: track before, with or without an estimate.
@@ -321,5 +350,5 @@ def _updated(track: Track, sighting: Sighting, period: float, scan: Scan, laser_
 
 
 def _deviation_at(estimate: Estimate, stamp: float) -> float:
-    """Standard deviation of the position, which has grown since the pillar was seen [m]."""
+    """Return the standard deviation of the position at a time [m], which grows because odom drifts."""
     return hypot(estimate.deviation, _DRIFT * sqrt(max(stamp - estimate.seen_at, 0.0)))
