@@ -61,8 +61,8 @@ def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket
 def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
     """Set the parameters of simulator.launch, as roslaunch would, and return the simulator's arguments.
 
-    The simulator is then started without roslaunch, which is faster. The program SIMULATOR_SETUP reads the
-    launch file, once for all runs with the same launch arguments.
+    The simulator is then forked, and not started by roslaunch. The program SIMULATOR_SETUP reads the launch
+    file, once for all runs with the same launch arguments.
 
     Raises:
         MarkingError: the launch file cannot be read.

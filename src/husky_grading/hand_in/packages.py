@@ -270,8 +270,8 @@ def choose_packages(
 def _chosen_first(namesakes: Sequence[Package], exercise: int, attempt: int) -> List[Package]:
     """Return packages of the same name, the one that this attempt chooses first, then the others.
 
-    Attempt 0 chooses the best package, attempt 1 the second best one. If there are not so many, the last one
-    is chosen.
+    Attempt 0 chooses the best package, attempt 1 the second best one, and so on. If there are fewer packages,
+    the last one that may be chosen is chosen again.
     """
     ordered = sorted(namesakes, key=partial(_rank, exercise=exercise))  # the best package comes first
     # packages of another exercise come last, and are chosen only if there are no others
