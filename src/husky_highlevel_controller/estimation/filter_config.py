@@ -116,8 +116,8 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
     option_names = FilterOptions.__dataclass_fields__
     for key, value in sorted(values.items()):
         of_input = INPUT.fullmatch(key)
-        refusal = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
-        if refusal is not None:
+        refusal = _reason_against(key)
+        if refusal:
             if not _is_off(key, value):
                 raise ConfigError(f"{source}{key} = {value!r} is not supported: {refusal}")
         elif WITHOUT_EFFECT.fullmatch(key):
@@ -127,9 +127,10 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
                 matrices[key] = _matrix(value)
             except ValueError as error:
                 remarks.append(f"{source}{key} {error}; using the default")
-        elif of_input:  # odom0 is the topic of an input, and odom0_config is its field `config`
-            input_name, setting_name = of_input[1], of_input[2] or "topic"
-            values_by_input.setdefault(input_name, {})[setting_name] = value
+        elif of_input:
+            # odom0_config is the field `config` of the input odom0; odom0 alone is its field `topic`
+            input_name, field_name = of_input[1], of_input[2] or "topic"
+            values_by_input.setdefault(input_name, {})[field_name] = value
         elif key in option_names:
             # as in robot_localization, frames may begin with a slash, which tf2 does not accept
             is_frame = key in FRAMES and isinstance(value, str)
@@ -138,17 +139,32 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
             names = ", ".join(option_names)
             remarks.append(f"{source}{key} is not a parameter; there are: {names}, odom0, imu0 ...")
     inputs = _read_inputs(values_by_input, source, remarks)
-    # the matrices are in the order of the last two fields of FilterConfig
-    return FilterConfig(from_plain(FilterOptions, options, source), inputs, *matrices.values()), remarks
+    config = FilterConfig(
+        options=from_plain(FilterOptions, options, source),
+        inputs=inputs,
+        process_noise=matrices["process_noise_covariance"],
+        initial_covariance=matrices["initial_estimate_covariance"],
+    )
+    return config, remarks
+
+
+def _reason_against(key: str) -> str:
+    """Return why this filter does not support a parameter of robot_localization; empty if it does."""
+    for names, reason in REFUSED.items():
+        if names.fullmatch(key):
+            return reason
+    return ""
 
 
 def _is_off(key: str, value: Any) -> bool:
     """Return whether a value switches an unsupported feature off: false, 0 or a list of zeros.
 
-    A rejection threshold of 0 is not off, because it would reject every measurement.
+    Such a value is accepted, because the filter then does what the value asks for. A rejection threshold of 0
+    does not switch the feature off, because it would reject every measurement.
     """
-    if value is False or key.endswith("_rejection_threshold"):
+    if key.endswith("_rejection_threshold"):
         return value is False
+    # false is a number for Python, and is equal to 0
     numbers = value if isinstance(value, list) else [value]
     return all(isinstance(number, (int, float)) and number == 0 for number in numbers)
 
@@ -182,7 +198,11 @@ def _read_inputs(
 
 
 def _matrix(value: Any) -> np.ndarray:
-    """Return the planar part, (8, 8), of a covariance of all VARIABLES; ValueError if it is wrong."""
+    """Return the planar part, (8, 8), of a covariance of all VARIABLES.
+
+    Raises:
+        ValueError: the value is not such a covariance. The text is the end of a sentence about the parameter.
+    """
     try:
         numbers = np.array(value, dtype=float).ravel()
     except (TypeError, ValueError):

@@ -65,7 +65,9 @@ class Localization:
     def add(
         self, name: str, reading: Reading, mounting: Mounting, silent: Optional[Collection[str]] = None
     ) -> List[MotionEstimate]:
-        """Take a reading and return the estimates that are due.
+        """Take a reading of a sensor, and return the estimates that can be computed now.
+
+        An estimate needs all readings before its time, so it waits until every sensor has sent a later one.
 
         Args:
             name: name of the sensor, such as odom0.
@@ -92,6 +94,7 @@ class Localization:
         horizon = self._horizon(self._sensors if silent is None else silent)
         due_estimates = []
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
+            # the oldest reading that waits, which may be of another sensor
             stamp, name, reading, mounting = heapq.heappop(self._waiting_readings)
             due_estimates += self._estimates(stamp - SAME_TIME)  # estimates for the time before this reading
             # the first reading starts the filter, so the first estimate is for the next full period after
@@ -104,20 +107,26 @@ class Localization:
         return due_estimates + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
-        """Time up to which the readings of every sensor have come, without the sensors that are given up [s].
+        """Return the time up to which the readings of every sensor have come [s].
 
-        The sensors in `silent` have sent nothing for some wall time. Such a sensor is given up if its last
-        reading is older than the newest reading of all sensors by more than PATIENCE. For a sensor without a
-        reading, the first reading of all counts.
+        The filter does not wait for sensors that are given up. The sensors in `silent` have sent nothing for
+        some wall time. Such a sensor is given up if its last reading is older than the newest reading of all
+        sensors by more than PATIENCE. For a sensor without a reading, the first reading of all counts.
         """
         oldest_allowed = max(self._last_stamps.values()) - PATIENCE
-        given_up = {
-            name for name in silent if self._last_stamps.get(name, self._first_stamp) < oldest_allowed
-        }
-        return min(self._last_stamps.get(name, -inf) for name in self._sensors if name not in given_up)
+        last_stamps = []
+        for name in self._sensors:
+            silent_since = self._last_stamps.get(name, self._first_stamp)
+            is_given_up = name in silent and silent_since < oldest_allowed
+            if not is_given_up:
+                last_stamps.append(self._last_stamps.get(name, -inf))
+        return min(last_stamps)
 
     def _estimates(self, end: float) -> List[MotionEstimate]:
-        """Return the estimates before a time [s]; all measurements before it were processed."""
+        """Return the estimates for the times between the last estimate and `end` [s].
+
+        All measurements before `end` must have been processed.
+        """
         estimates: List[MotionEstimate] = []
         # after a longer pause of the readings, the estimates for the time of the pause are left out
         if end - self._ekf.estimate.stamp > MAX_PAUSE:

@@ -74,9 +74,9 @@ class PlanarEkf:
         A measurement that is older than the estimate corrects it without a prediction.
         """
         if not self.started:
-            _, state, covariance = self.estimate
-            state, covariance, measured = state.copy(), covariance.copy(), list(measurement.states)
             # the first measurement sets the states that it measures; the others keep their initial values
+            state, covariance = self.estimate.state.copy(), self.estimate.covariance.copy()
+            measured = list(measurement.states)
             state[measured] = measurement.values
             covariance[np.ix_(measured, measured)] = measurement.covariance
             self.estimate, self.started = MotionEstimate(measurement.stamp, state, covariance), True
@@ -84,7 +84,7 @@ class PlanarEkf:
         self.estimate = correct(self.predicted(measurement.stamp), measurement)
 
     def predicted(self, stamp: float) -> MotionEstimate:
-        """Return the estimate predicted to a time [s], or unchanged if that time is past."""
+        """Return the estimate predicted to a time [s]; unchanged if the estimate is for a later time."""
         step = stamp - self.estimate.stamp
         if step <= 0.0:
             return self.estimate
@@ -104,7 +104,7 @@ def predict(estimate: MotionEstimate, stamp: float, step: float, process_noise: 
 
 
 def transition(state: np.ndarray, step: float) -> np.ndarray:
-    """The state `step` s later, (8,)."""
+    """Return the state `step` seconds later, (8,), by the model of constant acceleration and yaw rate."""
     moved = state.copy()
     c, s = cos(state[YAW]), sin(state[YAW])
     # distances that the robot moves along its axes [m]; its heading is taken as constant during the step
@@ -117,7 +117,7 @@ def transition(state: np.ndarray, step: float) -> np.ndarray:
 
 
 def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
-    """Derivatives of `transition` by the state, (8, 8)."""
+    """Return the derivatives of `transition` by the state, (8, 8); row i is for element i of its result."""
     c, s, half = cos(state[YAW]), sin(state[YAW]), 0.5 * step * step
     ahead, left = state[[VX, VY]] * step + state[[AX, AY]] * half
     jacobian = np.eye(STATES)
@@ -128,7 +128,10 @@ def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
 
 
 def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimate:
-    """Correct an estimate by a measurement of the same time; Joseph's form keeps the covariance positive."""
+    """Correct an estimate by a measurement of the same time, as in a Kalman filter.
+
+    The covariance is computed in Joseph's form, which stays positive definite in spite of rounding errors.
+    """
     _, measured, values, noise = measurement
     stamp, state, covariance = estimate
     noise = noise.copy()
@@ -138,6 +141,7 @@ def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimat
     gain = covariance @ selection.T @ np.linalg.inv(selection @ covariance @ selection.T + noise)
     innovation = values - selection @ state  # difference between measured and estimated values
     if YAW in measured:
+        # 359 degrees are 1 degree to the right, and not almost a turn to the left
         row = measured.index(YAW)
         innovation[row] = wrap_angle(innovation[row])
     state = state + gain @ innovation

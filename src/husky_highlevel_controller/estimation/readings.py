@@ -90,11 +90,13 @@ class MotionSensor:
         stamp, pose, *arrays = reading
         pose_used = self._pose_used.copy()
         # subtracting gravity needs the orientation, so the orientation must be finite, too
-        pose_used[3:] |= self._config.remove_gravitational_acceleration and self._force_used.any()
+        if self._config.remove_gravitational_acceleration and self._force_used.any():
+            pose_used[3:] = True
+        pose_values = None if pose is None else _numbers(pose)
         # for each part of a reading: its name for messages, its values, their covariance, and a mask of the
         # used values
         for part, values, covariance, used in (
-            ("pose", pose and _numbers(pose), reading.pose_covariance, pose_used),
+            ("pose", pose_values, reading.pose_covariance, pose_used),
             ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
             ("acceleration", reading.specific_force, reading.force_covariance, self._force_used),
         ):
@@ -105,7 +107,9 @@ class MotionSensor:
                 if not np.isfinite(numbers).all():
                     raise ReadingError(f"its {name} is {numbers.tolist()}")
         finite_arrays: List[Any] = [None if array is None else _finite(array) for array in arrays]
-        finite_pose = pose and Pose(*(tuple(_finite(part)) for part in pose))
+        finite_pose = None
+        if pose is not None:
+            finite_pose = Pose(*(tuple(_finite(part)) for part in pose))
         return Reading(stamp, finite_pose, *finite_arrays)
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
@@ -122,15 +126,16 @@ class MotionSensor:
         return [part for part in parts if part is not None and part.states]
 
     def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
-        """Return the measured pose of base_link, or with `differential` its velocity since the last reading.
+        """Return the measured pose of base_link, or None if the pose is not used.
 
-        None if the pose is not used, or for the first reading with `differential`. With `relative`, the pose
-        is relative to the first one.
+        With the parameter `relative`, the pose is relative to the pose of the first reading. With the
+        parameter `differential`, the result is the velocity since the last reading, and None for the first
+        reading.
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # `turn` is the rotation from the axes of the reading to those of the result, for the covariance and
-        # the mask of the used values
+        # `turn` is the rotation from the axes of the reading to the axes of the result; the covariance and
+        # the mask of the used values are turned by it
         pose, turn = reading.pose, mounting.pose_frame_in_odom
         if self._is_imu:
             pose, turn = _level_attitude(pose, mounting.sensor_in_base)
@@ -146,7 +151,8 @@ class MotionSensor:
             last_stamp, last_pose, last_covariance = last
             duration = reading.stamp - last_stamp
             velocity = _numbers(compose(inverse(last_pose), pose)) / duration
-            # robot_localization also multiplies by `duration`
+            # a variance should be divided by duration^2, but robot_localization multiplies by `duration`, and
+            # this filter must give the same results
             velocity_covariance = (covariance + last_covariance) * duration
             return _planar(reading.stamp, (VX, VY, YAW_RATE), used, velocity, velocity_covariance)
 
@@ -158,7 +164,7 @@ class MotionSensor:
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """Velocity of base_link, from the velocity of the sensor; None if it is not measured or not used.
+        """Return the velocity of base_link by a reading; None if it is not measured or not used.
 
         The velocity that the robot's `yaw_rate` [rad/s] adds at the sensor's position is removed.
         """
@@ -175,9 +181,10 @@ class MotionSensor:
         return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)
 
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """Acceleration of base_link, without gravity and without the sensor's centripetal acceleration.
+        """Return the acceleration of base_link by a reading; None if it is not measured or not used.
 
-        None if the acceleration is not measured or not used. `yaw_rate` is the yaw rate of the robot [rad/s].
+        Gravity is removed, and the centripetal acceleration of a sensor that is not at base_link's origin.
+        `yaw_rate` is the yaw rate of the robot [rad/s].
         """
         if reading.specific_force is None or not self._force_used.any():
             return None
@@ -197,11 +204,12 @@ class MotionSensor:
 
 
 def _finite(numbers: Any) -> np.ndarray:
+    """Return the numbers with 0 in place of NaN and infinity."""
     return np.asarray(np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def _numbers(pose: Pose) -> np.ndarray:
-    """Position [m], roll, pitch and yaw [rad], (6,)."""
+    """Return position [m], roll, pitch and yaw [rad] of a pose, (6,)."""
     return np.array([*pose.position, *rpy_from_quat(pose.quat_xyzw)])
 
 
@@ -223,13 +231,15 @@ def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
 
     A value along a rotated axis counts as used if a used axis has a component along it.
     """
-    blocks = [np.linalg.norm(axes * block, axis=1) >= MIN_COMPONENT for block in (used[:3], used[3:])]
-    return np.concatenate(blocks)
+    # (3,) true for each rotated axis along which a used axis has a component
+    linear = np.linalg.norm(axes * used[:3], axis=1) >= MIN_COMPONENT
+    angular = np.linalg.norm(axes * used[3:], axis=1) >= MIN_COMPONENT
+    return np.concatenate((linear, angular))
 
 
 def _turned_covariance(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The covariance (6, 6) of three linear and three angular values along rotated axes."""
-    turn = np.kron(np.eye(2), axes)
+    """Return the covariance (6, 6) of three linear and three angular values along rotated axes."""
+    turn = np.kron(np.eye(2), axes)  # (6, 6) matrix with `axes` in the upper left and in the lower right
     return np.asarray(turn @ covariance @ turn.T)
 
 
