@@ -1,9 +1,10 @@
-"""Size of a COLLADA scene with all its instances, counted without making them.
+"""Size of a COLLADA scene, computed without building the scene.
 
 In: the XML of a .dae file. Out: numbers of nodes and corners.
 
-A node may be an instance of a node that has several instances, and so on. So a few lines of XML can stand for
-more nodes than any memory holds.
+A node of a scene may contain several instances (copies) of another node, which again contains several
+instances of another node, and so on. So a few lines of XML can describe more nodes than the memory can hold.
+The caller refuses a file whose scene is too large.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ NOTHING = SceneSize(nodes=0, corners=0)
 
 
 def scene_size(document: ElementTree.Element) -> SceneSize:
-    """Return an upper bound for the size of all scenes in a file. ValueError if a node contains itself."""
+    """Return an upper bound for the size of all scenes in a file.
+
+    Raises ValueError if a node contains itself.
+    """
     return _Scene(document).size()
 
 
@@ -39,11 +43,14 @@ class _Scene:
             if _tag(element) in ("node", "geometry"):
                 self._elements_by_id.setdefault(element.get("id", ""), []).append(element)
         self._sizes: Dict[ElementTree.Element, SceneSize] = {}  # sizes that are known so far
-        # elements whose sizes are being computed, each inside the element before it
+        # elements whose sizes are being computed; an element that is needed again before it is finished
+        # contains itself
         self._unfinished: Set[ElementTree.Element] = set()
 
     def size(self) -> SceneSize:
-        return _sum([self._size_of(each) for each in self._document.iter() if _tag(each) == "visual_scene"])
+        """Return the size of all scenes in the file together."""
+        scenes = [element for element in self._document.iter() if _tag(element) == "visual_scene"]
+        return _sum([self._size_of(scene) for scene in scenes])
 
     def _size_of(self, element: ElementTree.Element) -> SceneSize:
         """Return the size of a scene, node, instance or geometry with its content; 0 for other elements.
@@ -60,13 +67,16 @@ class _Scene:
             size = SceneSize(nodes=0, corners=sum(map(_corners, element.iter())))
         elif tag in ("instance_node", "instance_geometry"):
             targets = self._elements_by_id.get(element.get("url", "").lstrip("#"), [])
-            # several elements may have this id, and the COLLADA reader uses any one of them, so the largest
-            # size counts; NOTHING counts if there is no such element
+            # in a broken file, several elements have this id, and the COLLADA reader uses any one of them, so
+            # the largest numbers count
             sizes = [self._size_of(target) for target in targets]
-            size = SceneSize(*(max(numbers) for numbers in zip(NOTHING, *sizes)))
+            size = SceneSize(
+                nodes=max((each.nodes for each in sizes), default=0),
+                corners=max((each.corners for each in sizes), default=0),
+            )
         elif tag in ("node", "visual_scene"):
             itself = SceneSize(nodes=1, corners=0)
-            size = _sum([itself, *map(self._size_of, element)])
+            size = _sum([itself, *(self._size_of(child) for child in element)])
         else:
             size = NOTHING
         self._unfinished.remove(element)
@@ -75,28 +85,29 @@ class _Scene:
 
 
 def _sum(sizes: List[SceneSize]) -> SceneSize:
-    return SceneSize(*map(sum, zip(NOTHING, *sizes)))
+    return SceneSize(nodes=sum(each.nodes for each in sizes), corners=sum(each.corners for each in sizes))
 
 
 def _corners(primitive: ElementTree.Element) -> int:
     """Return an upper bound for the corners of a primitive, such as <triangles>; 0 for other elements.
 
-    The bound is the number of indices in all <p>, divided by the number of indices that each corner takes.
+    A primitive lists its corners as indices in its elements <p>. Each corner takes the same number of
+    indices, such as one for the position and one for the normal.
     """
-    # each corner has several indices, such as position and normal; the `offset` of an <input> is the place of
-    # its index, counted from 0
+    # the `offset` of an <input> is the place of its index among the indices of a corner, counted from 0
     offsets = [child.get("offset", "0") for child in primitive if _tag(child) == "input"]
     indices_per_corner = 1 + max((int(offset) for offset in offsets if offset.isdigit()), default=0)
     indices = 0
     for child in primitive:
         if _tag(child) == "p":
             text = child.text or ""
-            # the text has at most one number more than spaces, and each number takes at least two characters
-            # (a digit and a space)
+            # Counting spaces is faster than reading the numbers. The text has at most one number more than
+            # spaces, and each number takes at least two characters (a digit and a space).
             spaces = sum(map(text.count, " \t\r\n"))
             indices += min(spaces + 1, (len(text) + 1) // 2)
     return indices // indices_per_corner
 
 
 def _tag(element: ElementTree.Element) -> str:
+    """Return the name of an element without its XML namespace, which stands in front as {NAMESPACE}."""
     return str(element.tag).rpartition("}")[2]

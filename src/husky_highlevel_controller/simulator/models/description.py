@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from typing import Any, List, Mapping, Optional
+from typing import Any, Dict, List, Mapping, Optional
 
 from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, VERSIONS, load_robot
@@ -17,18 +17,18 @@ from husky_highlevel_controller.urdf import DescriptionError
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")  # entry of ARGUMENTS for a flag
-_CALLER = "/robot_description"  # name of this program for the ROS master
+_CALLER = "/robot_description"  # name that this program tells the ROS master
 CAMERA_FRAME = "camera_frame_optical"
-# pattern of three numbers
-_TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
+_NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
+_TRIPLE = rf"\s*{_NUMBER}\s+{_NUMBER}\s+{_NUMBER}\s*"  # pattern of three numbers
 # environment variables that set arguments of the lidar's mount
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
-# environment variables of the Husky's launch files that cause no warning: variables that have an effect in
-# this simulator, and variables of drivers, which are not simulated
+# Patterns of environment variables of the Husky's launch files that cause no warning: the variables that have
+# an effect in this simulator, and the variables of drivers, which a simulation does not need.
 _SUPPORTED_VARIABLES = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
 _DRIVER_VARIABLES = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
-# for each argument, the pattern of its values, and the text that tells the user these values; no value may
-# contain a `$`, because xacro would expand it
+# For each argument, the pattern of its values, and a text that describes these values for the user. No
+# pattern accepts a `$`, because xacro would read it as the beginning of an expression.
 ARGUMENTS = {
     "robot": ("|".join((*ROBOTS, *VERSIONS)), "|".join((*ROBOTS, *VERSIONS))),
     "laser_enabled": _FLAG,
@@ -43,15 +43,18 @@ ARGUMENTS = {
 
 
 def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
-    """Return NAME=VALUE of each HUSKY_ variable that is set (and not to false), but has no effect here.
+    """Return NAME=VALUE of each HUSKY_ variable that is set, but has no effect in this simulator.
 
-    Variables of drivers are not returned, because drivers are not simulated.
+    The user gets a warning about these variables. Variables that are set to false are not returned, nor are
+    variables of drivers, because drivers are not simulated.
     """
-    without_warning = re.compile(f"(?!HUSKY_).*|{_SUPPORTED_VARIABLES}|{_DRIVER_VARIABLES}")
+    without_warning = re.compile(f"{_SUPPORTED_VARIABLES}|{_DRIVER_VARIABLES}")
     return [
         f"{name}={value}"
         for name, value in sorted(environment.items())
-        if value not in ("", "0", "false", "False") and not without_warning.fullmatch(name)
+        if name.startswith("HUSKY_")
+        and value not in ("", "0", "false", "False")
+        and not without_warning.fullmatch(name)
     ]
 
 
@@ -93,6 +96,9 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
 def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     """Return the user's own description if the simulator can use it, otherwise the given description.
 
+    A launch file may spawn a robot of its own description by spawn_model. Then this description is on the
+    parameter server, and the environment variable VARIABLE has the name of its parameter.
+
     Args:
         given: URDF text that the arguments produce.
         arguments: arguments of the command line by name, see ARGUMENTS.
@@ -100,7 +106,7 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
     Raises:
         DescriptionError: the user's own description is not a text.
     """
-    # imported only here, to save time: every launch waits for this program, but few launches need `ask`
+    # imported only here, because every launch waits for this program, but few launches need `ask`
     from husky_highlevel_controller.xml_rpc import ask
 
     master_uri, parameter = os.environ.get("ROS_MASTER_URI", "http://localhost:11311"), os.environ[VARIABLE]
@@ -111,17 +117,19 @@ def _own_or_given(given: str, arguments: Mapping[str, str]) -> str:
         )
     name = arguments.get("robot", "husky")
     robot = load_robot(name)
-    frames = []  # frames of the sensors that the arguments enable
+    sensor_frames = []  # frames of the sensors that the arguments enable
     if _is_true(arguments.get("laser_enabled", "true")):
-        husky_frame = f"{arguments.get('laser_prefix', 'front')}_laser"
-        # the argument laser_prefix changes the name of the lidar's frame only on the Husky
-        frames.append(robot.lidar_mount.frame if name == "smb" else husky_frame)
+        if name == "smb":
+            sensor_frames.append(robot.lidar_mount.frame)
+        else:
+            # only on the Husky, the argument laser_prefix changes the name of the lidar's frame
+            sensor_frames.append(f"{arguments.get('laser_prefix', 'front')}_laser")
     if _is_true(arguments.get("kinect_enabled", "false")):
-        frames.append(CAMERA_FRAME)
-    # one description with meshes (None) and one with plain shapes (empty), because the user may have changed
-    # either of them
+        sensor_frames.append(CAMERA_FRAME)
+    # The user's description is compared with these, to find out what the user has added. One has meshes
+    # (None), and one has plain shapes (empty), because the user may have started from either of them.
     fully_equipped = [robot_description(name, meshes, kinect_enabled=True) for meshes in (None, "")]
-    text, warning = choose_description(own, given, fully_equipped, robot, frames)
+    text, warning = choose_description(own, given, fully_equipped, robot, sensor_frames)
     if warning:
         print(f"warning: {warning}", file=sys.stderr)
     return text
@@ -137,15 +145,19 @@ def main() -> None:
     If HUSKY_SIMULATOR_DESCRIPTION is set (by spawn_model), print the user's own description instead of the
     URDF for the arguments, if the simulator can use it.
     """
-    # the text before the first := is the name, and the text behind it is the value
-    arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
-    # mount of the lidar from environment variables; an argument replaces it
+    arguments: Dict[str, str] = {}
+    for argument in sys.argv[1:]:
+        name, _, value = argument.partition(":=")
+        arguments[name] = value
+    # pose of the lidar from environment variables, unless an argument gives it
     mount = {
         name: os.environ[variable] for name, variable in LIDAR_VARIABLES.items() if variable in os.environ
     }
     try:
-        given = robot_description(**{**mount, **arguments})
-        print(_own_or_given(given, arguments) if VARIABLE in os.environ else given)
+        text = robot_description(**{**mount, **arguments})
+        if VARIABLE in os.environ:
+            text = _own_or_given(text, arguments)
+        print(text)
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

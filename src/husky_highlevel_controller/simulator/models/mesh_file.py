@@ -1,4 +1,4 @@
-"""Mesh files of worlds and objects: found, read by trimesh, and kept within bounds.
+"""Mesh files of worlds and objects: they are searched, read by trimesh, and kept within limits of size.
 
 In: the URI of a .dae, .stl or .obj file, and the file that contains it. Out: a `TriangleMesh`, or a
 `MeshError`.
@@ -35,7 +35,11 @@ MAX_FACES = 100_000  # largest number of faces of a mesh; a mesh with more faces
 
 
 class MeshError(HuskyError):
-    """A mesh cannot be used. The text has no subject: "is not on this machine" continues "a mesh"."""
+    """A mesh cannot be used.
+
+    The text is a sentence without its subject, such as "is not on this machine". The caller puts "a mesh" in
+    front of the text.
+    """
 
 
 @dataclass
@@ -43,7 +47,7 @@ class MeshFiles:
     """Mesh files of one world, each read once."""
 
     bytes_left: int = MAX_BYTES_IN_ALL  # [bytes] total size of the files that may still be read
-    # meshes that were read, by file and part
+    # meshes that were read, by file and by name of the part (empty for the whole file)
     known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)
     coarser: List[str] = field(default_factory=list)  # names of the files whose meshes were made coarser
 
@@ -56,8 +60,7 @@ class MeshFiles:
             part: name of a <submesh>; empty for the whole file.
 
         Raises:
-            MeshError: the file is missing, not a mesh, or too large. The caller puts "a mesh" in front of the
-                text.
+            MeshError: the file is missing, not a mesh, or too large.
         """
         path = find_mesh(uri, source)
         if (path, part) in self.known:
@@ -93,22 +96,22 @@ def load_mesh(path: Path, part: str = "") -> TriangleMesh:
         import trimesh
     except ImportError:
         raise MeshError("needs the Python package trimesh, which is not installed") from None
-    # length of the file's unit [m]; only a .dae file can state another unit
-    ending, unit = path.suffix.lower(), 1.0
+    ending = path.suffix.lower()
+    unit = 1.0  # [m] length of the file's unit; only a .dae file can state another unit
     try:
         data = read_bytes(path)
         if ending == ".dae":
             document = parse_xml(data, str(path))
             unit = _unit_of(document)
-            # a small .dae file can become a large scene, because it can use one mesh many times
+            # A small .dae file can become a large scene, because it can use one mesh many times. So the size
+            # of the scene is computed before trimesh builds the scene.
             _check_size(scene_size(document))
-        # "scene" keeps the names of the parts; without "process", the vertices stay as they are in the file;
-        # materials are not used
+        # "scene" keeps the names of the parts; without "process", trimesh does not change the vertices
         options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
         scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
         vertices, faces = _parts_of(scene, part)
-    except MeshError:
-        raise  # a MeshError already says what is wrong with the mesh
+    except MeshError:  # `_check_size` raises it; the last `except` below would change its text
+        raise
     except WorldError as error:
         raise MeshError(f"cannot be read: {error}") from None
     except Exception as error:  # trimesh raises errors of many types for a broken file
@@ -133,9 +136,9 @@ def _check_size(size: SceneSize) -> None:
 
 def _unit_of(document: ElementTree.Element) -> float:
     """Return the length of a COLLADA file's unit [m]; 1 m if the file states no valid unit."""
-    unit = document.find("{*}asset/{*}unit")
+    unit = document.find("{*}asset/{*}unit")  # {*} is any XML namespace
     length = float("nan" if unit is None else unit.get("meter", "nan"))
-    return length if 0.0 < length < float("inf") else 1.0
+    return length if 0.0 < length < float("inf") else 1.0  # nan fails this comparison, too
 
 
 def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
@@ -143,16 +146,19 @@ def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
 
     `part` is the name of the only mesh that is returned; empty for all meshes.
     """
+    # the empty arrays are for a scene without meshes, because `concatenate` needs at least one array
     corners: List[np.ndarray] = [np.empty((0, 3))]
     faces: List[np.ndarray] = [np.empty((0, 3), int)]
-    corner_count = 0
+    corner_count = 0  # number of corners of the meshes so far
     for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
+        transform, name = scene.graph[node]  # pose (4, 4) of the mesh in the scene, and name of the mesh
         mesh = scene.geometry[name]
-        has_triangles = hasattr(mesh, "faces")
+        has_triangles = hasattr(mesh, "faces")  # a scene may also have lines and points
         is_part = not part or name.partition("-mesh")[0] == part  # Blender calls the mesh of a node NODE-mesh
         if has_triangles and is_part:
-            corners.append(mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
+            rotation, translation = transform[:3, :3], transform[:3, 3]
+            corners.append(mesh.vertices @ rotation.T + translation)
+            # faces have indices of corners, which are counted on from the meshes before this one
             faces.append(np.asarray(mesh.faces) + corner_count)
             corner_count += len(mesh.vertices)
     return np.concatenate(corners), np.concatenate(faces)
@@ -169,7 +175,7 @@ def find_mesh(uri: str, source: str) -> Path:
         for path in _places(uri, source):
             if path.is_file():
                 return Path(os.path.realpath(path))
-    except (OSError, ValueError):  # the path contains characters that no file name can have
+    except (OSError, ValueError):  # the URI contains characters that no file name can have
         pass
     raise MeshError("is not on this machine")
 
@@ -177,16 +183,18 @@ def find_mesh(uri: str, source: str) -> Path:
 def _places(uri: str, source: str) -> Iterator[Path]:
     """Yield the paths at which the file of a URI may be, see `find_mesh`, in the order of the search.
 
-    Other schemes, such as http, have no paths.
+    A URI of any other scheme, such as http, has no path.
     """
     parts = urlsplit(uri)
     if parts.scheme in ("model", "package"):
-        inside = unquote(parts.path).lstrip("/")
-        yield from (folder / inside for folder in model_folders(parts.netloc, source))
+        path_in_folder = unquote(parts.path).lstrip("/")
+        for folder in model_folders(parts.netloc, source):
+            yield folder / path_in_folder
     elif parts.scheme in ("", "file"):
-        name = unquote(uri.partition("://")[2] if parts.scheme else uri)
+        path = unquote(uri.partition("://")[2] if parts.scheme else uri)
         source_folder = Path(os.path.abspath(source)).parent
-        yield from (folder / name for folder in (source_folder, *search_path("GAZEBO_RESOURCE_PATH")))
+        for folder in (source_folder, *search_path("GAZEBO_RESOURCE_PATH")):
+            yield folder / path  # `path` itself if it is an absolute path
 
 
 def model_folders(name: str, source: str) -> Iterator[Path]:
@@ -201,9 +209,9 @@ def model_folders(name: str, source: str) -> Iterator[Path]:
         name: name of the model or package.
         source: path of the file that contains the name.
     """
-    above = list(Path(os.path.abspath(source)).parents)
-    folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]
-    yield from (folder / name for folder in folders)
-    yield from (folder for folder in (*above, *folders) if folder.name == name)
+    above = list(Path(os.path.abspath(source)).parents)  # the nearest folder first
+    search_folders = [*search_path("GAZEBO_MODEL_PATH"), *search_path("ROS_PACKAGE_PATH")]
+    yield from (folder / name for folder in search_folders)
+    yield from (folder for folder in (*above, *search_folders) if folder.name == name)
     yield from (folder / name for folder in above)
     yield from (folder / "models" / name for folder in above[:3])

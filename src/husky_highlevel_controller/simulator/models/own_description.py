@@ -20,16 +20,22 @@ MODEL_VARIABLE = "HUSKY_SIMULATOR_MODEL"
 
 
 def robot_of(text: str) -> Optional[str]:
-    """Return the robot of ROBOTS whose name or wheels a URDF text has; None if no robot fits.
+    """Return the name of the robot of ROBOTS that a URDF text describes; None if it describes another robot.
+
+    The name in the URDF decides. A robot of another name counts, too, if the URDF has the joints of all its
+    wheels.
 
     Raises:
         DescriptionError: the text is not a URDF.
     """
     root, _, joints = urdf.read_urdf(text)
     name = root.get("name")
-    # a robot also counts, whatever its name is, if the URDF has the joints of all its wheels
-    with_wheels = (robot for robot in ROBOTS if set(load_robot(robot).wheels.joints) <= set(joints))
-    return name if name in ROBOTS else next(with_wheels, None)
+    if name in ROBOTS:
+        return name
+    for robot in ROBOTS:
+        if set(load_robot(robot).wheels.joints) <= set(joints):
+            return robot
+    return None
 
 
 class Choice(NamedTuple):
@@ -44,8 +50,9 @@ def choose_description(
 ) -> Choice:
     """Choose between a user's own description and the description from a launch file's arguments.
 
-    The user's own description is chosen if it has a link or joint that the robot's descriptions do not have,
-    and if the physics can use it. Otherwise the arguments, such as laser_enabled, keep their effect.
+    The user's own description is chosen if the user has added or changed a link or joint, and if the physics
+    can use it. Otherwise the description from the arguments is chosen, so that arguments such as
+    laser_enabled keep their effect.
 
     Args:
         own: the user's URDF text.
@@ -55,11 +62,10 @@ def choose_description(
         frames: names of links that the simulator's sensors need.
     """
     try:
-        # Links and joints that the user has added to the robot; optional equipment of the robot does not
-        # count. `_parts` returns the canonical XML of each link and joint, so a link that the user has
-        # changed counts as added. `robot_model` raises DescriptionError if the physics cannot use the user's
-        # description.
+        # Links and joints that the user has added or changed, as XML. Optional equipment of the robot does
+        # not count, because `fully_equipped` contains it.
         added_parts = _parts([own]) - _parts([given, *fully_equipped])
+        # `robot_model` raises DescriptionError if the physics cannot use the user's description
         fixed_links = robot_model(own, robot).fixed_poses
     except DescriptionError as error:
         return _refused(given, error.problem, robot)
@@ -68,7 +74,7 @@ def choose_description(
     missing = [frame for frame in frames if frame not in fixed_links]
     if missing:
         return _refused(given, f"no link '{missing[0]}' for a sensor is fixed to base_link", robot)
-    # links of the user with a collision mesh; the mesh has no effect, so a warning names these links
+    # the user's links with a collision mesh; such a mesh has no effect, so a warning names these links
     _, links, _ = urdf.read_urdf(own)
     links_with_mesh = sorted(
         name
@@ -82,13 +88,13 @@ def choose_description(
 
 
 def _refused(given: str, problem: str, robot: Robot) -> Choice:
-    """Return the robot's own URDF text, with a warning that names the problem of the user's description."""
+    """Return the URDF text from the arguments, with a warning about the problem of the user's description."""
     fault = f"your robot description has a fault, so the {robot.title}'s is simulated and shown"
     return Choice(given, f"{fault}: {problem}")
 
 
 def _parts(texts: Iterable[str]) -> Set[str]:
-    """Return the links and joints of URDF texts, each in a form that is equal for equal content."""
+    """Return the XML of all links and joints of URDF texts, in a form that is equal for equal content."""
     parts: Set[str] = set()
     for text in texts:
         _, links, joints = urdf.read_urdf(text)
@@ -97,4 +103,5 @@ def _parts(texts: Iterable[str]) -> Set[str]:
 
 
 def _canonical(element: ET.Element) -> str:
+    """Return the XML of an element in a form without unnecessary spaces and with ordered attributes."""
     return ET.canonicalize(ET.tostring(element, encoding="unicode"), strip_text=True)
