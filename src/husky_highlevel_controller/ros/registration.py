@@ -1,10 +1,10 @@
-"""Registration of a node with its ROS master: a node that the master has lost stands still.
+"""Stops the robot if the ROS master no longer knows this node, because then no new program can stop it.
 
-rospy registers a node once, when it starts. If the master dies and another one starts in its place, the
-node's connections continue from peer to peer, but no new program finds the node. `rostopic pub /e_stop` has
-no subscriber, and `start_stop` does not exist.
+rospy registers a node at the master once, when the node starts. If the master dies and another one starts in
+its place, the node's connections continue from peer to peer, but no new program finds the node. For example,
+`rostopic pub /e_stop` has no subscriber, and the service `start_stop` does not exist.
 
-In: the master. Out: whether it lists this node.
+In: the master. Out: whether the master lists this node.
 """
 
 from __future__ import annotations
@@ -35,66 +35,71 @@ LOST = (
 
 
 class Registration:
-    """Registration of this node, judged by the master's answers. A lost registration stays lost."""
+    """Knowledge whether the master still lists this node; a lost registration stays lost."""
 
     def __init__(self) -> None:
         self.is_lost = False
         self._master_uri = rosgraph.get_master_uri()
 
     def look(self) -> Optional[bool]:
-        """Ask the master whether it lists this node; None if it does not answer within DEADLINE.
+        """Ask the master whether it lists this node; return None if it does not answer within DEADLINE.
 
-        A master that is slow, or that cannot be reached for a while, says nothing about the registration. A
-        node of the same name at another address is not this one.
+        No answer does not mean that the registration is lost, because the master may be slow, or out of reach
+        for a while.
         """
         name = rospy.get_name()
         code, uri = self._ask("lookupNode", name)
+        # a node of the same name at another address is not this node
         is_known = code == SUCCESS and uri == rospy.get_node_uri()
         if is_known:
-            # The name of a node does not prove its registration, because a subscription to a parameter also
-            # makes the name known. Every node of rospy offers the service get_loggers.
+            # The master may know the name although the node is not registered, because a subscription to a
+            # parameter also makes the name known. But every node of rospy registers the service get_loggers.
             code, _ = self._ask("lookupService", f"{name}/get_loggers")
             is_known = code == SUCCESS
         if code == NO_ANSWER or rospy.core.is_shutdown_requested():
             return None
-        self.is_lost = self.is_lost or not is_known
+        if not is_known:
+            self.is_lost = True
         return is_known
 
     def _ask(self, method: str, what: str) -> Tuple[int, Any]:
         """Return the code and the value of the master's answer; the code is NO_ANSWER if there is none."""
-        return reply(self._master_uri, method, rospy.get_name(), what, deadline=DEADLINE) or (NO_ANSWER, "")
+        answer = reply(self._master_uri, method, rospy.get_name(), what, deadline=DEADLINE)
+        return (NO_ANSWER, "") if answer is None else answer
 
 
 class RegistrationWatch:
-    """Asks the master in a thread of its own; after a loss the node stands still and says so."""
+    """Thread that asks the master for this node; after a loss, it stops the robot and reports the loss."""
 
     def __init__(self, stand: Callable[[], None]) -> None:
-        """Set up; `stand` is called in the thread, every STAND_PERIOD after a loss."""
+        """Set up; after a loss, the thread calls `stand` every STAND_PERIOD, which must stop the robot."""
         self._registration, self._stand = Registration(), stand
-        # advertised at the start, because subscribers do not find a publisher that the master does not know
+        # this topic must be advertised before a loss, because after it the master does not know this node,
+        # and no subscriber would find the topic
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
 
     @property
     def is_lost(self) -> bool:
-        """Return whether a master answered that does not list this node."""
+        """Return whether the registration is lost: a master has answered that does not list this node."""
         return self._registration.is_lost
 
     def start(self) -> None:
-        """Start the thread that looks every PERIOD, and that makes the node stand still after a loss."""
+        """Start the thread, which ends with the node."""
         threading.Thread(target=self._run, name="registration", daemon=True).start()
 
     def _run(self) -> None:
-        """Look every PERIOD until the master has lost this node. Then stand still until the node ends.
+        """Ask the master every PERIOD until the registration is lost. Then stop the robot again and again.
 
-        While the node stands, the loss is on /diagnostics every PERIOD and in the log every REPORT_PERIOD.
+        After a loss, zero is commanded every STAND_PERIOD. The loss is published on /diagnostics every
+        PERIOD, and logged every REPORT_PERIOD.
         """
         while not (self.is_lost or rospy.is_shutdown()):
-            # first a pause, because the node has just registered and is busy with its start
+            # the pause comes first, because the node has just registered and is busy with its start
             time.sleep(PERIOD)
             with contained("the look for this node's registration"):
                 self._registration.look()
-        # [s] wall times of the last line in the log and of the last message; with these values, both are due
-        # at once
+        # [s] wall times of the last line in the log and of the last message on /diagnostics; with these start
+        # values, both are due at once
         said_at = published_at = -REPORT_PERIOD
         while not rospy.is_shutdown():
             now = time.monotonic()

@@ -19,13 +19,17 @@ MAX_COORDINATE = 1e6
 def lookup_transform(
     transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
 ) -> Optional[TransformStamped]:
-    """Transform of a child frame in its parent frame at a time; the latest one if None.
+    """Return the transform of a child frame in its parent frame; None if there is no valid one.
 
-    Leading slashes of the child are taken off, because frames in messages may have one, as before tf2.
+    Args:
+        transforms: buffer of TF.
+        parent: name of the parent frame.
+        child: name of the child frame. A leading slash is taken off, because some old nodes still write one.
+        stamp: time of the transform; the latest transform if None.
 
     Returns:
-        None if TF has no such transform, a frame's name is illegal, or the pose is not finite or
-        beyond MAX_COORDINATE.
+        None if TF has no such transform, if the name of a frame is not legal, if a number of the transform is
+        not finite, or if a coordinate is beyond MAX_COORDINATE.
     """
     try:
         stamped = transforms.lookup_transform_core(parent, child.lstrip("/"), stamp or rospy.Time())
@@ -38,13 +42,13 @@ def lookup_transform(
 def lookup_pose(
     transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
 ) -> Optional[Pose]:
-    """Pose of a child frame in its parent frame, with the arguments of `lookup_transform`."""
+    """Return the pose of a child frame in its parent frame, as `lookup_transform` finds it; None without."""
     stamped = lookup_transform(transforms, parent, child, stamp)
     return None if stamped is None else pose_from_transform(stamped)
 
 
 def latest_stamp(transforms: tf2_ros.BufferCore, parent: str, child: str) -> float:
-    """Stamp of the newest transform between two frames [s]; 0 if there is none, or if it is fixed."""
+    """Return the stamp of the newest transform between two frames [s]; 0 if there is none, or it is fixed."""
     try:
         stamp: float = transforms.get_latest_common_time(parent, child).to_sec()
     except tf2_ros.TransformException:

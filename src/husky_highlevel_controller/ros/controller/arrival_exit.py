@@ -74,10 +74,11 @@ class ArrivalExit:
         rospy.Subscriber(self._robot.topics.odometry, Odometry, self._on_odometry, queue_size=1)
 
     def run(self) -> None:
-        """Return at arrival, or at a shutdown, which is an end without an error (exit code 0).
+        """Wait until the robot has arrived, or until the node is shut down; both end it with exit code 0.
 
         Raises:
-            HuskyError: the deadline is over, or the controller is stopped on its way.
+            HuskyError: the deadline is over, or the controller was stopped on its way; this ends the node
+                with exit code 1.
         """
         while not (self._arrived or rospy.is_shutdown()):
             # a controller that does not start enabled is in the state STOPPED until it is started
@@ -94,7 +95,7 @@ class ArrivalExit:
             time.sleep(POLL_PERIOD)
 
     def _last_activity(self) -> str:
-        """Sentence on what the controller or the robot did last."""
+        """Return what the controller or the robot did last, for the error that no arrival has come."""
         if self._controller_message:
             return self._controller_message
         if self._standing_since == inf:  # the robot moves, or no odometry has come
@@ -108,9 +109,8 @@ class ArrivalExit:
         """Keep the controller's state and message from its entry on /diagnostics."""
         for status in message.status:
             if status.name == rospy.resolve_name(CONTROLLER).strip("/"):
-                self._controller_state = next(
-                    (item.value for item in status.values if item.key == "state"), ""
-                )
+                figures = {item.key: item.value for item in status.values}
+                self._controller_state = figures.get("state", "")
                 self._controller_message = status.message
 
     def _on_odometry(self, message: Odometry) -> None:
@@ -121,15 +121,17 @@ class ArrivalExit:
         """
         stamp = message.header.stamp.to_sec()
         if is_moving(conversions.twist_from_msg(message.twist.twist)):
-            # the robot moves, so the clearance that was measured before is no longer right
-            self._has_driven, self._standing_since, self._clearance = True, inf, inf
+            self._has_driven = True
+            self._standing_since = inf
+            self._clearance = inf  # the clearance that was measured at another place is no longer right
             return
+        # `_standing_since` is inf until the first message after a stop
         self._standing_since = min(self._standing_since, stamp)
         stands_after_drive = self._has_driven and stamp - self._standing_since >= STANDING_TIME
         controller_announces = self._arrived_subscriber.get_num_connections() > 0
         if not stands_after_drive or controller_announces:
             return
-        # scans are not needed if the controller announces its arrival, so the subscription begins only now
+        # scans are needed only now, so the subscription begins here; without a scan, the clearance is inf
         if self._scans is None:
             self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
         if self._clearance <= REACHED and not self._arrived:

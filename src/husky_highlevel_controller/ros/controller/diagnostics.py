@@ -1,4 +1,4 @@
-"""Publishes the controller's status on /diagnostics about once a simulated second, and when it changes."""
+"""Publishes the controller's status on /diagnostics every second of ROS time, and when the status changes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def level_and_message(health: Health) -> Tuple[int, str]:
 
 
 def _error(health: Health) -> Optional[str]:
-    """Sentence on the first cause why the robot does not drive as it should, with the remedy; or None."""
+    """Return the first problem that keeps the robot from driving, with its remedy; None if there is none."""
     if health.scan_silence is None or health.scan_silence > TOO_OLD:
         return health.scan_absence or "no scans; check that the lidar is on and ~scan_topic_name is its topic"
     if health.scan_fault:
@@ -107,10 +107,17 @@ def _error(health: Health) -> Optional[str]:
 
 
 class Diagnostics:
-    """Publisher of the status; the node polls it, because a timer would wake at every message on /clock."""
+    """Publisher of the status.
+
+    The node's main loop calls `update` often. A timer of rospy would cost more CPU time, because it wakes at
+    every message on /clock.
+    """
 
     def __init__(self, examine: Callable[[bool], Health]) -> None:
-        """Publish the result of `examine`, whose argument says whether simulated time stands still."""
+        """Advertise the topic; the status is made of the result of `examine`.
+
+        The argument of `examine` says whether simulated time stands still.
+        """
         self._examine = examine
         self._new_subscribers = NewSubscribers()
         self._publisher = rospy.Publisher(
@@ -131,8 +138,9 @@ class Diagnostics:
 
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
+        now = rospy.get_time()
         # simulated time counts as paused if ROS time has not changed in the last STILL_POLLS calls
-        now, was_paused = rospy.get_time(), self._still_polls >= STILL_POLLS
+        was_paused = self._still_polls >= STILL_POLLS
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
         if now != self._last_time:
@@ -142,7 +150,7 @@ class Diagnostics:
             # not have advanced yet
             self._still_polls += 1
         self._last_time = now
-        # a pause changes the status (`level_and_message`), so its begin and its end are published at once
+        # the status says whether simulated time is paused, so it is published when a pause begins or ends
         pauses_now = self._still_polls == STILL_POLLS
         resumes_now = was_paused and self._still_polls == 0
         is_due_at_once = self._new_subscribers.take() or has_changed or pauses_now or resumes_now
@@ -170,7 +178,7 @@ class Diagnostics:
 
 
 def _values(health: Health) -> List[KeyValue]:
-    """Figures of the status as names and texts with units."""
+    """Return the figures of the status as pairs of a name and a text with its unit."""
 
     def number(value: Optional[float], unit: str) -> str:
         return "none" if value is None else f"{value:.3f} {unit}"

@@ -30,7 +30,7 @@ class Disobedience:
     def __init__(self, robot: Robot, commands: rospy.Publisher) -> None:
         """Watch the emergency stop; `commands` is the controller's publisher of commands."""
         self._robot, self._commands = robot, commands
-        self._is_locked = False
+        self._is_locked = False  # true while the emergency stop of a simulated robot is on
         # the simulator always advertises this topic, so a connection shows that the robot is simulated
         self._lock_topic = rospy.Subscriber("husky_simulator/locked", Bool, self._on_locked, queue_size=1)
 
@@ -48,10 +48,10 @@ class Disobedience:
         return f"commanded {command} for {seconds:.0f} s, but the robot stands; {self._cause()}"
 
     def _cause(self) -> str:
-        """Return the first cause that applies, as the end of a sentence.
+        """Return why the robot does not move, as the end of a sentence.
 
-        The causes are: no subscriber, the emergency stop, a node on an input of higher priority. If none of
-        them applies, the text names what a person should check.
+        Possible causes are: no node reads the commands, the emergency stop is on, or another node sends
+        commands of higher priority. If none of these is true, the text says what a person should check.
         """
         topic = self._commands.resolved_name
         if not self._commands.get_num_connections():
@@ -60,23 +60,25 @@ class Disobedience:
             return "the emergency stop is on (e_stop)"
         graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
         publishers = graph.publishers if graph else {}
+        # topics of commands, highest priority first
         inputs = [rospy.resolve_name(name) for name in self._robot.topics.velocity]
-        # `inputs` are in the order of their priority, highest first; a remapped topic is not an input, so it
-        # has no priority
+        # a topic that was remapped is not among the inputs, so its priority is unknown
         higher_inputs = inputs[: inputs.index(topic)] if topic in inputs else []
+        # topics of higher priority that a node has advertised, and these nodes
         senders = {name: publishers[name] for name in higher_inputs if publishers.get(name)}
-        other = first_that_speaks(list(senders))
-        if other:
-            return f"{other} of {' and '.join(sorted(senders[other]))} has priority over {topic}"
+        busy_topic = first_that_speaks(list(senders))
+        if busy_topic:
+            return f"{busy_topic} of {' and '.join(sorted(senders[busy_topic]))} has priority over {topic}"
         return "check the emergency stop, the motors, and whether something blocks the robot"
 
 
 def first_that_speaks(topics: Sequence[str]) -> str:
-    """Return the first of the topics of commands on which a message comes within LISTENING_TIME, or "".
+    """Return the first of some topics of commands on which a message comes within LISTENING_TIME, or "".
 
-    A web page, a joystick and the guards always advertise their topics, but send only in use.
+    An advertised topic alone does not show that a node drives the robot. A web page, a joystick and the
+    guards always advertise their topics, but send commands only in use.
     """
-    heard: Set[str] = set()
+    heard: Set[str] = set()  # topics on which a message has come
     subscribers = [
         rospy.Subscriber(topic, Twist, partial(_hear, heard, topic), queue_size=1) for topic in topics
     ]
@@ -85,8 +87,12 @@ def first_that_speaks(topics: Sequence[str]) -> str:
         time.sleep(POLL_PERIOD)
     for subscriber in subscribers:
         subscriber.unregister()
-    return next((topic for topic in topics if topic in heard), "")
+    for topic in topics:
+        if topic in heard:
+            return topic
+    return ""
 
 
 def _hear(heard: Set[str], topic: str, _message: Twist) -> None:
+    """Note that a message has come on a topic; rospy calls this for each message."""
     heard.add(topic)

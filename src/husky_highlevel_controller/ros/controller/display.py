@@ -13,6 +13,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.controller.behaviour import ControlOutput, Observation, State
+from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.geometry import inverse, transform_point
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
@@ -53,7 +54,11 @@ MIN_SPREAD = 0.05
 
 
 class Display:
-    """Publishes markers, and the errors of distance and bearing, for each scan, if there is a subscriber."""
+    """Publishes markers for RViz, and numbers for rqt_plot, for each scan that the controller has answered.
+
+    The numbers are the pillar's position and the errors of distance and bearing. A topic without a subscriber
+    costs no time.
+    """
 
     def __init__(self, robot: Robot) -> None:
         """Advertise the topics.
@@ -107,7 +112,7 @@ class Display:
         return [link.endpoint_id for link in self._marker_publisher.impl.connections]
 
     def update(self) -> None:
-        """Show the last scan again to a new subscriber, because no new scan may come. Call it often."""
+        """Show the last scan again if a node has subscribed, because no new scan may come. Call it often."""
         if self._new_subscribers.take():
             with self._lock:
                 if self._last_shown is not None:
@@ -119,9 +124,8 @@ class Display:
     ) -> None:
         """Extend the path, and publish everything that has a subscriber.
 
-        The pillar's markers and the errors come with every scan. The array comes every ARRAY_PERIOD, and at
-        once if the state has changed. The path is cleared if the robot was put elsewhere or the simulator
-        started again.
+        The pillar's markers and the numbers are published for every scan. The array of markers is published
+        every ARRAY_PERIOD, and at once if the state has changed.
         """
         stamp = observation.scan.stamp
         if stamp < self._array_stamp:  # time went back, because the simulator was started again
@@ -129,13 +133,8 @@ class Display:
             self._array_stamp = -inf
         if output.moved:  # the robot was put elsewhere, or odom was reset
             self._path.clear()
-        place = observation.base_in_odom
-        if place is not None:
-            # an empty path has no last point; a point at infinity takes its place, so that the first point is
-            # always added
-            last = self._path[-1] if self._path else Point(inf, inf, 0.0)
-            if hypot(place.x - last.x, place.y - last.y) >= PATH_STEP:
-                self._path.append(Point(place.x, place.y, 0.0))
+        if observation.base_in_odom is not None:
+            self._extend_path(observation.base_in_odom)
         if self._marker_publisher.get_num_connections():
             pillars = _pillar_markers(observation, output, self._ground_height, pillar_height)
             for each in self._with_deletions(self._marker_publisher, pillars, stamp):
@@ -144,7 +143,7 @@ class Display:
         if is_due and self._array_publisher.get_num_connections():
             top = self._ground_height + pillar_height  # [m] height of the pillar's top in base_link
             markers = _state_markers(observation, output, stop_distance, top)
-            if len(self._path) > 1:
+            if len(self._path) > 1:  # a line needs two points
                 # [m] only x is the width of the line in RViz
                 points, width = list(self._path), (0.04, 0.0, 0.0)
                 markers.append(marker(Marker.LINE_STRIP, PATH, stamp, ODOM, width, points=points))
@@ -155,12 +154,26 @@ class Display:
             self._array_stamp, self._array_state = stamp, output.state
         self._publish_numbers(stamp, output)
 
+    def _extend_path(self, base_in_odom: Pose2D) -> None:
+        """Add the position of the robot to the driven path if it is PATH_STEP away from the last point."""
+        if self._path:
+            last = self._path[-1]
+            if hypot(base_in_odom.x - last.x, base_in_odom.y - last.y) < PATH_STEP:
+                return
+        self._path.append(Point(base_in_odom.x, base_in_odom.y, 0.0))
+
     def _with_deletions(
         self, publisher: rospy.Publisher, markers: List[Marker], stamp: float
     ) -> List[Marker]:
-        """The markers, and deletions of the markers that were shown before and are no longer there.
+        """Return the markers, and messages that delete the markers that RViz still shows but should not.
 
-        Each namespace has one marker, so the namespace is enough to delete a marker.
+        RViz shows a marker until a message deletes it. Each namespace has one marker, so the namespace is
+        enough to delete it.
+
+        Args:
+            publisher: publisher of the topic on which the markers are sent.
+            markers: markers that RViz should show now.
+            stamp: stamp of the scan [s].
         """
         namespaces = {each.ns for each in markers}
         ended = self._shown_namespaces[publisher] - namespaces
@@ -170,7 +183,10 @@ class Display:
         return markers + deletions
 
     def _publish_numbers(self, stamp: float, output: ControlOutput) -> None:
-        """Publish the target's centre in base_link, and the errors of distance [m] and bearing [rad]."""
+        """Publish the pillar's centre in base_link, and the errors of distance [m] and bearing [rad].
+
+        Nothing is published if the position of the pillar is unknown.
+        """
         if output.target_in_base is None:
             return
         if self._pillar_publisher.get_num_connections():
@@ -219,7 +235,8 @@ def _pillar_markers(
 ) -> List[Marker]:
     """Return the cylinders of this scan's pillar: in the frame of the lidar and, if TF has it, in odom.
 
-    The width of the cylinders is measured, but a planar scan does not show their height.
+    The diameter of the cylinders is measured. Their height is an argument, because a planar scan does not
+    show it.
 
     Args:
         observation: the scan, and the poses at its stamp.
@@ -244,16 +261,19 @@ def _pillar_markers(
 
 
 def _height_in_laser(observation: Observation, height: float) -> float:
-    """Convert a height above base_link to z in the frame of a level lidar, which may be upside-down [m]."""
+    """Convert a height above base_link [m] to the z coordinate in the frame of the lidar [m].
+
+    The lidar is level, but may be upside-down, so its z axis may point down.
+    """
     if observation.laser_in_base is None:
         return 0.0  # the cylinder is then drawn in the plane of the scan
-    # the lidar is level, so z is the same for all points of this height, and the point at the lidar will do
+    # for a level lidar, z does not depend on the place, so any point at this height will do
     x, y, _ = observation.laser_in_base.position
     return float(transform_point(inverse(observation.laser_in_base), (x, y, height))[2])
 
 
 def how_to_drive_again(viewers: Sequence[str], reset_service: str) -> str:
-    """Sentence on how to drive again. It names RViz and the web page only if they are viewers.
+    """Return a sentence for the log on how to drive again; it names RViz and the web page only if they run.
 
     Args:
         viewers: names of the nodes that show the markers.
@@ -284,10 +304,11 @@ def _state_markers(
     stamp = observation.scan.stamp
     markers = []
     if output.estimate is not None:
-        # a disc around the pillar, from the pillar to its rim two standard deviations of the pillar's
-        # position wide, but at least MIN_SPREAD
+        # a disc whose ring around the pillar shows the uncertainty of the pillar's position: the ring is two
+        # standard deviations wide, but at least MIN_SPREAD
         estimate = output.estimate
-        diameter = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
+        spread = max(2.0 * estimate.deviation, MIN_SPREAD)  # [m] width of the ring
+        diameter = 2.0 * (estimate.radius + spread)
         size, center = (diameter, diameter, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
         markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
         if output.target_in_base is not None and observation.laser_in_base is not None:
@@ -313,12 +334,13 @@ def _stop_point(observation: Observation, output: ControlOutput, from_center: fl
 
     `from_center` is the distance of this point from the pillar's centre [m].
     """
-    # the caller has made sure that both are known
+    # both are known, because the caller has tested it
     assert output.target_in_base is not None
     assert observation.laser_in_base is not None
     x, y = output.target_in_base
     laser_x, laser_y, _ = observation.laser_in_base.position
     distance = hypot(x - laser_x, y - laser_y)  # [m] pillar's centre to the lidar
-    # part of the way from the pillar's centre to the lidar; the limit avoids a division by 0
+    # distance of the stop point from the pillar's centre, as a fraction of the way from the centre to the
+    # lidar; the limit avoids a division by 0
     fraction = from_center / max(distance, 1e-6)
     return Point(x + fraction * (laser_x - x), y + fraction * (laser_y - y), 0.0)

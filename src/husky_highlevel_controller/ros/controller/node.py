@@ -167,7 +167,11 @@ class ControllerNode:
             )
 
     def run(self) -> None:
-        """Work until the node is shut down."""
+        """Do the work that no message triggers, every POLL_PERIOD, until the node is shut down.
+
+        Commands are sent in callbacks, when a scan or its transform comes. This loop notices what does not
+        come, such as scans, transforms or motion, and keeps the status and the markers up to date.
+        """
         self._registration.start()
         while not rospy.is_shutdown():
             with contained("placing a scan"):
@@ -185,10 +189,13 @@ class ControllerNode:
             self._diagnostics.wait(POLL_PERIOD)  # ends early if the status has changed
 
     def _notice_disobedience(self) -> None:
-        """Log once why the robot does not follow the commands, and keep it for the status."""
+        """Log, once each time it begins, why the robot does not move as commanded, and keep the reason.
+
+        The reason is a part of the status on /diagnostics.
+        """
         if self._obedience.obeys:
             self._disobedience_reason = ""
-        elif not self._disobedience_reason:
+        elif not self._disobedience_reason:  # a known reason has been logged already
             # [s] time for which the robot has not moved although it was commanded to move
             disobeyed_for = self._obedience.stamp - self._obedience.since
             self._disobedience_reason = self._disobedience.sentence(self._last_command, disobeyed_for)
@@ -205,20 +212,22 @@ class ControllerNode:
                 rospy.logwarn(absence)
 
     def _stop(self) -> None:
+        """Send one command of zero; the next scan may start the robot again."""
         self._command(STOP)
 
     def _end(self) -> None:
-        """Send zero as the last command, at the shutdown; rospy may deliver scans afterwards."""
+        """Stop the robot at the shutdown of the node; rospy may still deliver scans afterwards."""
         with self._decision_lock:
-            self._has_ended = True
+            self._has_ended = True  # makes `_command` send zero for any scan
             self._stop()
 
     def _stand_still(self) -> None:
+        """Send one command of zero, but not in the middle of a decision; `RegistrationWatch` calls this."""
         with self._decision_lock:
             self._stop()
 
     def _command(self, twist: Twist2D) -> None:
-        """Publish a velocity command; zero in place of one that is not finite."""
+        """Publish a velocity command; zero if the command is not finite, or if the node has ended."""
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
             rospy.logwarn_throttle(
                 REPORT_PERIOD, f"standing still: the command {twist} is not finite and was not sent"
@@ -265,9 +274,10 @@ class ControllerNode:
         self._placement.add(scan, msg.header.stamp)
 
     def _answer(self, observation: Observation) -> None:
-        """Answer one scan with a velocity command, then log and show the answer. One thread at a time.
+        """Answer one scan with a velocity command, then log and show the answer.
 
-        If the decision raises, the robot stops, and the error goes on to the caller.
+        `ScanPlacement` calls this in one thread at a time. If the decision raises an error, the robot stops,
+        and the caller gets the error.
 
         Args:
             observation: the scan, and the poses of lidar and robot at its stamp.
@@ -287,8 +297,8 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
-        # With stop_distance 0, the robot pushes the pillar, and may stand still although it is commanded to
-        # drive. This is not disobedience, so a command of zero is remembered.
+        # With stop_distance 0, the robot pushes the pillar. Then it may stand still although it is commanded
+        # to drive. This is not disobedience, so zero is remembered in place of the command.
         is_pushing = control.stop_distance == 0.0
         self._last_command = STOP if is_pushing else output.twist
         self._obedience = self._obedience.after(
@@ -306,11 +316,18 @@ class ControllerNode:
     def _log(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
     ) -> None:
-        """Log the scan at DEBUG level, and a change of the state at INFO, or at WARN if the robot must wait.
+        """Log the answer to a scan, and keep its reason and the state of the pillar for /diagnostics.
 
-        The smallest range is logged at INFO every RANGE_PERIOD. It is the first number of its line, because
-        the exercise sheet asks for it. The reason of the command, and whether the pillar is seen, are kept
-        for /diagnostics.
+        - Each scan is logged at DEBUG level.
+        - A change of the state is logged at INFO level, or at WARN level if the robot must wait.
+        - The smallest range is logged at INFO level every RANGE_PERIOD. It is the first number of its line,
+          because the exercise sheet asks for it.
+
+        Args:
+            observation: the scan, and the poses at its stamp.
+            before: state of the controller before the scan.
+            output: answer to the scan.
+            control: gains and limits of the answer.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
         if observation.ahead_of_odometry > 0.0:  # the clocks of lidar and odometry differ
@@ -343,8 +360,14 @@ class ControllerNode:
             )
 
     def _warn_of_blind_stop(self, stop_distance: float, range_min: float) -> None:
-        """Warn, once for each stop distance [m], if the lidar does not see the pillar from there."""
-        # with the stop distance 0, the robot touches the pillar, with or without a view of it
+        """Warn, once for each stop distance, if the lidar cannot measure so small a distance to the pillar.
+
+        Args:
+            stop_distance: distance from the lidar to the pillar's surface at the stop [m].
+            range_min: smallest range that the lidar measures [m].
+        """
+        # with stop_distance 0 there is no warning, because the robot drives on until it touches the pillar,
+        # also if it no longer sees the pillar
         if 0.0 < stop_distance < range_min and stop_distance != self._blind_stop_distance:
             rospy.logwarn(
                 f"stop_distance = {stop_distance:g} m, but the lidar measures no range below {range_min:g} m "
@@ -365,8 +388,8 @@ class ControllerNode:
             control: gains and limits of the answer.
         """
         scan, pillar, state = observation.scan, output.pillar, output.state
-        # the robot was at the pillar, was stopped, and was started again, so it has not driven
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
+            # the robot was stopped at the pillar and started again, so it has not driven
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
             # a controller that has arrived was started, so `started_at` is not None
@@ -386,27 +409,18 @@ class ControllerNode:
             rospy.logwarn(output.reason)
 
     def _state(self) -> State:
-        """State by the last scan, corrected if the start/stop service was called since this scan."""
-        state = self._controller_state.state
+        """Return the state at the last scan, corrected if the start/stop service was called since then."""
         if not self._enabled:
             return State.STOPPED
-        # STOPPED is out of date, because the robot was started after the last scan
-        return State.WAITING if state is State.STOPPED else state
+        if self._controller_state.state is State.STOPPED:
+            # the robot was started after the last scan, and waits for the next scan
+            return State.WAITING
+        return self._controller_state.state
 
     def _examine(self, paused: bool) -> Health:
         """Return the figures for /diagnostics; `paused` says whether simulated time stands still."""
         now, stamps = rospy.get_time(), list(self._scan_stamps)
-        # the latest transform shows how old odometry is, and whether new odometry still comes
-        latest = self._placement.lookup(ODOM, BASE)
-        tf_stamp = now  # gives the age 0 to a transform that is missing or fixed
-        if latest is None:
-            self._tf_time = None
-        elif latest.header.stamp.is_zero():  # a fixed transform always counts as new
-            self._tf_time = now
-        else:
-            tf_stamp = latest.header.stamp.to_sec()
-            if tf_stamp != self._tf_stamp:
-                self._tf_time, self._tf_stamp = now, tf_stamp
+        tf_age = self._look_at_odometry(now)
         # [s] time between the first and the last scan in `stamps`
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         state = self._state()
@@ -420,7 +434,7 @@ class ControllerNode:
             scan_frame=self._scan_frame,
             has_lidar_transform=self._placement.lookup(BASE, self._scan_frame) is not None,
             tf_silence=None if self._tf_time is None else now - self._tf_time,
-            tf_age=now - tf_stamp,
+            tf_age=tf_age,
             scans_ahead=self._placement.ahead_of_odometry,
             state=state,
             pillar=self._pillar_status,
@@ -430,18 +444,38 @@ class ControllerNode:
             scan_absence=self._absence_reason,
         )
 
+    def _look_at_odometry(self, now: float) -> float:
+        """Return the age [s] of the latest transform odom -> base_link; 0 if it is missing or fixed.
+
+        If this transform is not the one of the last call, odometry still comes, so `_tf_time` becomes the ROS
+        time `now` [s].
+        """
+        latest = self._placement.lookup(ODOM, BASE)
+        if latest is None:
+            self._tf_time = None
+            return 0.0
+        if latest.header.stamp.is_zero():  # a fixed transform is always up to date
+            self._tf_time = now
+            return 0.0
+        stamp = latest.header.stamp.to_sec()
+        if stamp != self._tf_stamp:
+            self._tf_time, self._tf_stamp = now, stamp
+        return now - stamp
+
 
 def _smallest_range(scan: Scan) -> str:
+    """Return the smallest valid range of a scan as text for the log."""
     valid = scan.ranges[scan.valid]  # ranges from range_min to range_max, without NaN and inf
     return f"smallest range {valid.min():.3f} m" if len(valid) else "no valid range"
 
 
 def _to_go(output: ControlOutput) -> str:
+    """Return the remaining way as text for the log; empty if the pillar's position is unknown."""
     return "" if isnan(output.distance_error) else f", {output.distance_error:.2f} m to go"
 
 
 def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
-    """Smallest range of a scan, the pillar if it was found, and the frame, as text for the log."""
+    """Return the smallest range of a scan, the pillar if it was found, and the frame, as text for the log."""
     summary = _smallest_range(scan)
     if pillar is not None:
         summary += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
@@ -449,8 +483,12 @@ def _scan_summary(scan: Scan, pillar: Optional[Pillar]) -> str:
 
 
 def _stage(controller_state: ControllerState) -> Tuple[State, bool]:
-    """State, and whether the search drives already, after its first turn; a change of either is logged."""
-    return controller_state.state, controller_state.search is not None and controller_state.search.leg > 0
+    """Return the state, and whether a search has begun to drive; a change of either is logged.
+
+    A search begins with a full turn on the spot. Then the robot drives along the straight legs of a spiral.
+    """
+    search_drives = controller_state.search is not None and controller_state.search.leg > 0
+    return controller_state.state, search_drives
 
 
 def main() -> None:

@@ -1,4 +1,7 @@
-"""Gains and limits that may change while the node runs: dynamic_reconfigure for frozen dataclasses."""
+"""Gains and limits that a user may change while the node runs, with dynamic_reconfigure.
+
+The node keeps them in frozen dataclasses (records), so a change replaces the records.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,9 @@ class ReconfigureServer:
     def __init__(self, kind: Any, *records: Any) -> None:
         """Serve the parameters of records; `kind` is the module that catkin makes from the .cfg."""
         self._records = records
-        self._serving = False  # true after the first call of `_apply`, which the next line causes
+        # The server calls `_apply` with the start values in its constructor. `_serving` is false then, so
+        # that the start values are not logged as changes.
+        self._serving = False
         self._server = _Server(kind, self._apply)
         self._serving = True
 
@@ -28,21 +33,21 @@ class ReconfigureServer:
     def _apply(self, config: Dict[str, Any], _level: int) -> Dict[str, Any]:
         """Put new values into the records, and return the whole configuration: all values by name.
 
-        dynamic_reconfigure calls it to answer a request of rqt_reconfigure. An error would make the request
-        fail, and would end the thread of rqt_reconfigure that sends requests. But no value causes an error,
-        because the node has checked the start values, and `_Server.update_configuration` has put all later
-        values into their limits.
+        dynamic_reconfigure calls this to answer a request of rqt_reconfigure. This method must not raise an
+        error, because an error would end the thread of rqt_reconfigure that sends requests. No value causes
+        an error, because the node has checked the start values, and `_Server.update_configuration` has put
+        all later values into their limits.
         """
         changed = []
         for record in self._records:
             # only the fields with metadata are parameters
             old = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}
-            # keep the type of the old value, because YAML may give 1 for 1.0
+            # a new value gets the type of the old value, because YAML may give 1 for 1.0; a value that the
+            # configuration does not have stays as it is
             new = {name: type(value)(config.get(name, value)) for name, value in old.items()}
             changed.append(replace(record, **new))
             config.update(new)
             for name in new:
-                # the first call comes from the constructor and takes the start values, so it logs no change
                 if self._serving and new[name] != old[name]:
                     rospy.loginfo(f"{name}: {old[name]} becomes {new[name]}")
         self._records = tuple(changed)
@@ -50,7 +55,10 @@ class ReconfigureServer:
 
 
 class _Server(Server):
-    """Warns of values out of range and ignores NaN; dynamic_reconfigure clamps silently and accepts NaN."""
+    """Server of dynamic_reconfigure that warns of values out of range, and ignores NaN.
+
+    The server of dynamic_reconfigure itself puts values into their limits without a warning, and accepts NaN.
+    """
 
     def update_configuration(self, changes: Dict[str, Any]) -> Dict[str, Any]:
         """Apply changed values by name, and return the whole configuration; dynamic_reconfigure calls this.

@@ -21,13 +21,16 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        # [s] the next question to the master comes PATIENCE after this ROS time, at which the absence of
-        # scans was noticed, or at which the last question was asked; None while scans come
+        # [s] ROS time at which the absence of scans was noticed, or at which the master was last asked; None
+        # while scans come. The next question to the master follows after PATIENCE.
         self._waiting_since: Optional[float] = None
-        self._sentence = ""
+        self._sentence = ""  # reason why no scans come; empty if they come, or if the reason is unknown
 
     def update(self, now: float, scan_time: Optional[float]) -> str:
         """Return why no scans come; empty if they come, or if a node publishes them.
+
+        The master is asked only when no scan has come for PATIENCE, and then again every PATIENCE, so this
+        may be called often.
 
         Args:
             now: ROS time [s]; 0 before the first message on /clock.
@@ -36,10 +39,10 @@ class ScanAbsence:
         scans_come = scan_time is not None and 0.0 <= now - scan_time < PATIENCE
         if scans_come:  # scans come, so an earlier reason is forgotten
             self._waiting_since, self._sentence = None, ""
-        # the time may go back, because the simulator may have been started again
+        # ROS time goes back if the simulator was started again; then the wait begins again
         elif self._waiting_since is None or now < self._waiting_since:
-            # the time without scans begins now, but not while the ROS time is still 0
-            self._waiting_since = now or None
+            # while ROS time is 0, the wait does not begin, because simulated time has not begun
+            self._waiting_since = now if now != 0.0 else None
         elif now - self._waiting_since >= PATIENCE:
             graph = read_graph(rosgraph.get_master_uri())  # None if the master does not answer
             self._waiting_since = now

@@ -1,8 +1,9 @@
-"""Pairs each scan with the pose of its own stamp from TF; no callback waits.
+"""Pairs each scan with the pose that the robot had at the stamp of the scan; no callback waits.
 
-A scan and its transform travel by separate topics and arrive in either order. The scan is kept pending, and
-whichever of the two arrives last completes the observation. If the transform does not come, the node's
-main loop ends the wait after some wall time. ROS time may stand still until the scan is answered.
+A scan and its transform come on separate topics, and in either order. So the scan is kept (it is pending)
+until both are there. Then it becomes an observation, in the callback of the message that came last. If the
+transform does not come, the node's main loop ends the wait. The longest wait is measured in wall time,
+because ROS time may stand still until the scan is answered.
 """
 
 from __future__ import annotations
@@ -44,12 +45,12 @@ class Listener(tf2_ros.TransformListener):
         super().__init__(buffer, tcp_nodelay=True)
 
     def callback(self, data: Any) -> None:
-        """Take moving transforms."""
+        """Take moving transforms, for which a scan may be waiting; tf2 calls this for a message on /tf."""
         super().callback(data)
         self._placement.update()
 
     def static_callback(self, data: Any) -> None:
-        """Take fixed transforms."""
+        """Take fixed transforms, such as the pose of the lidar; tf2 calls this for each on /tf_static."""
         super().static_callback(data)
         self._placement.forget_mount()
         self._placement.update()
@@ -62,9 +63,10 @@ class _PendingScan(NamedTuple):
 
 
 class ScanPlacement:
-    """Turns every scan into one observation, as soon as TF has the pose of its stamp.
+    """Makes an observation of each scan, as soon as TF has the pose of the robot at the stamp of the scan.
 
-    At most one scan is pending. Only the newest of the scans that arrive meanwhile is kept, as the next one.
+    At most one scan is pending. Of the scans that come during its wait, only the newest is kept, as the next
+    scan.
     """
 
     def __init__(
@@ -78,7 +80,8 @@ class ScanPlacement:
 
         Args:
             transforms: buffer of TF, which the node's `Listener` fills.
-            on_observation: called for one observation at a time, in the thread that completes it.
+            on_observation: is called with each observation, in the thread whose message completes it; never
+                in two threads at once.
             footprint: outline of the robot, which becomes a part of each observation.
             clock: returns the wall time [s].
         """
@@ -88,8 +91,9 @@ class ScanPlacement:
         self._pending_scan: Optional[_PendingScan] = None
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
-        # stamp of the newest transform when the last overdue scan gave up waiting; later scans do not wait
-        # until a newer transform comes. None if no scan was overdue
+        # Stamp of the newest transform of odometry when the last overdue scan gave up its wait; None if no
+        # scan was overdue. As long as this transform is the newest, odometry counts as stopped, and later
+        # scans do not wait.
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
@@ -98,7 +102,11 @@ class ScanPlacement:
         self._static_mount: Optional[Tuple[str, Pose]] = None
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
-        """Take a scan, and its stamp exact to the nanosecond; any thread may call this."""
+        """Take a new scan; any thread may call this.
+
+        `stamp` is the scan's stamp, exact to the nanosecond, because it is compared with the stamps of
+        transforms, and the number `scan.stamp` is rounded.
+        """
         with self._lock:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
             if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed
@@ -107,8 +115,9 @@ class ScanPlacement:
             # wall time, so the call also needs the wall time
             self._clock_offset.add(scan.stamp, self._clock())
             pending = self._pending_scan
-            # a smaller stamp means that the simulator was started again
-            if pending is None or stamp < pending.stamp:
+            # time goes back when the simulator is started again
+            has_time_gone_back = pending is not None and stamp < pending.stamp
+            if pending is None or has_time_gone_back:
                 self._pending_scan, self._next_scan = _PendingScan(scan, stamp, self._clock()), None
             elif stamp != pending.stamp:
                 # this scan is newer than the pending scan; a scan with an equal stamp is the pending scan
@@ -117,21 +126,25 @@ class ScanPlacement:
         self.update()
 
     def update(self) -> None:
-        """Hand on the pending scan if it can be placed or is overdue; any thread may call it."""
+        """Make an observation of the pending scan if its transform has come, or if it has waited too long.
+
+        Any thread may call this, after each message of TF and again and again.
+        """
         # the check needs no lock, because `add` calls `update` again after it has added a scan
         if self._pending_scan is None:
             return
         with self._lock:
+            # the loop runs a second time if another scan has come during the wait
             while self._pending_scan is not None:
                 observation = self._place(self._pending_scan)
-                if observation is None:
+                if observation is None:  # the scan must still wait
                     return
                 self._has_placed = True
                 self._pending_scan, self._next_scan = self._next_scan, None
                 self._on_observation(observation)
 
     def discard(self) -> None:
-        """Forget the pending scans, because a newer one is unusable."""
+        """Forget the scans that wait, because a newer scan is not valid and has stopped the robot."""
         with self._lock:
             self._pending_scan = self._next_scan = None
 
@@ -144,7 +157,7 @@ class ScanPlacement:
     ) -> Optional[TransformStamped]:
         """Return the transform of a child frame in its parent frame; None if TF does not have it.
 
-        It is the transform at a stamp, or the latest one if the stamp is None. The lookup never waits.
+        The transform is the one at a stamp, or the latest one if the stamp is None. The lookup never waits.
         """
         return lookup_transform(self._transforms, parent, child, stamp)
 
@@ -154,10 +167,10 @@ class ScanPlacement:
         return max(self._clock_offset.seconds, 0.0)
 
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
-        """Return the observation of a scan, or None while its transform may still come.
+        """Return the observation of a scan, or None if the scan must still wait for a transform.
 
-        The first scan also waits for the lidar's pose and for odometry. In the observation of an overdue
-        scan, an unknown pose is None.
+        The first scan waits for the lidar's pose, too. In the observation of a scan that has waited for too
+        long (an overdue scan), each pose that TF does not have is None.
         """
         frame = pending.scan.frame
         timeout = TRANSFORM_TIMEOUT if self._has_placed else START_TIMEOUT
@@ -177,19 +190,24 @@ class ScanPlacement:
         )
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Return whether to wait for a better transform of base_link in odom, and the best one so far.
+        """Return whether the scan must wait for odometry, and the best transform of base_link in odom so far.
 
-        The best transform is the one at the stamp. If it will not come, the latest transform is used. This
-        has three causes: TF has passed the stamp, odometry has stopped, or the scans' clock is ahead of
-        odometry's clock. The transform is None if TF has none, or if the latest one is older than MAX_AGE. A
-        transform with stamp 0 is fixed, so it never gets old.
+        The best transform is the one at the stamp of the scan. If it will not come, the latest transform is
+        used. It will not come in three cases:
+
+        - The latest transform is already newer than the scan, and TF has none at the stamp.
+        - Odometry has stopped, because a scan has waited for a newer transform in vain.
+        - The scans' clock is ahead of odometry's clock, so the stamp is always too new.
+
+        The transform is None if TF has none, or if the latest one is older than the scan by MAX_AGE, because
+        the robot would drive blindly. A transform with stamp 0 is fixed, so it never gets old.
 
         Args:
             stamp: stamp of the scan.
             overdue: whether the scan has waited for too long.
         """
-        # the latest transform is looked up first, because it mostly has the scan's stamp, and a lookup of a
-        # missing stamp takes longer
+        # the latest transform is looked up first, because it often has the scan's stamp; a lookup of a stamp
+        # that TF does not have takes longer
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
             return False, latest
@@ -202,30 +220,22 @@ class ScanPlacement:
                 return False, exact
         if has_passed:  # TF has moved on, so the transform at the stamp no longer comes
             return False, latest
-        # TF has not reached the stamp yet. A wait is in vain if odometry has stopped, or if the scans' clock
-        # is ahead of odometry's clock
-        has_stopped, ahead = self._has_odometry_stopped(newest_stamp, overdue), self.ahead_of_odometry
-        must_wait = not has_stopped and not ahead
-        # the last pose of odometry that has stopped is not used after MAX_AGE, because the robot would drive
-        # blindly; a fixed transform, with stamp 0, does not age
+        # the scan is newer than the latest transform, so the transform at its stamp may still come
+        if overdue:
+            self._stamp_when_overdue = newest_stamp
+        has_odometry_stopped = newest_stamp == self._stamp_when_overdue
+        ahead = self.ahead_of_odometry  # [s]
+        must_wait = not has_odometry_stopped and ahead == 0.0
         age = (stamp - newest_stamp).to_sec() - ahead  # [s] age of the pose by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
         return must_wait, None if is_old else latest
 
-    def _has_odometry_stopped(self, newest_stamp: rospy.Time, overdue: bool) -> bool:
-        """Return whether a scan, this one or an earlier one, has waited in vain for a newer transform.
-
-        Args:
-            newest_stamp: stamp of the newest transform of odometry.
-            overdue: whether this scan has waited for too long.
-        """
-        if overdue:
-            self._stamp_when_overdue = newest_stamp
-        return newest_stamp == self._stamp_when_overdue
-
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        """Pose of the lidar, None if unknown; warn if it was unknown for many scans in a row."""
-        # read only once, because a message on /tf_static sets it to None in another thread (`forget_mount`)
+        """Return the pose of the lidar; None if TF does not have it, with a warning after many such scans.
+
+        A fixed pose is kept until the next message on /tf_static, because a lookup in TF takes time.
+        """
+        # `_static_mount` is read only once, because another thread may set it to None (`forget_mount`)
         mount = self._static_mount
         if mount is not None:
             static_frame, static_pose = mount
