@@ -15,7 +15,7 @@ from collections import abc
 from dataclasses import MISSING, Field, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import lru_cache
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence, Set, Type, TypeVar
 
@@ -38,7 +38,7 @@ def setting(help_text: str, default: Any = MISSING, **limits: Any) -> Any:
 
 
 def number(low: float, high: float, help_text: str, default: Any = MISSING) -> Any:
-    """`setting` of a number within limits."""
+    """Field of a record for a number from `low` to `high`, that a user may set; otherwise like `setting`."""
     return setting(help_text, default, min=low, max=high)
 
 
@@ -55,14 +55,15 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
     Raises:
         ConfigError: a parameter is missing, unknown to all records, of the wrong type or out of range.
     """
-    names: Set[str] = set()
+    known_names: Set[str] = set()
     results = []
     for record in records:
-        names |= {item.name for item in fields(record) if item.metadata}
+        known_names |= {item.name for item in fields(record) if item.metadata}
         results.append(_record(record, values, source, from_parameters=True))
-    unknown = sorted(set(values) - names)
+    unknown = sorted(set(values) - known_names)
     if unknown:
-        raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(names))}")
+        there_are = ", ".join(sorted(known_names))
+        raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {there_are}")
     return results
 
 
@@ -84,7 +85,7 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
     for path, value in values.items():
         name, _, path_inside = path.partition("/")
         values_by_field.setdefault(name, {})[path_inside] = value
-    hints, changed = _hints(typing.cast(Any, type(record))), {}
+    hints, changed = _hints(typing.cast(Any, type(record))), {}  # `hints` has the type of each field
     for item in fields(record):  # type: ignore[arg-type]
         full_name, new_values = source + item.name, values_by_field.get(item.name, {})
         if "" in new_values:
@@ -138,31 +139,39 @@ def to_plain(value: Any) -> Any:
 
 
 def to_json(record: Any, **more: Any) -> str:
-    """A record as text that `load` reads; NaN and infinity become null; `more` is for other programs."""
+    """Return a record as the text of a JSON file, which `load` reads.
+
+    `more` has further keys and values, for other programs that read the file. NaN and infinity become null.
+    """
     text = json.dumps({**to_plain(record), **more})
-    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=2) + "\n"
+    # Python writes NaN, Infinity and -Infinity, which are not allowed in JSON. They are the only words for
+    # which `loads` calls `parse_constant`.
+    without_nan = json.loads(text, parse_constant=lambda _: None)
+    return json.dumps(without_nan, indent=2) + "\n"
 
 
 def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
-    """A record of a class from its JSON file, whose `ignored` keys are for other programs.
+    """Return a record from its JSON file; the keys `ignored` are not read, because other programs need them.
 
     Raises:
-        ConfigError: the file cannot be read, or holds another kind of record.
+        ConfigError: the file cannot be read, or has another kind of record.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    except OSError as error:  # `strerror` is the reason without the path, which the text has already
+        raise ConfigError(f"{path}: {error.strerror or error}") from None
+    except (ValueError, RecursionError) as error:  # the text is not JSON, or is nested too deeply
+        raise ConfigError(f"{path}: {error}") from None
     if isinstance(content, dict):
         content = {key: value for key, value in content.items() if key not in ignored}
     return from_plain(kind, content, f"{path}: ")
 
 
 def _record(kind: Any, values: Mapping[str, Any], source: str, from_parameters: bool) -> Any:
-    """Make an instance of a record class; the caller checks for unknown keys.
+    """Make an instance of a record class from the values of its fields by name.
 
     With `from_parameters`, every field with metadata must be given. Fields without metadata are not
-    parameters, so they keep their defaults.
+    parameters, so they keep their defaults. Keys that are not fields are ignored, so the caller checks them.
     """
     hints, values_by_field = _hints(kind), {}
     for item in fields(kind):
@@ -183,10 +192,12 @@ def _record(kind: Any, values: Mapping[str, Any], source: str, from_parameters: 
 
 @lru_cache(maxsize=None)
 def _hints(kind: Any) -> Dict[str, Any]:
+    """Return the type of each field of a record; kept, because it takes long and a file has many records."""
     return typing.get_type_hints(kind)
 
 
 def _is_required(item: Field) -> bool:
+    """Return whether a field has no default, so that a file must give it."""
     return item.default is MISSING and item.default_factory is MISSING
 
 
@@ -259,17 +270,25 @@ def _nested_record(kind: Type[Record], value: Any, name: str, from_parameters: b
 
 
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:
-    """Return the entries of a list as a tuple, each as its type of `kinds`; ConfigError if one is wrong."""
+    """Return the entries of a list as a tuple; ConfigError if one is wrong, or their number is wrong.
+
+    Args:
+        kinds: type of each entry.
+        value: the list.
+        name: path of the list, for messages.
+        metadata: limits of the field, which count for each entry.
+        from_parameters: as for `_value`.
+    """
     entries = _checked_list(value, name, metadata)
     # for Tuple[X, ...] and Sequence[X], the caller gives as many `kinds` as there are entries; then only the
     # "length" of the field limits the number of entries
     length = metadata.get("length", len(kinds))
     if len(entries) != length or len(entries) != len(kinds):
         raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")
-    return tuple(
-        _value(kind, each, f"{name}/{number}", metadata, from_parameters)
-        for number, (kind, each) in enumerate(zip(kinds, entries))
-    )
+    values = []
+    for index, (kind, entry) in enumerate(zip(kinds, entries)):
+        values.append(_value(kind, entry, f"{name}/{index}", metadata, from_parameters))
+    return tuple(values)
 
 
 def _checked_list(value: Any, name: str, metadata: Mapping[str, Any]) -> Any:
@@ -280,7 +299,7 @@ def _checked_list(value: Any, name: str, metadata: Mapping[str, Any]) -> Any:
 
 
 def _array(value: Any, name: str, shape: Any) -> np.ndarray:
-    """A read-only array of numbers."""
+    """Return a list of numbers, which may be nested, as a read-only array; ConfigError if they do not fit."""
     try:
         array = np.array(value, dtype=float).reshape(shape)
     except (ValueError, TypeError) as error:
@@ -290,7 +309,10 @@ def _array(value: Any, name: str, shape: Any) -> np.ndarray:
 
 
 def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], from_parameters: bool) -> Any:
-    """Return a number, text or truth value as its type; ConfigError if it does not fit, as for `_value`."""
+    """Return a number, text or truth value as its type; ConfigError if it does not fit.
+
+    The arguments are those of `_value`.
+    """
     help_text = _help_text(metadata)
     if kind is Any:
         return value
@@ -313,18 +335,25 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
 
 
 def _exponent_hint(value: Any) -> str:
-    """Hint on a number such as 1e-1, which YAML 1.1 reads as text."""
+    """Return the end of an error about a text such as 1e-1; empty if the text is not such a number.
+
+    The user means a number, but YAML 1.1 reads it as text, because it has no decimal point.
+    """
+    if not (isinstance(value, str) and "e" in value.lower()):
+        return ""
     try:
-        number_meant = float(value) if isinstance(value, str) and "e" in value.lower() else nan
+        number_meant = float(value)
     except ValueError:
-        number_meant = nan
+        return ""
     return f"; YAML reads it as text, write {number_meant!r}" if isfinite(number_meant) else ""
 
 
 def _help_text(metadata: Mapping[str, Any]) -> str:
+    """Return the help of a field in brackets, for the end of an error; empty if it has none."""
     return f" ({metadata['help']})" if "help" in metadata else ""
 
 
 def _short(value: Any) -> str:
+    """Return a value as text for an error, without the end of a long one."""
     text = repr(value)
     return text if len(text) <= 100 else text[:100] + "..."

@@ -99,7 +99,7 @@ class TriangleMesh:
 
     @cached_property
     def _digest(self) -> bytes:
-        """Hash of the triangles; meshes may have a million triangles, so their hashes are compared."""
+        """Hash of the triangles, which is compared instead of them, because a mesh may have a million."""
         return hashlib.sha256(self.vertices.tobytes() + self.faces.tobytes()).digest()
 
     def __eq__(self, other: object) -> bool:
@@ -170,7 +170,7 @@ class Beams(NamedTuple):
 
 
 def beams_at(bearings: np.ndarray) -> Beams:
-    """Beams at these angles, (N,) [rad], ascending."""
+    """Return the beams of a lidar at these angles, (N,) [rad], ascending."""
     angles = np.array(bearings, dtype=float)
     directions = np.array((np.cos(angles), np.sin(angles)))
     for array in (angles, directions):
@@ -180,7 +180,10 @@ def beams_at(bearings: np.ndarray) -> Beams:
 
 @lru_cache(maxsize=16)
 def even_beams(angle_min: float, angle_max: float, count: int) -> Beams:
-    """`count` beams at equal steps from `angle_min` to `angle_max` [rad]; computed once per lidar."""
+    """Return `count` beams at equal steps from `angle_min` to `angle_max` [rad].
+
+    The result is kept, because every scan of a lidar has the same beams.
+    """
     return beams_at(np.linspace(angle_min, angle_max, count))
 
 
@@ -201,7 +204,7 @@ class Scan:
 
     @property
     def angle_increment(self) -> float:
-        """Step between beams in rad; (max - min) / (N - 1), or 0 for fewer than two beams."""
+        """Angle between neighbouring beams [rad]; 0 if the scan has fewer than two beams."""
         steps = len(self.ranges) - 1
         return (self.angle_max - self.angle_min) / steps if steps > 0 else 0.0
 
@@ -352,7 +355,7 @@ class TrueState(NamedTuple):
     yaw_rate: float  # [rad/s]
 
     def to_numbers(self) -> Tuple[float, ...]:
-        """Stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
+        """Return the state as ten numbers for a file: stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
         position, quat = self.pose_in_world
         return (self.stamp, *position, *quat, self.speed, self.yaw_rate)
 

@@ -32,9 +32,13 @@ class Footprint:
         return max(self.hull[1], self.wheels[2])
 
     def clearance(self, points_in_base: np.ndarray) -> np.ndarray:
-        """Distance from the outline to each point (N, 2) or (2,) in base_link, (N,) or () [m]; 0 inside."""
+        """Return the distance from the outline to each point in base_link [m]; 0 for a point inside.
+
+        The points have the shape (N, 2) or (2,), and the distances have the shape (N,) or ().
+        """
         x, y = np.abs(points_in_base).T
-        # the outline is symmetric, so one quarter of it is enough for |x| and |y|
+        # the outline is symmetric, so one quarter of it is enough for |x| and |y|; the nearer of the hull and
+        # the strip of wheels counts
         (half_length, half_width), (half_strip, inner, outer) = self.hull, self.wheels
         nearest: np.ndarray = np.minimum(
             np.hypot(np.maximum(x - half_length, 0.0), np.maximum(y - half_width, 0.0)),
@@ -43,7 +47,7 @@ class Footprint:
         return nearest
 
     def clearance_at(self, x: float, y: float) -> float:
-        """`clearance` of the one point (x, y) [m]; without arrays it takes a tenth of the time."""
+        """Return the `clearance` of the one point (x, y) [m], in a tenth of the time that arrays take."""
         x, y = abs(x), abs(y)
         (half_length, half_width), (half_strip, inner, outer) = self.hull, self.wheels
         return min(
@@ -52,10 +56,16 @@ class Footprint:
         )
 
     def gaps(self, poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
-        """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative if it is inside.
+        """Return the gap between the outline and a pillar's surface at each pose of the robot, (N,) [m].
 
-        Poses of base_link, (N, 3) [m, m, rad], and the pillar's centre, (N, 2) or (2,) [m], are in the world.
+        A gap is negative if a part of the pillar is inside the outline.
+
+        Args:
+            poses: poses of base_link in the world, (N, 3) [m, m, rad].
+            centers: pillar's centre in the world, at each pose (N, 2) or for all poses (2,) [m].
+            radius: radius of the pillar [m].
         """
+        # the pillar's centre in base_link: the way from the robot to the centre, turned back by the yaw
         dx, dy = (np.asarray(centers) - poses[:, :2]).T
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         return self.clearance(np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)) - radius

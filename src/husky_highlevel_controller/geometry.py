@@ -27,18 +27,18 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 
 def minus(a: Vector3, b: Vector3, factor: float = 1.0) -> Vector3:
-    """A - factor * b."""
+    """Return the vector a - factor * b."""
     return a[0] - factor * b[0], a[1] - factor * b[1], a[2] - factor * b[2]
 
 
 def unit(vector: Vector3) -> Optional[Vector3]:
-    """Return the vector at length 1, or None if it is shorter than 1e-6."""
+    """Return the vector of the same direction with length 1; None if the vector is shorter than 1e-6."""
     length = sqrt(dot(vector, vector))
     return (vector[0] / length, vector[1] / length, vector[2] / length) if length > 1e-6 else None
 
 
 def along_axes(axes: Sequence[Vector3], vector: Vector3) -> Vector3:
-    """Components of a vector along three unit vectors: the vector in their frame."""
+    """Return the components of a vector along three axes, which is the vector in the frame of the axes."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
     x, y, z = vector
     return (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z)
@@ -82,13 +82,15 @@ def quat_inverse(quat: Quaternion) -> Quaternion:
 
 
 def quat_between(start: Vector3, end: Vector3) -> Quaternion:
-    """The shortest rotation from one unit vector to another."""
-    along = dot(start, end)
+    """Return the shortest rotation that turns one unit vector into another."""
+    along = dot(start, end)  # cosine of the angle between them
     # the vectors point in opposite directions, so the rotation is half a turn about any axis perpendicular to
     # them
     if along < -1.0 + 1e-9:
         axis = unit(cross(start, (1.0, 0.0, 0.0))) or (0.0, 0.0, 1.0)
         return (*axis, 0.0)
+    # with the angle a, the vector product has the length sin(a), and `length` is 2 cos(a/2); so x, y and z
+    # are divided to the length sin(a/2), and w is cos(a/2)
     (x, y, z), length = cross(start, end), sqrt(2.0 + 2.0 * along)
     return (x / length, y / length, z / length, length / 2.0)
 
@@ -109,7 +111,7 @@ def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:
 
 
 def axes_from_quat(quat: Quaternion) -> Axes:
-    """The turned x, y and z axes of a unit quaternion."""
+    """Return the x, y and z axes after they were turned by a unit quaternion."""
     x, y, z, w = quat
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
@@ -120,7 +122,7 @@ def axes_from_quat(quat: Quaternion) -> Axes:
 
 def matrix_from_quat(quat: Quaternion) -> np.ndarray:
     """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
-    return np.array(tuple(zip(*axes_from_quat(quat))))
+    return np.array(tuple(zip(*axes_from_quat(quat))))  # `zip` makes rows of the three axes into columns
 
 
 def yaw_from_quat(quat: Quaternion) -> float:
@@ -134,14 +136,17 @@ def rpy_from_quat(quat: Quaternion) -> Vector3:
 
     If x points straight up or down, roll and yaw turn about the same axis, so the yaw is 0.
     """
+    # `xz` is the z of the turned x axis, and so on
     (xx, xy, xz), (_, yy, yz), (_, zy, zz) = axes_from_quat(quat)
-    level = hypot(xx, xy)
-    roll, yaw = (atan2(yz, zz), atan2(xy, xx)) if level > 1e-9 else (atan2(-zy, yy), 0.0)
-    return roll, atan2(-xz, level), yaw
+    level = hypot(xx, xy)  # length of the turned x axis on the ground plane
+    pitch = atan2(-xz, level)
+    if level > 1e-9:
+        return atan2(yz, zz), pitch, atan2(xy, xx)
+    return atan2(-zy, yy), pitch, 0.0
 
 
 def compose(pose_b_in_a: Pose, pose_c_in_b: Pose) -> Pose:
-    """pose_c_in_a."""
+    """Return pose_c_in_a: the pose of c in b, seen from a."""
     moved = rotate(pose_b_in_a.quat_xyzw, pose_c_in_b.position)
     x, y, z = pose_b_in_a.position
     return Pose(
@@ -151,51 +156,52 @@ def compose(pose_b_in_a: Pose, pose_c_in_b: Pose) -> Pose:
 
 
 def inverse(pose_b_in_a: Pose) -> Pose:
-    """pose_a_in_b."""
+    """Return pose_a_in_b, the inverse of pose_b_in_a."""
     back = quat_inverse(pose_b_in_a.quat_xyzw)
     x, y, z = rotate(back, pose_b_in_a.position)
     return Pose((-x, -y, -z), back)
 
 
 def transform_point(pose_b_in_a: Pose, point_in_b: Sequence[float]) -> Vector3:
-    """point_in_a."""
+    """Return point_in_a: the same point, in the frame a."""
     dx, dy, dz = rotate(pose_b_in_a.quat_xyzw, point_in_b)
     x, y, z = pose_b_in_a.position
     return (x + dx, y + dy, z + dz)
 
 
 def transform_points(pose_b_in_a: Pose, points_in_b: np.ndarray) -> np.ndarray:
-    """points_in_a, (N, 3)."""
+    """Return points_in_a, (N, 3): the same points, in the frame a."""
     points: np.ndarray = points_in_b @ matrix_from_quat(pose_b_in_a.quat_xyzw).T + pose_b_in_a.position
     return points
 
 
 def pose_from_2d(pose: Pose2D, z: float = 0.0) -> Pose:
-    """The pose in space of a pose on the ground, `z` m above it."""
+    """Return the pose in space of a pose on the ground plane, at the height `z` [m] and level."""
     half = pose.yaw / 2.0
     return Pose((pose.x, pose.y, z), (0.0, 0.0, sin(half), cos(half)))
 
 
 def pose_to_2d(pose: Pose) -> Pose2D:
-    """A pose in space seen from above."""
+    """Return the pose on the ground plane of a pose in space, without its height, roll and pitch."""
     return Pose2D(pose.position[0], pose.position[1], yaw_from_quat(pose.quat_xyzw))
 
 
 def world_in_odom(base_in_world: Pose, base_in_odom: Pose2D) -> Pose:
     """Return the pose of the world in odom, from base_link's true pose and its pose by odometry.
 
-    Odometry is planar, so base_link stays at z = 0 in odom, also on a ramp or a deck. So odom is level, and
-    always as high in the world as base_link. Only then are an object and the lidar's echoes from it drawn at
-    one height.
+    It is needed to draw the objects of the world in odom. Odometry is planar, so base_link stays
+    at z = 0 in odom, also on a ramp. So odom counts as level and as high in the world as base_link. Then an
+    object and the lidar's echoes from it are drawn at one height.
     """
     level_base_in_world = pose_from_2d(pose_to_2d(base_in_world), base_in_world.position[2])
     return compose(pose_from_2d(base_in_odom), inverse(level_base_in_world))
 
 
 def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
-    """Pose after a constant twist for `duration` s: exactly along the arc."""
+    """Return the pose after a constant twist for `duration` [s], exactly on the arc that the robot drives."""
     turn = twist_in_base.angular * duration
-    # sin(a)/a and (1-cos(a))/a of the angle a; for small angles, their series have smaller rounding errors
+    # The robot moves ahead by sin(a)/a and to the left by (1-cos(a))/a of the length of its way, where a is
+    # the angle of its turn. For small angles, the series of these terms have smaller rounding errors.
     if abs(turn) < 1e-4:
         along, across = 1.0 - turn * turn / 6.0, turn / 2.0
     else:

@@ -19,7 +19,7 @@ _SOLID = 0.01  # a mesh counts as closed only if its volume is more than this fr
 
 
 def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> TriangleMesh:
-    """Mesh whose faces share their corners; faces without an area are omitted.
+    """Return a mesh in which equal corners are one corner; faces without an area are omitted.
 
     Args:
         vertices: (V, 3) [m], which may repeat.
@@ -32,10 +32,15 @@ def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> Tria
 
 
 def simplified(mesh: TriangleMesh, most: int) -> TriangleMesh:
-    """Return the mesh, or a coarser one of at most `most` faces, by merging the corners in each cell."""
-    cell = max(mesh.size) / _CELLS
+    """Return the mesh if it has at most `most` faces, or otherwise a coarser mesh that has at most so many.
+
+    Space is divided into cubic cells, and all corners in one cell become one corner.
+    """
+    cell = max(mesh.size) / _CELLS  # [m] edge of a cell
     coarse = mesh
     while len(coarse.faces) > most:
+        # `cells` has the cells that contain a corner, as multiples of the edge; `rows` has the row in `cells`
+        # of each corner
         cells, rows = np.unique(np.round(mesh.vertices / cell), axis=0, return_inverse=True)
         coarse = _without_flat(cells * cell, rows.reshape(-1)[mesh.faces], mesh.source)
         cell *= _COARSER
@@ -43,15 +48,21 @@ def simplified(mesh: TriangleMesh, most: int) -> TriangleMesh:
 
 
 def scaled_mesh(mesh: TriangleMesh, scale: Vector3) -> TriangleMesh:
-    """The mesh, larger by a factor along each of its axes."""
-    return mesh if scale == (1.0, 1.0, 1.0) else _frozen(mesh.vertices * scale, mesh.faces, mesh.source)
+    """Return the mesh, larger by a factor along each of its axes."""
+    if scale == (1.0, 1.0, 1.0):
+        return mesh
+    return _frozen(mesh.vertices * scale, mesh.faces, mesh.source)
 
 
 def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
-    """Volume [m^3] and centroid of a mesh in its frame; of its box if the mesh is not closed."""
+    """Return volume [m^3] and centroid [m] of a mesh in its frame.
+
+    A mesh that is not closed has no volume, so the box around it counts.
+    """
     low, high = mesh.bounds
+    # first, second and third corner of each face, (F, 3) [m], measured from the lowest corner of the box
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2) - low
-    # signed volumes of the tetrahedra from each face to the lowest corner of the box
+    # signed volumes of the tetrahedra from each face to the lowest corner of the box, (F,)
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     volume, box_volume = float(parts.sum()), float(np.prod(high - low))
     # the signed volumes of an open mesh may add up to any number; only a plausible volume is believed
@@ -65,9 +76,11 @@ def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
 
 
 def _without_flat(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
-    """Mesh without duplicate faces and without faces that have two equal corners."""
+    """Return a mesh without duplicate faces and without faces that have two equal corners."""
+    # each corner of a face is compared with the next corner of the same face
     has_equal_corners = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     faces = faces[~has_equal_corners]
+    # the first of equal faces is kept; faces are equal if they have the same corners in any order
     _, first_of_each = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     faces = faces[np.sort(first_of_each)]
     # keep only the corners that a face uses
@@ -76,7 +89,7 @@ def _without_flat(vertices: np.ndarray, faces: np.ndarray, source: str) -> Trian
 
 
 def _frozen(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
-    """Mesh whose arrays are read-only."""
+    """Return a mesh of these arrays, which become read-only."""
     vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces)
     for array in (vertices, faces):
         array.setflags(write=False)

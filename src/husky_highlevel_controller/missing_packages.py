@@ -86,7 +86,8 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
         requirements.append(requirement)
     if not lacking:
         return None
-    names = " and ".join(filter(None, (", ".join(lacking[:-1]), lacking[-1])))
+    *others, last = lacking
+    names = f"{', '.join(others)} and {last}" if others else last
     return (
         f"husky_highlevel_controller needs {names}, which {sys.executable} does not have. "
         f"Install with: {_pip(requirements)}"
@@ -103,8 +104,12 @@ def end_if_missing(group: str = "launch") -> None:
 
 def main() -> None:
     """Exit with 1 and a sentence if the group in the first argument lacks something, or print 'none'."""
-    named = [word for word in sys.argv[1:] if word in GROUPS]
-    end_if_missing(*named[:1])
+    group = "launch"
+    for word in sys.argv[1:]:
+        if word in GROUPS:
+            group = word
+            break
+    end_if_missing(group)
     print("none")
 
 
@@ -126,24 +131,33 @@ def _version(module: str) -> str:
     if spec is None or spec.origin is None:
         return ""
     folders = sorted(Path(spec.origin).parent.parent.glob(f"{module}-*-info"))
-    # the second part of the name, without egg or dist behind the last dot, is the version
-    return folders[-1].name.split("-")[1].rpartition(".")[0] if folders else ""
+    if not folders:
+        return ""
+    # the name is split at its hyphens, for example into numpy, 1.24.2.egg and info
+    version_and_kind = folders[-1].name.split("-")[1]
+    return version_and_kind.rpartition(".")[0]
 
 
 def _numbers(version: str) -> List[int]:
-    """First two numbers of a version, to compare it with another one."""
+    """Return the first two numbers of a version, by which two versions are compared."""
     return [int(number) for number in re.findall(r"\d+", version)[:2]]
 
 
 def _pip(requirements: List[str]) -> str:
-    """Command line of pip, into the virtual environment or otherwise into the home folder."""
+    """Return the command line that installs packages with pip on this machine.
+
+    It installs into the virtual environment, or otherwise into the home folder. If pip or a compiler is
+    missing, the command line first installs it with apt.
+    """
     words = [sys.executable, "-m", "pip", "install"]
     if sys.prefix == sys.base_prefix:  # this Python is not in a virtual environment
         words.append("--user")
         if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
             # this option is safe here, because with --user pip installs only in the home folder
             words.append("--break-system-packages")
-    debian = [] if importlib.util.find_spec("pip") else ["python3-pip"]
+    debian = []  # packages of Debian or Ubuntu that pip needs
+    if importlib.util.find_spec("pip") is None:
+        debian.append("python3-pip")
     if BULLET in requirements and (platform.machine() != "x86_64" or sys.version_info >= (3, 14)):
         debian += ["g++", "python3-dev"]  # no compiled package (wheel) fits, so pip must compile PyBullet
     first = shlex.join(["sudo", "apt", "install", *debian]) + " && " if debian else ""

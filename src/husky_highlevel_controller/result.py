@@ -44,23 +44,32 @@ class Table:
     number_format: str = ".3f"
 
     def __post_init__(self) -> None:
-        """Turn the lists of a JSON file into rows."""
-        rows = [tuple(Cell(*x) if isinstance(x, list) else x for x in row) for row in self.rows]
+        """Turn lists into tuples, so that a table from a JSON file equals the table that was written.
+
+        A list inside a row was a `Cell`.
+        """
+        rows = []
+        for row in self.rows:
+            rows.append(tuple(Cell(*entry) if isinstance(entry, list) else entry for entry in row))
+        # the record is frozen, so its fields are set in this way
         object.__setattr__(self, "rows", tuple(rows))
         object.__setattr__(self, "header", tuple(self.header))
 
     @property
     def cells(self) -> List[List[Cell]]:
-        """The rows, each of `Cell`s."""
-        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+        """Return the rows, in which each plain value has become a `Cell`."""
+        return [[entry if isinstance(entry, Cell) else Cell(entry) for entry in row] for row in self.rows]
 
     @property
     def values(self) -> List[List[Any]]:
-        """The rows without style and links."""
+        """Return the rows with the plain values of their cells, without styles and links."""
         return [[cell.value for cell in row] for row in self.cells]
 
     def __str__(self) -> str:
-        """Title and aligned columns, numbers to the right; the last column is wrapped."""
+        """Return the title and aligned columns as text, with numbers to the right.
+
+        The texts of the last column are wrapped, so that a line has at most WIDTH characters.
+        """
         columns = list(zip(self.header, *self.values))
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
         widths = [max(len(self._text(value)) for value in column) for column in columns]
@@ -71,22 +80,27 @@ class Table:
         rows = [self.header, *self.values] if any(self.header) else self.values
         for row in rows:
             *texts, last = map(self._text, row)
-            last_lines = [
-                part for line in last.split("\n") for part in textwrap.wrap(line, last_width) or [""]
-            ]
-            cells = zip([*texts, last_lines[0]], widths, are_numbers)
-            aligned = [text.rjust(width) if right else text.ljust(width) for text, width, right in cells]
+            last_lines: List[str] = []
+            for line in last.split("\n"):
+                last_lines += textwrap.wrap(line, last_width) or [""]  # `wrap` drops an empty line
+            aligned = []
+            for text, width, is_number in zip([*texts, last_lines[0]], widths, are_numbers):
+                aligned.append(text.rjust(width) if is_number else text.ljust(width))
             lines.append("  ".join(aligned).rstrip())
             lines += [" " * indent + line for line in last_lines[1:]]
         return "\n".join(lines)
 
     def to_markdown(self) -> str:
-        """A table of Markdown that no text breaks."""
-        texts = [self.header, ["---"] * len(self.header), *(map(self._text, row) for row in self.values)]
-        return "\n".join(f"| {' | '.join(map(plain_markdown, line))} |" for line in texts)
+        """Return a table of Markdown, in which special characters are escaped so that they are shown."""
+        # header, then the line of dashes that Markdown asks for, then the rows
+        rows = [self.header, ["---"] * len(self.header), *(map(self._text, row) for row in self.values)]
+        return "\n".join(f"| {' | '.join(map(plain_markdown, row))} |" for row in rows)
 
     def to_csv(self) -> str:
-        """Header and rows; an apostrophe before a text keeps a spreadsheet from running it as a formula."""
+        """Return header and rows as CSV.
+
+        A text that a spreadsheet would run as a formula gets an apostrophe before it.
+        """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.header)
@@ -108,11 +122,12 @@ class Table:
         return files
 
     def _text(self, value: Any) -> str:
+        """Return a value as text; numbers that are not whole numbers have the format of this table."""
         return format(value, self.number_format) if isinstance(value, float) else str(value)
 
 
 def every_row(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Folded table of rows, one or more, that have the same keys."""
+    """Return a folded table of one or more rows; the keys, which are the same in all rows, are its header."""
     return Table(title, list(rows[0]), [list(row.values()) for row in rows], folded=True)
 
 
@@ -128,16 +143,17 @@ class Result:
     source: str = ""  # sentence with the hash of the runs, the machines and the versions
 
     def __post_init__(self) -> None:
+        """Turn the tables into a tuple, so that a result from a JSON file equals the one that was written."""
         object.__setattr__(self, "tables", tuple(self.tables))
 
     def __str__(self) -> str:
-        """Title, lead, the tables that are not folded, and the verdict, each wrapped at WIDTH."""
+        """Return title, lead, the tables that are not folded, and the verdict as text, wrapped at WIDTH."""
         shown = [str(table) for table in self.tables if not table.folded]
         lead, verdict = textwrap.fill(self.lead, WIDTH), textwrap.fill(self.verdict, WIDTH)
         return "\n\n".join(filter(None, [self.title, lead, *shown, verdict]))
 
     def to_markdown(self) -> str:
-        """A section of Markdown."""
+        """Return a section of Markdown with all parts of the result."""
         lead, verdict = plain_markdown(self.lead), plain_markdown(self.verdict)
         tables = [text for each in self.tables for text in (plain_markdown(each.title), each.to_markdown())]
         return "\n\n".join(filter(None, [f"### {plain_markdown(self.title)}", lead, *tables, verdict]))
@@ -149,4 +165,5 @@ def plain_markdown(text: str) -> str:
 
 
 def _harmless(value: Any) -> Any:
+    """Return a value for a CSV file; a text that a spreadsheet would run gets an apostrophe before it."""
     return f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value

@@ -114,7 +114,7 @@ class Robot:
 
     @cached_property
     def footprint(self) -> Footprint:
-        """Footprint from above: the hull, and the wheels of either side."""
+        """Return the outline of the robot from above: the hull, and a strip for the wheels of either side."""
         separation, width = self.drive.wheel_separation, self.wheels.width
         half_strip = self.wheels.base / 2.0 + self.drive.wheel_radius  # middle to the end of a wheel
         return Footprint(
@@ -125,7 +125,7 @@ class Robot:
 
 @lru_cache(maxsize=None)
 def robot_file(name: str) -> Dict[str, Any]:
-    """Content of the file config/robots/NAME.yaml of a robot, by one of its names; ConfigError if unknown."""
+    """Return the content of a robot's file config/robots/NAME.yaml; ConfigError if there is no such robot."""
     name = VERSIONS.get(name, name)
     if name not in ROBOTS:
         raise ConfigError(f"robot '{name}' is not {' or '.join(ROBOTS)}")
@@ -136,6 +136,6 @@ def robot_file(name: str) -> Dict[str, Any]:
 
 @lru_cache(maxsize=None)
 def load_robot(name: str = "husky") -> Robot:
-    """The robot of that name; ConfigError if there is none, or its file is wrong."""
+    """Return the robot of a name; ConfigError if there is no such robot, or its file is wrong."""
     (robot,) = read_config(robot_file(name)["robot"], f"config/robots/{name}.yaml: robot/", Robot)
     return robot

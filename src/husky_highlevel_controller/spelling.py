@@ -7,17 +7,23 @@ from typing import Iterable, Optional
 
 
 def likeness(name: str, other: str, separator: str) -> float:
-    """Return the smallest likeness of the parts of two names, 0 to 1, by difflib's ratio.
+    """Return how similar two names are, 0 to 1 (1 if they are equal), by difflib's ratio.
 
-    Names with different numbers of parts are compared as a whole: front_scan is like front/scan.
+    The names are split at the separator, and the least similar pair of parts counts. Names with different
+    numbers of parts are compared as a whole, so front_scan is similar to front/scan.
     """
     parts, other_parts = name.split(separator), other.split(separator)
     if len(parts) != len(other_parts):
         parts, other_parts = ["_".join(parts)], ["_".join(other_parts)]
-    return min(SequenceMatcher(None, *pair).ratio() for pair in zip(parts, other_parts))
+    return min(
+        SequenceMatcher(None, part, other_part).ratio() for part, other_part in zip(parts, other_parts)
+    )
 
 
 def nearest(name: str, others: Iterable[str], separator: str, least: float) -> Optional[str]:
-    """Return the other name that is most like `name`, or None if its likeness is below `least`."""
-    best, likest = max(((likeness(name, other, separator), other) for other in others), default=(0.0, ""))
-    return likest if best >= least else None
+    """Return the other name that is most similar to `name`; None if its likeness is below `least`."""
+    rated = [(likeness(name, other, separator), other) for other in others]
+    if not rated:
+        return None
+    best, nearest_name = max(rated)
+    return nearest_name if best >= least else None

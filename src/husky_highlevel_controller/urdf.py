@@ -32,19 +32,24 @@ class DescriptionError(HuskyError):
 
 
 def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:
-    """Root, links and joints of a URDF; DescriptionError if the text is not a URDF, or a name is missing."""
+    """Return the root element of a URDF, and its links and joints by name.
+
+    Raises:
+        DescriptionError: the text is not a URDF, or a link or joint has no name.
+    """
     try:
         robot = defusedxml.ElementTree.fromstring(text)
     except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
         raise DescriptionError(f"is not valid XML: {error!r}") from None
     if robot.tag != "robot":
         raise DescriptionError(f"the root element is <{robot.tag}>; a URDF starts with <robot>")
-    links, joints = ({name_of(item): item for item in robot.findall(tag)} for tag in ("link", "joint"))
+    links = {name_of(link): link for link in robot.findall("link")}
+    joints = {name_of(joint): joint for joint in robot.findall("joint")}
     return robot, links, joints
 
 
 def name_of(element: ET.Element) -> str:
-    """An element's name, which must be given."""
+    """Return the name of an element; DescriptionError if it has none."""
     name = element.get("name")
     if not name:
         raise DescriptionError(f"a <{element.tag}> has no name")
@@ -52,12 +57,12 @@ def name_of(element: ET.Element) -> str:
 
 
 def label_of(element: ET.Element) -> str:
-    """An element as an error calls it: joint 'front_left_wheel'."""
+    """Return an element's kind and name for an error, such as: joint 'front_left_wheel'."""
     return f"{element.tag} '{name_of(element)}'"
 
 
 def ends_of(joint: ET.Element, links: Mapping[str, ET.Element]) -> Tuple[str, str]:
-    """Names of a joint's parent and child."""
+    """Return the names of a joint's parent link and child link; DescriptionError if one is not a link."""
     names = []
     for end in ("parent", "child"):
         element = joint.find(end)
@@ -105,14 +110,15 @@ def numbers_of(
 
 
 def number_of(element: Optional[ET.Element], attribute: str, where: str) -> float:
-    """An attribute's one finite number, which must be given."""
+    """Return the one number of an attribute; DescriptionError if it is missing, not finite or too large."""
     return numbers_of(element, attribute, where, 1)[0]
 
 
 def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tuple[float, ...]]]:
-    """Shape of a <collision> or <visual>, and its sizes [m]; None if it has no shape of SIZES.
+    """Return the shape of a <collision> or <visual>, and its sizes; None if it has no shape of SIZES.
 
-    Sizes are a box's edges, a cylinder's radius and length, a sphere's radius, a mesh's scale (no unit).
+    The sizes are the edges of a box [m], radius and length of a cylinder [m], the radius of a sphere [m], or
+    the three factors by which a mesh is scaled.
     """
     shape = element.find("geometry/*")
     if shape is None or shape.tag not in SIZES:
@@ -124,7 +130,7 @@ def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tupl
 
 
 def origin_of(element: ET.Element, where: str) -> Pose:
-    """Pose from <origin>, in the parent [m]; identity if there is none."""
+    """Return the pose of an element in its parent, from <origin>; identity if there is no <origin>."""
     origin = element.find("origin")
     x, y, z = numbers_of(origin, "xyz", where, 3, (0.0, 0.0, 0.0))
     roll, pitch, yaw = numbers_of(origin, "rpy", where, 3, (0.0, 0.0, 0.0))
@@ -139,10 +145,11 @@ def joined_links(
 
 
 def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
-    """Poses of all links that joints connect with the link `root`, in its frame.
+    """Return the poses of all links that joints connect with the link `root`, in the frame of `root`.
 
-    The other links may be below or above `root`. `joined` is as from `joined_links`.
+    The other links may be below or above `root`. `joined` is a result of `joined_links`.
     """
+    # links that a joint connects with each link, and their poses in this link
     neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
     for parent, child, pose_child_in_parent in joined:
         neighbours[parent].append((child, pose_child_in_parent))
@@ -158,10 +165,10 @@ def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[s
 
 
 def write_origin(element: ET.Element, pose: Pose) -> None:
-    """Add an <origin>."""
+    """Add an <origin> with a pose to an element."""
     ET.SubElement(element, "origin", xyz=text_of(pose.position), rpy=text_of(rpy_from_quat(pose.quat_xyzw)))
 
 
 def text_of(numbers: Sequence[float]) -> str:
-    """Text of an attribute with all digits of its numbers."""
+    """Return numbers as the text of an attribute, with all digits."""
     return " ".join(repr(float(number) + 0.0) for number in numbers)  # `+ 0.0` turns -0.0 into 0.0

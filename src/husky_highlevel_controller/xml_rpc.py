@@ -14,6 +14,8 @@ DEADLINE = 5.0  # [s] longest wall time for which a call waits for its answer
 
 
 class _Transport(Transport):
+    """Transport of XML-RPC with a deadline for answers, which Python's own transport does not have."""
+
     def __init__(self, deadline: float) -> None:
         super().__init__()
         self._deadline = deadline
@@ -26,12 +28,12 @@ class _Transport(Transport):
 
 
 def server(uri: str, deadline: float) -> ServerProxy:
-    """Client of an XML-RPC server whose calls raise OSError after `deadline` [s] without an answer."""
+    """Return a client of an XML-RPC server; its calls raise OSError if no answer comes in `deadline` [s]."""
     return ServerProxy(uri, _Transport(deadline))
 
 
 def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Optional[Tuple[int, Any]]:
-    """Code and value that a master, node or roslaunch returns for a method; None without an answer in time.
+    """Call a method of a master, node or roslaunch; return code and value, or None without an answer in time.
 
     The code is 1 for success, -1 for a refusal, 0 for a failure (http://wiki.ros.org/ROS/Master_API).
 
@@ -58,6 +60,9 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
 
 
 def ask(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Any:
-    """Value of a method of a master, node or roslaunch; None if it fails or does not answer in time."""
-    code, value = reply(uri, method, *arguments, deadline=deadline) or (0, None)
+    """Call a method as `reply` does; return its value, or None if it fails or does not answer in time."""
+    answer = reply(uri, method, *arguments, deadline=deadline)
+    if answer is None:
+        return None
+    code, value = answer
     return value if code == 1 else None
