@@ -15,9 +15,9 @@ from husky_highlevel_controller.simulator.models.mesh_file import MeshError
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 Solid = Union[Box, Cylinder, Sphere]
-# Diffuse colours in gazebo.material of Gazebo classic 11. Gazebo/SkyBlue has its ambient colour here, because
-# its diffuse colour is not blue. A textured material has about the colour that its texture has from a
-# distance.
+# Colours of Gazebo's named materials: the diffuse colours in gazebo.material of Gazebo classic 11.
+# Gazebo/SkyBlue has its ambient colour here, because its diffuse colour is not blue. A material with a
+# texture has about the colour that its texture has from a distance.
 _SCRIPT_COLOURS: Dict[str, Rgba] = {
     "Gazebo/Grey": (0.7, 0.7, 0.7, 1.0),
     "Gazebo/DarkGrey": (0.175, 0.175, 0.175, 1.0),
@@ -60,13 +60,14 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        # a <visual> counts, too, although the lidar would not see it; the warning only asks if the count is 0
+        # Counted for the warning that the lidar sees nothing. The shape of a <visual> counts, too, although
+        # the lidar would not see it; this does no harm, because the warning only asks if the count is 0.
         node.load.missed_by_lidar += 1
     return None
 
 
 def not_thinner(shape: Solid, least: float) -> Solid:
-    """Return a box, cylinder or sphere, at least as thick along each axis as `least` [m]."""
+    """Return a shape like this one, but with a thickness of at least `least` along each axis [m]."""
     if isinstance(shape, Box):
         x, y, z = (max(edge, least) for edge in shape.size)
         return Box((x, y, z))
@@ -91,7 +92,10 @@ def _sphere(node: Node) -> Sphere:
 
 
 def _plane(node: Node) -> Plane:
-    """Return an endless plane; by default, as in SDF, it is level, and 1 m by 1 m of it is drawn."""
+    """Return an endless plane from its <normal> and the <size> of the part that is drawn.
+
+    The defaults are those of SDF: a level plane, of which 1 m by 1 m is drawn.
+    """
     normal, size = node.child("normal"), node.child("size")
     x, y, z = normal.numbers(3) if normal else (0.0, 0.0, 1.0)
     edges: Tuple[float, ...] = (1.0, 1.0)
@@ -106,19 +110,22 @@ def _plane(node: Node) -> Plane:
 
 
 def _mesh(node: Node) -> Optional[TriangleMesh]:
-    """Return the triangles of a <mesh>, scaled; None, and a note, if its file cannot be used."""
-    uri, submesh, scale = node.child("uri"), node.child("submesh"), node.child("scale")
+    """Return the triangles of a <mesh>, scaled as it says; None, and a note, if its file cannot be used."""
+    uri_node, submesh, scale = node.child("uri"), node.child("submesh"), node.child("scale")
     x, y, z = scale.numbers(3) if scale else (1.0, 1.0, 1.0)
     if scale and not x * y * z:
         raise scale.error(f"needs numbers other than zero, not '{scale.text}'")
-    part = submesh.child("name") if submesh else None
     if submesh and submesh.child("center"):
         submesh.note("<center> of a <submesh> is not supported and is left out")
+    # name of the only part of the file that is used; empty for the whole file
+    part_node = submesh.child("name") if submesh else None
+    part = part_node.text if part_node else ""
+    uri = uri_node.text if uri_node else ""
     try:
-        mesh = node.load.meshes.read(uri.text if uri else "", node.source, part.text if part else "")
+        mesh = node.load.meshes.read(uri, node.source, part)
     except MeshError as error:
         # the text of a MeshError has no subject, for example "is not on this machine"
-        node.note(f"a mesh {error}, and is left out", uri.text if uri else "")
+        node.note(f"a mesh {error}, and is left out", uri)
         node.load.missed_by_lidar += 1
         return None
     return scaled_mesh(mesh, (x, y, z))
@@ -133,21 +140,23 @@ _SHAPES: Dict[str, Callable[[Node], Shape]] = {
 
 
 def rgba_of(node: Node) -> Rgba:
-    """Return the colour of a visual: <diffuse>, otherwise <ambient>, its material script, or grey.
+    """Return the colour and the opacity with which a <visual> is drawn.
 
-    <transparency> reduces the opacity.
+    The colour is that of <diffuse>; if there is none, of <ambient>; if there is none, of the named material;
+    if there is none, grey. <transparency> reduces the opacity.
     """
     rgba: Rgba = _SCRIPT_COLOURS["Gazebo/Grey"]
     material, transparency = node.child("material"), node.child("transparency")
     if material:
         material.note_unknown()
         script = material.child("script")
-        # a script has its name in a <name>, or directly in the <script>
-        name = (script.child("name") if script else None) or script
-        if name and name.text in _SCRIPT_COLOURS:
-            rgba = _SCRIPT_COLOURS[name.text]
-        elif name:
-            name.note("a material's colour is not known, so grey is drawn", name.text)
+        if script:
+            # the name of the material is in a <name> inside the <script>, or directly in the <script>
+            name = script.child("name") or script
+            if name.text in _SCRIPT_COLOURS:
+                rgba = _SCRIPT_COLOURS[name.text]
+            else:
+                name.note("a material's colour is not known, so grey is drawn", name.text)
         # <diffuse> is read last, so that its colour replaces the colour of <ambient>
         for colour in (*material.children("ambient"), *material.children("diffuse")):
             rgba = colour.unless_broken(
@@ -162,10 +171,16 @@ def rgba_of(node: Node) -> Rgba:
 
 
 def _colour(node: Node) -> Rgba:
-    r, g, b, a = map(_colour_share, (*node.numbers(3, 4), 1.0)[:4])
+    """Return the colour in the text of an element: red, green and blue, and the opacity if it is given."""
+    numbers = node.numbers(3, 4)
+    if len(numbers) == 3:
+        numbers = (*numbers, 1.0)
+    r, g, b, a = map(_colour_value, numbers)
     return (r, g, b, a)
 
 
-def _colour_share(value: float) -> float:
-    """Return a value within 0..1; as in Gazebo, a value above 1 is from a scale of 0..255."""
-    return min(max(value / 255.0 if value > 1.0 else value, 0.0), 1.0)
+def _colour_value(value: float) -> float:
+    """Return a value within 0..1; as in Gazebo, a value above 1 is read on a scale of 0..255."""
+    if value > 1.0:
+        value /= 255.0
+    return min(max(value, 0.0), 1.0)

@@ -17,8 +17,9 @@ from defusedxml.ElementTree import DefusedXMLParser
 from husky_highlevel_controller.datatypes import HuskyError
 
 # Parts of a file that Gazebo's XML parser (TinyXML) accepts, but that Python's parser may reject: comments,
-# <?...> and a single &. A CDATA section is matched as a whole, so that nothing inside it is replaced. Each
-# alternative of the pattern reads a byte only once, so the time grows only with the size of the file.
+# <?...> except <?xml ...?>, and an & that begins no entity such as &amp;. The pattern also matches a CDATA
+# section, as a whole, so that nothing inside it is replaced. Each alternative of the pattern reads a byte
+# only once, so the time grows only in proportion to the size of the file.
 _LOOSE = re.compile(
     rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|<\?(?!xml\s)[^>]*(?:>|\Z)"
     rb"|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
@@ -35,13 +36,15 @@ class WorldError(HuskyError):
 
 
 class _Element(ElementTree.Element):
+    """XML element with the number of its line in the file, for messages."""
+
     line = 0
 
 
 class _LineBuilder(ElementTree.TreeBuilder):
     """Builder of elements with a line number."""
 
-    expat: Any = None  # parser, which has the number of the present line
+    expat: Any = None  # parser, which knows the line that it reads now
 
     def start(self, tag: Any, attrs: Any) -> Any:
         """Make an element with the number of the line that the parser reads."""
@@ -63,17 +66,18 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
     """Parse XML into its root element, with line numbers. Raises WorldError on invalid or unsafe XML."""
     builder = _LineBuilder(element_factory=_Element)
     try:
-        content = data.encode() if isinstance(data, str) else data
-        # a str was encoded as UTF-8 above, whatever its declaration says; None lets the parser find the
-        # encoding of bytes
-        encoding = "utf-8" if isinstance(data, str) else None
+        if isinstance(data, str):
+            # a text becomes UTF-8 here, whatever encoding its declaration names
+            content, encoding = data.encode(), "utf-8"
+        else:
+            content, encoding = data, None  # None lets the parser find the encoding
         # `_strict` replaces what TinyXML reads and Python's parser rejects. UTF-16 stays as it is, because
         # most of its characters contain a NUL byte, at which `_strict` would stop.
         if not _UTF_16.match(content):
             content = _strict(content)
             encoding = encoding or _encoding_of(content)
         parser = DefusedXMLParser(target=builder, encoding=encoding)
-        builder.expat = parser.parser  # the builder asks it for the line of each element
+        builder.expat = parser.parser  # the builder asks this parser for the line of each element
         parser.feed(content)
         root: ElementTree.Element = parser.close()
     except DefusedXmlException as error:
@@ -88,37 +92,43 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
 def _strict(data: bytes) -> bytes:
     """Return XML that Python's parser accepts, from XML that TinyXML accepts; lines keep their numbers.
 
-    It is the same XML without its comments and processing instructions, with &amp; for a single &, and up to
-    the first NUL.
+    The result has no byte order mark, no comments and no processing instructions. It has &amp; for a single
+    &, and ends at the first NUL byte. The declaration <?xml ...?> is at its beginning.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
     text, _, _ = text.partition(b"\0")  # TinyXML ends at a NUL byte
     text = _LOOSE.sub(_strict_part, text)
-    # space before the declaration <?xml ...?> moves behind it, so that the lines keep their numbers
-    return _DECLARATION.sub(rb"\2\1", text, count=1) if _DECLARATION.match(text) else text
+    # space before the declaration is moved behind it, and not removed, so that the lines keep their numbers
+    if _DECLARATION.match(text):
+        text = _DECLARATION.sub(rb"\2\1", text, count=1)
+    return text
 
 
 def _strict_part(part: Match[bytes]) -> bytes:
-    """Return the replacement for a part that _LOOSE matches: a comment, <?...>, CDATA section, or single &.
+    """Return the replacement for a part of the text that _LOOSE matches.
 
     The replacement has the same number of line breaks.
     """
     text = part.group()
+    if text == b"&":
+        return b"&amp;"
     is_comment = text.startswith(b"<!--") and text.endswith(b"-->")
     is_instruction = text.startswith(b"<?") and text.endswith(b">")
     if is_comment or is_instruction:
         return b"\n" * text.count(b"\n")
-    # a CDATA section, and a comment or <?...> without an end, stay as they are
-    return b"&amp;" if text == b"&" else text
+    return text  # a CDATA section, or a comment or <?...> that does not end
 
 
 def _encoding_of(data: bytes) -> Optional[str]:
-    """Return the encoding of XML; None if the parser can find it by itself.
+    """Return the encoding that the parser must be told; None if the parser can find it by itself.
 
-    XML that is not UTF-8 and declares no other encoding is read as Latin-1. The parser alone would reject it.
+    XML that is not UTF-8, although it declares UTF-8 or nothing, is read as Latin-1. The parser alone would
+    reject such XML.
     """
     try:
         data.decode()
-        return None
+        return None  # UTF-8
     except UnicodeDecodeError:
-        return None if _OTHER_ENCODING.match(data) else "iso-8859-1"
+        if _OTHER_ENCODING.match(data):
+            return None  # the parser reads the encoding from the declaration
+        return "iso-8859-1"

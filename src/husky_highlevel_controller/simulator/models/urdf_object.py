@@ -20,12 +20,17 @@ log = logging.getLogger(__name__)
 
 
 def is_urdf(text: str) -> bool:
-    """Return whether the text of a model has a URDF's root element; the XML is not checked."""
+    """Return whether the text of a model is URDF and not SDF, judged by its root element.
+
+    The XML is not checked here.
+    """
     return "<robot" in text and "<sdf" not in text
 
 
 def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
-    """Return a URDF as one rigid body, which is static without a mass, or with <gazebo><static>.
+    """Return a URDF as one rigid body.
+
+    The body is static if the URDF has no mass, if it has <gazebo><static>, or if its root link is `world`.
 
     Args:
         text: the URDF; its joints do not move.
@@ -36,6 +41,7 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         DescriptionError: the text is not a URDF, or has several root links or no usable collision shape.
     """
     robot, links, joints = urdf.read_urdf(text)
+    # parent, child, and pose of the child in the parent, for each joint
     joined = urdf.joined_links(links, joints.values())
     roots = set(links) - {child for _, child, _ in joined}
     if len(roots) != 1:
@@ -46,29 +52,33 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     geometries: List[Geometry] = []
     files = MeshFiles()
     mass = 0.0
-    # `pose` is the pose of a link in the root link, because the frame of the root link is the frame of the
-    # body
+    # the frame of the body is the frame of the root link
     (root,) = roots
-    for link_name, pose in urdf.poses_of_links(root, joined).items():
+    for link_name, pose_link_in_body in urdf.poses_of_links(root, joined).items():
         link, where = links[link_name], urdf.label_of(links[link_name])
         for collision in link.findall("collision"):
             shape = _shape(collision, where, files)
             if shape is not None:
-                geometries.append(Geometry(shape, compose(pose, urdf.origin_of(collision, where))))
+                pose_in_body = compose(pose_link_in_body, urdf.origin_of(collision, where))
+                geometries.append(Geometry(shape, pose_in_body))
         mass += _mass(link, where)
     if not geometries:
         raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder, sphere or mesh")
-    # In Gazebo, a link with the name `world` is the world, so what is fixed to it cannot move.
-    is_static = root == "world" or any(
-        (item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static")
-    )
+    # in Gazebo, a link with the name `world` is the world, so everything that is joined to it cannot move
+    is_static = root == "world"
+    for element in robot.iterfind("gazebo/static"):
+        if (element.text or "").strip() in ("true", "1"):
+            is_static = True
     shapes = tuple(geometries)
     # the collision shapes are also drawn; a mass of 0 makes the body static
     return Body(name, pose_in_world, collisions=shapes, visuals=shapes, mass=0.0 if is_static else mass)
 
 
 def _mass(link: ET.Element, where: str) -> float:
-    """Return the mass of a link [kg]; 0 if there is no <mass>, and 1, as in SDF, if it is not valid."""
+    """Return the mass of a link [kg]; 0 if there is no <mass>; 1 kg, with a warning, if it is not valid.
+
+    1 kg is the default of SDF.
+    """
     element = link.find("inertial/mass")
     if element is None:
         return 0.0
@@ -102,10 +112,10 @@ def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shap
     x, y, z = sizes
     if element.tag == "box":
         return Box((x, y, z))
-    # the shape is a mesh, whose sizes are its scale
+    # the shape is a mesh, and x, y and z are its scale
     uri = element.get("filename", "")
     try:
-        # a relative path would begin in the folder of the source file, but this text comes from no file
+        # the source is the file that contains the URI; here the text comes from no file
         return scaled_mesh(files.read(uri, source=""), (x, y, z))
     except MeshError as error:
         log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
