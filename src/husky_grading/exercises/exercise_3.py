@@ -41,15 +41,16 @@ from husky_highlevel_controller.course import STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
-# A robot has passed the pillar if, at the end, it is farther away than at its nearest point by more than
-# MIN_PASSING [m]. It gets half of the points for the approach if its nearest point was farther from the
-# pillar than MIN_PASSING, and than the fraction PASSING_FRACTION of the way.
+# A robot drives past the pillar if two conditions hold. At its nearest point, it is still farther from the
+# pillar than MIN_PASSING [m] and farther than the fraction PASSING_FRACTION of the way. At the end of the
+# run, it is again more than MIN_PASSING farther away than at its nearest point. It then gets half of the
+# points for the approach.
 PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 # a robot that covers at least this fraction of the way, but less than HALF_WAY, gets half of the points
 FIRST_STEPS = 0.1
-# The pillar is to the side if the sine of its bearing is above ASIDE. At such moments, the robot should turn
-# towards the pillar. Its turns are right if more than the fraction MOSTLY of them leads towards the pillar,
-# and angular.z has the wrong sign if at most the fraction 1 - MOSTLY does.
+# The pillar is to the side of the robot if the absolute sine of its bearing is above ASIDE. The robot should
+# then turn towards the pillar. The turns are right if more than the fraction MOSTLY of them lead towards the
+# pillar. If at most the fraction 1 - MOSTLY of them do, angular.z has the wrong sign.
 ASIDE, MOSTLY = 0.1, 0.6
 # the robot turns to one side all the time if the fraction ONE_WAY of its turns goes to this side; turns
 # slower than TURNS_ON [rad/s] do not count
@@ -136,15 +137,17 @@ def judge_approach(recording: Recording) -> Item:
     robot that covers less gets half of the points at most. The hint names the most probable mistake.
     """
     item = Item(APPROACHES, 0.0, 20.0, "", subject=Subject.DRIVE)
-    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
+    # (N,) [m] gap between the robot's footprint and the pillar, at each of the times (N,) [s]
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
         return with_cause(item, "the robot never moves", first_cause(recording))
-    # [m] gap at the start, which is the length of the way to the pillar; never 0
+    # [m] gap at the start, which is the length of the way to the pillar; at least 1e-6, because the robot may
+    # start at the pillar
     first_gap = max(gaps[0], 1e-6)
     nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     covered = first_gap - gaps[nearest]  # [m] part of the way that the robot has covered
     if covered >= HALF_WAY * first_gap:
+        # [s] first time at which the robot has covered half of the way; `argmax` finds the first True
         half_time = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * first_gap)])
         evidence = f"covers half of the {first_gap:.2f} m to the pillar in {half_time:.2f} s"
         stays_far = gaps[nearest] > max(PASSING_FRACTION * first_gap, MIN_PASSING)
@@ -170,10 +173,12 @@ def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered
         covered: part of the way that the robot has covered [m].
         at: time at which the robot is nearest to the pillar [s].
     """
-    end, points = float(recording.times[-1]), 0.0
-    last_gap = recording.hull_gaps[-1]  # [m] gap to the pillar in the end
-    yaws = np.unwrap(recording.poses[:, 2])
-    full_turns = float(np.abs(np.diff(yaws)).sum()) / (2.0 * np.pi)
+    points = 0.0
+    end = float(recording.times[-1])  # [s] end of the run
+    last_gap = recording.hull_gaps[-1]  # [m] gap to the pillar at the end of the run
+    # number of full turns of the robot; turns to the left and to the right are added
+    yaw_changes = np.diff(np.unwrap(recording.poses[:, 2]))
+    full_turns = float(np.abs(yaw_changes).sum()) / (2.0 * np.pi)
     if covered >= FIRST_STEPS * first_gap:
         points = 10.0  # half of the item's 20 points
         evidence = (
@@ -186,14 +191,13 @@ def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered
         evidence = f"turns round {full_turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
         evidence = f"comes only {max(covered, 0.0):.2f} m nearer, of the {first_gap:.2f} m to the pillar"
-    # finding that explains why the robot stopped, such as an exception in the node; None if there is none
+    # A finding such as an exception in the node is the best explanation. Without such a finding, the
+    # explanation is a mistake in the steering, or the stop itself.
     cause = cause_of_stop(recording)
-    # the robot has moved, but perhaps it has only turned; if no command had a forward speed,
-    # `_explain_steering` says so
     ending, hint, turns_away = _explain_steering(recording)
     if cause and cause.kind is Kind.COMMANDS_CEASE and turns_away:
-        # Many nodes send no command while the pillar is out of sight. The turns away from it come first, so
-        # the hint is on them.
+        # Many nodes send no command while the pillar is out of sight. Here the robot has first turned away
+        # from the pillar, so the hint on the turns stays.
         ending = as_ending(cause)
     elif cause:
         ending, hint = as_ending(cause), hint_on(cause)
@@ -205,8 +209,8 @@ def _judge_short_way(item: Item, recording: Recording, first_gap: float, covered
 def _explain_steering(recording: Recording) -> Explanation:
     """Return the probable mistake of a robot that moves, but misses the pillar.
 
-    The commands are searched for a speed or a rate of turn of 0. Then the signs of the turns are compared
-    with the side on which the pillar is.
+    The commands are searched for a speed or a rate of turn that is always 0. Then the directions of the turns
+    are compared with the side on which the pillar is.
     """
     if moves_nothing(recording.fastest):  # largest speed of all commands
         return Explanation(ending="; linear.x is 0 in all commands", hint=NO_SPEED)
@@ -219,27 +223,32 @@ def _explain_steering(recording: Recording) -> Explanation:
     dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
     # (M,) [rad] direction of the pillar seen from the robot, positive to the left
     bearings = (np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
-    is_aside = np.abs(np.sin(bearings)) > ASIDE
-    turns_to_pillar = np.sign(np.sin(bearings[is_aside])) == np.sign(turns[is_aside])
-    # Fraction of the turns towards the pillar, among the moments with the pillar to the side. It is 0 if
-    # there is no such moment, so a robot that drives straight away from the pillar gets the hint on a wrong
-    # sign.
-    right_fraction = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
-    if right_fraction > MOSTLY:
+    # The sine is positive while the pillar is to the left. It needs no angle between -pi and pi.
+    sines = np.sin(bearings)
+    is_aside = np.abs(sines) > ASIDE
+    # for each moment with the pillar to the side, true if the robot turns towards the pillar
+    turns_to_pillar = np.sign(sines[is_aside]) == np.sign(turns[is_aside])
+    # If the pillar is never to the side, this fraction is 0. So a robot that drives straight away from the
+    # pillar gets the hint on a wrong sign.
+    fraction_to_pillar = float(np.mean(turns_to_pillar)) if len(turns_to_pillar) else 0.0
+    if fraction_to_pillar > MOSTLY:
         speed = float(np.median(np.abs(speeds[is_aside])))
         hint = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
         return Explanation(ending="", hint=f"{hint}while the angle is large")
-    # if most turns lead away from the pillar, the sign of angular.z is wrong
-    if right_fraction <= 1.0 - MOSTLY:
-        # for each fast turn with the pillar to the side, true if it leads towards the pillar
+    if fraction_to_pillar <= 1.0 - MOSTLY:  # the sign of angular.z is wrong
+        # only fast turns prove that the robot turned away, and did not drive straight on
         fast_turns_to_pillar = turns_to_pillar[np.abs(turns[is_aside]) > TURNS_ON]
         turns_away = len(fast_turns_to_pillar) > 0 and float(np.mean(fast_turns_to_pillar)) <= 1.0 - MOSTLY
         return Explanation(ending="", hint=TURNS, is_seen_to_turn_away=turns_away)
-    large_turns = turns[np.abs(turns) > TURNS_ON]
-    if len(large_turns) and max(np.mean(large_turns > 0.0), np.mean(large_turns < 0.0)) >= ONE_WAY:
-        side = "left" if large_turns[0] > 0.0 else "right"
-        return Explanation(ending=f"; it turns {side} all the time", hint=SWERVES)
-    return Explanation(ending="", hint=SWERVES)
+    # the robot turns sometimes towards the pillar and sometimes away from it
+    fast_turns = turns[np.abs(turns) > TURNS_ON]
+    ending = ""
+    if len(fast_turns):
+        fraction_left, fraction_right = np.mean(fast_turns > 0.0), np.mean(fast_turns < 0.0)
+        if max(fraction_left, fraction_right) >= ONE_WAY:
+            side = "left" if fast_turns[0] > 0.0 else "right"
+            ending = f"; it turns {side} all the time"
+    return Explanation(ending, hint=SWERVES)
 
 
 def judge_arrival(
@@ -276,7 +285,7 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     nearest = int(np.argmin(gaps))  # index of the moment at which the robot is nearest to the pillar
     at = float(recording.times[nearest])
     if _runs_out_of_time(recording):
-        # this robot comes nearer until the end of the run, so `at` is normally the deadline
+        # this robot comes nearer until the end of the run, so `at` is the deadline, or just before it
         why = f"still on its way at the deadline of {at:.0f} s, with {gaps[-1]:.2f} m to go"
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
@@ -284,18 +293,18 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
     # the robot stops short if it has driven, but not after it was nearest to the pillar
     if recording.driving.any() and not recording.driving[nearest + 1 :].any():
         evidence = f"stops short: {evidence}"
-    cause = cause_of_stop(recording)
+    # the first explanation that fits gives the hint, and sometimes an ending of the sentence
+    ending, cause = "", cause_of_stop(recording)
     if not recording.moving.any():
-        ending, hint = "", hint_on(first_cause(recording))
-    # if the item for the approach lost points, the same mistake has kept the robot from the pillar
+        hint = hint_on(first_cause(recording))
     elif approach is not None and not approach.full:
-        ending, hint = "", approach.hint
+        hint = approach.hint  # the mistake in the approach has also kept the robot from the pillar
     elif cause:
         ending, hint = as_ending(cause), hint_on(cause)
-    elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:
+    elif gaps[-1] > gaps[nearest] + AWAY_FROM_NEAREST:  # the robot has driven away again
         ending, hint, _ = _explain_steering(recording)
     else:
-        ending, hint = "", STOPS
+        hint = STOPS
     return replace(item, evidence=evidence + ending, at=at, hint=hint)
 
 
@@ -305,7 +314,8 @@ def _judge_touch(item: Item, recording: Recording, rules: Rules, touch_time: flo
     It gets all points, unless it is so fast that it rams the pillar by the rules.
     """
     times = recording.times
-    just_before = (times >= touch_time - JUST_BEFORE) & (times <= touch_time)
+    just_before = (times >= touch_time - JUST_BEFORE) & (times <= touch_time)  # (N,) bool
+    # [m/s] highest speed just before the touch, because the touch itself slows the robot down
     speed = float(np.abs(recording.speeds[just_before, 0]).max())
     if rules.rams(speed):
         evidence = f"rams the pillar at {speed:.2f} m/s; up to {rules.gentle:g} m/s costs no points"
@@ -320,7 +330,7 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
     It gets 30 points if it stands near enough at the end, otherwise 20. A gap up to `rules.reached` is near
     enough.
     """
-    # gaps between the robot's footprint and the pillar (N,) [m], at the times (N,) [s]
+    # (N,) [m] gap between the robot's footprint and the pillar, at each of the times (N,) [s]
     gaps, times = recording.hull_gaps, recording.times
     stood_since = _stands_since(recording)
     if stood_since is not None and gaps[-1] <= rules.reached:
@@ -332,7 +342,8 @@ def _judge_stop(item: Item, recording: Recording, rules: Rules) -> Item:
         evidence += f" at {float(times[nearest]):.2f} s, but does not stop there"
     else:
         evidence += f", but stands {gaps[-1]:.2f} m away in the end"
-    reached_at = float(times[np.argmax(gaps <= rules.reached)])  # [s] first time at which it is near enough
+    # [s] first time at which the robot is near enough; `argmax` finds the first True
+    reached_at = float(times[np.argmax(gaps <= rules.reached)])
     return replace(item, points=20.0, evidence=evidence, at=reached_at, hint=SLOWS)
 
 
@@ -361,14 +372,13 @@ def judge_place(recording: Recording, placements: Sequence[Placement]) -> Item:
         if cause:
             hint = hint_on(cause)
         return replace(item, evidence=evidence, hint=hint)
-    first_added = next((marker for marker in recording.markers if marker.action == ADD), None)
-    if not placements and first_added:
-        evidence = (
-            f"no marker came on {', '.join(recording.marker_topics)} before the robot touched the pillar"
-        )
-        return replace(item, evidence=evidence, at=first_added.at, hint=NO_MARKER)
     if not placements:
-        evidence = f"nothing came on {', '.join(recording.marker_topics)}{as_ending(cause)}"
+        topics = ", ".join(recording.marker_topics)
+        added = [marker for marker in recording.markers if marker.action == ADD]
+        if added:  # markers that come after the touch have no placement
+            evidence = f"no marker came on {topics} before the robot touched the pillar"
+            return replace(item, evidence=evidence, at=added[0].at, hint=NO_MARKER)
+        evidence = f"nothing came on {topics}{as_ending(cause)}"
         return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
     # the marker namespace with the most points counts, as docs/rubrics.md says
     best = max(placements, key=lambda placement: placement.score)
@@ -383,7 +393,10 @@ def first_touch(recording: Recording) -> float:
 
 
 def _runs_out_of_time(recording: Recording) -> bool:
-    """Return whether the robot still came nearer at the deadline, and would arrive in twice the time."""
+    """Return whether the robot still came nearer at the deadline, and would arrive in twice the time.
+
+    Such a robot is only slow, so it is not known whether it would have stopped at the pillar.
+    """
     gaps, times = recording.hull_gaps, recording.times
     is_ended_early = times[-1] < recording.deadline - DEADLINE_MARGIN
     drives_away = gaps[-1] > gaps.min() + AWAY_FROM_NEAREST
@@ -401,7 +414,8 @@ def _stands_since(recording: Recording) -> Optional[float]:
     It is None if the robot drives in the last STOPPED seconds of the run.
     """
     driving_rows = np.flatnonzero(recording.driving)  # indices of the poses at which the robot drives
-    times_at_rest = recording.times[driving_rows[-1] + 1 :] if len(driving_rows) else recording.times
+    first_row_at_rest = driving_rows[-1] + 1 if len(driving_rows) else 0
+    times_at_rest = recording.times[first_row_at_rest:]  # [s] times after the robot has driven the last time
     if not len(times_at_rest) or times_at_rest[-1] - times_at_rest[0] < STOPPED:
         return None
     return float(times_at_rest[0])
@@ -414,28 +428,22 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         return without_config(item, view, rules)
     if view.problem:  # RViz shows nothing, for example because the fixed frame does not exist
         return replace(item, evidence=f"{view.source}: {view.problem}", hint=hint_on_view(view))
-    # for each display: points for it, and true if RViz shows it
-    parts = {
-        TF: (6.0, view.tf),
-        ROBOT: (7.0, view.robot),
-        SCAN: (7.0, view.scan and scan_topic in view.topics),
-    }
-    visible = ", ".join(NAMES[kind] for kind, (_, is_visible) in parts.items() if is_visible)
-    faults = [
-        find_display_fault(view, kind, scan_topic)
-        for kind, (_, is_visible) in parts.items()
-        if not is_visible
-    ]
-    findings = [evidence for evidence, _ in faults]
-    if visible:
-        findings.insert(0, f"visible: {visible}")
-    return replace(
-        item,
-        points=sum(points for points, is_visible in parts.values() if is_visible),
-        evidence=f"{view.source}: {'; '.join(findings)}",
-        # without faults, the item has all points, so `weighted` later removes this hint
-        hint=f"{'; '.join(dict.fromkeys(hint for _, hint in faults))}, {SAVED}",
-    )
+    points_of_displays = {TF: 6.0, ROBOT: 7.0, SCAN: 7.0}
+    is_visible = {TF: view.tf, ROBOT: view.robot, SCAN: view.scan and scan_topic in view.topics}
+    points = 0.0
+    visible, faults, hints = [], [], []
+    for kind, points_of_display in points_of_displays.items():
+        if is_visible[kind]:
+            points += points_of_display
+            visible.append(NAMES[kind])
+        else:
+            fault, hint = find_display_fault(view, kind, scan_topic)
+            faults.append(fault)
+            hints.append(hint)
+    findings = [f"visible: {', '.join(visible)}", *faults] if visible else faults
+    # without faults, the item has all points, so `weighted` later removes this hint
+    hint = f"{'; '.join(hints)}, {SAVED}"
+    return replace(item, points=points, evidence=f"{view.source}: {'; '.join(findings)}", hint=hint)
 
 
 def judge_shown(
@@ -455,20 +463,21 @@ def judge_shown(
         rules: rules of the rubric.
     """
     item = Item(SHOWS_MARKER, 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
-    # topics and namespaces whose markers were at the pillar
-    namespaces = {
-        each for placement in placements if points_for_place(placement) for each in placement.namespaces
-    }
-    topics = {topic for topic, _ in namespaces}
+    # topic and namespace of the markers that were at the pillar
+    right_namespaces: Set[Tuple[str, str]] = set()
+    for placement in placements:
+        if points_for_place(placement) > 0.0:
+            right_namespaces |= placement.namespaces
+    topics = {topic for topic, _ in right_namespaces}
     if not topics:
         # the student must first place the marker right, so the hint is the one on its place
         hint = places[0].hint if places else CHECK
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
-    # topics of which at least one marker namespace is switched on in RViz
-    switched_on_topics = {topic for topic, _ in namespaces - set(view.hidden)}
-    subscribed_topics = topics & set(view.topics)  # topics that a display of RViz subscribes to
+    # `view.hidden` has the topics and namespaces that are switched off in the displays of RViz
+    switched_on_topics = {topic for topic, _ in right_namespaces - set(view.hidden)}
+    subscribed_topics = topics & set(view.topics)  # topics to which a display of RViz subscribes
     shown_topics = sorted(switched_on_topics & subscribed_topics)
     if shown_topics:
         return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
@@ -496,7 +505,7 @@ def _explain_no_display(view: RvizView, topics: Set[str]) -> Tuple[str, str]:
     mistyped = [display for display in view.mistyped if display.source in topics]
     if mistyped:
         kind, topic = mistyped[0].kind, mistyped[0].source
-        # names of the display and of the other one, which are also the names of the types that they show
+        # a display has the same name as the type of messages that it shows
         wrong, right = ("Marker", "MarkerArray") if kind == MARKER else ("MarkerArray", "Marker")
         evidence += f": its display {wrong} does not show {topic}, whose type is visualization_msgs/{right}"
     if view.problem:
@@ -520,14 +529,16 @@ def judge_exercise_3(
     """
     approaches = [judge_approach(recording) for recording in recordings]
     arrivals = [judge_arrival(each, rules, approach) for each, approach in zip(recordings, approaches)]
-    placements = [find_placements(recording, rules) for recording in recordings]
-    places = [judge_place(recording, found) for recording, found in zip(recordings, placements)]
+    # each run has a list of placements, one for each topic and namespace with markers
+    placements_of_runs = [find_placements(recording, rules) for recording in recordings]
+    places = [judge_place(recording, found) for recording, found in zip(recordings, placements_of_runs)]
+    all_placements = [placement for found in placements_of_runs for placement in found]
     items = [
         over_trials(approaches, rules.other_worlds),
         over_trials(arrivals, rules.other_worlds),
         judge_rviz(view, scan_topic, rules),
         over_trials(places, rules.other_worlds),
-        judge_shown(view, [each for found in placements for each in found], places, rules),
+        judge_shown(view, all_placements, places, rules),
     ]
     # `forfeited` takes the points of a submission that has interfered with the simulator, and `weighted`
     # applies the weights of the teacher's rubric
