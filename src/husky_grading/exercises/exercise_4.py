@@ -48,9 +48,9 @@ MAX_ESTIMATES = 50_000
 # [s] the bag counts as played at this simulated time before its end, because the last true pose may come a
 # little before the end
 BAG_MARGIN = 0.1
-# [s] the run waits for the last estimates, until the stamp of one is at most this time before the bag's end
-LAST_MARGIN = 1.0
-SILENCE = 10.0  # [s] the run ends if, after the bag's end, no estimate has come for this wall time
+# After the bag's end, the run waits for the last estimates. It ends as soon as the stamp of an estimate is at
+# most LAST_MARGIN [s] before the bag's end, or if no estimate has come for the wall time SILENCE [s].
+LAST_MARGIN, SILENCE = 1.0, 10.0
 # a package that names smb_control or smb_description is for the SMB; /rslidar_points and smb_top_view are not
 # enough, because a package for the Husky may name them, too
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
@@ -65,12 +65,8 @@ MAX_GAP = 5.0  # [s] longest allowed time between the stamps of two estimates
 TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02
 # [m] required position of the frame smb_top_view in base_link; its tolerance
 ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1
-# required colouring of the point cloud; required size of its points [m]; tolerance of this size [m]
-COLOURING, SIZE, SAME_SIZE = (
-    "AxisColor Z",
-    0.05,
-    0.005,
-)
+COLOURING = "AxisColor Z"  # required colouring of the point cloud
+SIZE, SIZE_TOLERANCE = 0.05, 0.005  # [m] required size of its points, and tolerance of this size
 
 PLOT_HINT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
 INPUTS_HINT = (
@@ -111,7 +107,7 @@ class Playback:
 
 
 def named_bag(planned: Plan) -> NamedRobot:
-    """Return the robot whose bag is played: the SMB if the student's package names packages of the SMB.
+    """Return the robot whose bag is played: the SMB if the package names packages of the SMB.
 
     The choice is certain, so it does not change if the submission subscribes to another robot's scans.
     """
@@ -134,34 +130,40 @@ def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
     """Return the quantity on x and the quantity on y of each curve of rqt_multiplot, as /topic/field."""
     curves = []
     for path in walk(package):
-        if path.suffix == ".xml":
-            with suppress(UnreadableFileError):
-                root = read_xml(path, MAX_FILE)
-                if root.tag == "rqt_multiplot":
-                    both_axes = [_quantities(axes) for axes in root.iter("axes")]
-                    curves += [quantities for quantities in both_axes if quantities]
+        if path.suffix != ".xml":
+            continue
+        with suppress(UnreadableFileError):
+            root = read_xml(path, MAX_FILE)
+            if root.tag == "rqt_multiplot":
+                for axes in root.iter("axes"):  # each curve has one element `axes`
+                    quantities = _quantities(axes)
+                    if quantities:
+                        curves.append(quantities)
     return tuple(curves[:MAX_CURVES])
 
 
 def _quantities(axes: Any) -> Optional[Tuple[str, str]]:
-    """Return the quantity on x and the quantity on y of a curve; None if one of them is missing.
+    """Return the quantity on x and the quantity on y of a curve, each as /topic/field.
 
-    `axes` is the XML element of the curve's two axes.
+    Return None if one of them is missing. `axes` is the XML element of the curve's two axes.
     """
     quantities = []
     for tag in ("x_axis", "y_axis"):
         axis = axes.find(tag)
-        topic, field_name = (axis.findtext("topic"), axis.findtext("field")) if axis is not None else ("", "")
+        if axis is None:
+            return None
+        topic, field_name = axis.findtext("topic"), axis.findtext("field")
         if not topic or not field_name:
             return None
         quantities.append(f"/{topic.strip('/')}/{field_name}"[:MAX_NAME])
-    return quantities[0], quantities[1]
+    x_quantity, y_quantity = quantities
+    return x_quantity, y_quantity
 
 
 def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
     """Start the player of the robot's bag in the simulator's place, and return it when it is up.
 
-    The player writes true poses to `truth_socket`, as the simulator does.
+    The player writes the true poses to the socket with the path `truth_socket`, as the simulator does.
 
     Raises:
         MarkingError: the player does not start.
@@ -215,23 +217,28 @@ class FilterWatch(Watch):
             self._top_view.append((state.now, *place))
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
-        # [s] simulated time at which the bag counts as played; its end is the deadline
+        # [s] simulated time at which the bag counts as played; the bag ends at the deadline of the run
         end = self._initial_recording.deadline - BAG_MARGIN
-        if state.now < end or not self._is_path_complete(end):
+        if state.now < end or self._waits_for_estimates(end):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")
 
-    def _is_path_complete(self, end: float) -> bool:
-        """Return whether the estimates have reached the bag's end [s], or whether no more are expected.
+    def _waits_for_estimates(self, end: float) -> bool:
+        """Return whether the filter may still send its estimates of the last part of the bag.
 
-        No more are expected if none has come at all, or none for SILENCE.
+        A slow filter sends them only after the bag's end [s]. It does not send any more if the last estimate
+        is near this end already, if none has come at all, or if none has come for SILENCE.
 
         If a filter goes on sending estimates that never reach the end, `drive/run.py` cuts the run off,
         because simulated time does not advance after the bag's end.
         """
-        if any(path and path[-1][0] >= end - LAST_MARGIN for path in self._paths.values()):
-            return True
-        return not self._paths or time.monotonic() - self._last_estimate_at > SILENCE
+        if not self._paths:
+            return False
+        for path in self._paths.values():
+            stamp_of_last, _, _ = path[-1]
+            if stamp_of_last >= end - LAST_MARGIN:
+                return False
+        return time.monotonic() - self._last_estimate_at <= SILENCE
 
     def kept(self) -> Dict[str, Any]:
         """Return the positions of smb_top_view; if it never came, the positions of all other frames."""
@@ -241,8 +248,9 @@ class FilterWatch(Watch):
     @property
     def estimate(self) -> EstimatedPath:
         """Return the path on the topic FILTERED; if no estimate came there, the longest path."""
-        longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
-        topic = FILTERED if self._paths.get(FILTERED) else longest
+        topic = FILTERED
+        if FILTERED not in self._paths:
+            topic = max(self._paths, key=lambda name: len(self._paths[name]), default="")
         return EstimatedPath(topic, np.array(self._paths.get(topic, ())).reshape(-1, 3))
 
 
@@ -253,14 +261,19 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
     """
     if not playback.curves:
         return Verdict(None, by_hand("no configuration of rqt_multiplot was handed in"), PLOT_HINT)
-    # a curve shows the path if it draws y of a topic's position over x of the same topic's position
-    matches = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
-    topics = [match["topic"] for match in matches if match]
+    topics = []  # topics of the curves that show a path: y of the topic's position over x of this position
+    for x, y in playback.curves:
+        match = _POSITION.fullmatch(x)
+        if match and y == f"{match['topic']}/pose/pose/position/y":
+            topics.append(match["topic"])
     shown_curves = playback.curves[:3]  # more curves would make the sentence too long
     evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in shown_curves)
+    share = 0.0
     if FILTERED in topics:
-        return Verdict(1.0, evidence, PLOT_HINT)
-    return Verdict(0.5 if topics else 0.0, evidence, PLOT_HINT)
+        share = 1.0
+    elif topics:
+        share = 0.5
+    return Verdict(share, evidence, PLOT_HINT)
 
 
 def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
@@ -274,17 +287,21 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
+        # without a better explanation, the filter's inputs are probably wrong
         is_cause_unknown = cause.kind is Kind.NO_ODOMETRY
         lacks_only_input = not causes(recording) and not recording.subscribed
-        return Verdict(0.0, evidence, INPUTS_HINT if is_cause_unknown or lacks_only_input else hint_on(cause))
-    stamps, end = path[:, 0], float(recording.times[-1])
-    true_positions = recording.poses[:, :2]  # (M, 2) [m] x and y in the world
-    # true x and y at the stamps of the estimates, (N,) [m] each
-    true_at_stamps = [np.interp(stamps, recording.times, column) for column in true_positions.T]
-    # the bag's robot starts at the origin of the world, so estimates in odom are also positions in the world
-    largest_error = float(np.hypot(*(path[:, 1:].T - true_at_stamps)).max())
-    length = float(np.hypot(*np.diff(true_positions, axis=0).T).sum())
-    largest_gap = float(np.diff(np.sort(stamps)).max())
+        hint = INPUTS_HINT if is_cause_unknown or lacks_only_input else hint_on(cause)
+        return Verdict(0.0, evidence, hint)
+    stamps, x, y = path.T  # (N,) each
+    end = float(recording.times[-1])  # [s] end of the bag
+    true_x, true_y = recording.poses[:, :2].T  # (M,) [m] each, in the world
+    # errors at the stamps of the estimates, (N,) [m] each; the bag's robot starts at the origin of the world,
+    # so estimates in odom are also positions in the world
+    x_errors = x - np.interp(stamps, recording.times, true_x)
+    y_errors = y - np.interp(stamps, recording.times, true_y)
+    largest_error = float(np.hypot(x_errors, y_errors).max())
+    length = float(np.hypot(np.diff(true_x), np.diff(true_y)).sum())  # [m] length of the true path
+    largest_gap = float(np.diff(np.sort(stamps)).max())  # [s] longest time between two estimates
     is_whole = stamps[0] <= LATEST_BEGIN and stamps[-1] >= end - END_MARGIN and largest_gap <= MAX_GAP
     is_accurate = largest_error <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
     evidence = f"{estimate.topic}: estimates from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
@@ -310,25 +327,31 @@ def _cause_of_no_estimate(recording: Recording) -> Note:
 
 def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
     """Grade whether RViz shows the bag's point cloud."""
+    if view.problem:  # RViz shows nothing
+        return Verdict(0.0, view.problem, CLOUD_HINT)
     topics = [cloud.source for cloud in view.clouds]
-    evidence = view.problem or f"{view.source}: point cloud of {', '.join(topics) or 'no topic'}"
-    is_shown = not view.problem and not CLOUD_TOPICS.isdisjoint(topics)
-    return Verdict(float(is_shown), evidence, CLOUD_HINT)
+    evidence = f"{view.source}: point cloud of {', '.join(topics) or 'no topic'}"
+    is_shown = any(topic in CLOUD_TOPICS for topic in topics)
+    return Verdict(1.0 if is_shown else 0.0, evidence, CLOUD_HINT)
 
 
 def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
-    """Grade whether the point cloud is coloured by z (half), and its points are 0.05 m large (half)."""
-    styles = []
+    """Grade whether the point cloud is coloured by z (half), and its points are 0.05 m large (half).
+
+    If RViz shows several point clouds, the one with the best style counts.
+    """
+    styles = []  # share of the points, and description, of each cloud
     for cloud in view.clouds:
-        is_coloured = cloud.colouring == COLOURING
-        is_sized = abs(cloud.size - SIZE) <= SAME_SIZE
-        styles.append((0.5 * is_coloured + 0.5 * is_sized, f"{cloud.colouring}, {cloud.size:g} m"))
+        share = 0.5 if cloud.colouring == COLOURING else 0.0
+        if abs(cloud.size - SIZE) <= SIZE_TOLERANCE:
+            share += 0.5
+        styles.append((share, f"{cloud.colouring}, {cloud.size:g} m"))
     share, style = max(styles, default=(0.0, "no point cloud"))
     return Verdict(share, f"{view.source}: {style}", STYLE_HINT)
 
 
 def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
-    """Grade whether the top view is 2 m above base_link at three moments of the run."""
+    """Grade whether the frame smb_top_view is 2 m above base_link at three moments of the run."""
     rows = playback.top_view  # (N, 4) [s, m, m, m] time, and position of smb_top_view in base_link
     if len(rows) < 3:  # too few for three moments
         # if the frame never came, `places` has the positions of all other frames; one of them may be the top
@@ -354,14 +377,16 @@ def _is_above(place: Sequence[float]) -> bool:
 
 def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """Grade whether the launch file plays a bag."""
+    # arguments of each `rosbag play`, with file names instead of paths
     calls = "; ".join(_FOLDERS.sub("", player) for player in playback.players)
-    return Verdict(float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS_HINT)
+    return Verdict(1.0 if calls else 0.0, f"its launch file plays {calls or 'no bag'}", PLAYS_HINT)
 
 
 def judge_half_speed(recording: Recording, playback: Playback, view: RvizView) -> Verdict:
-    """Grade whether the launch file plays a bag at half speed."""
+    """Grade whether the launch file plays a bag at half speed, with the evidence of `judge_player`."""
     rates = [float(rate) for player in playback.players for rate in _RATE.findall(player)]
-    return judge_player(recording, playback, view)._replace(share=float(0.5 in rates))
+    evidence = judge_player(recording, playback, view).evidence
+    return Verdict(1.0 if 0.5 in rates else 0.0, evidence, PLAYS_HINT)
 
 
 def leave_to_teacher(_recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
@@ -389,7 +414,8 @@ def judge_exercise_4(
     recordings: Sequence[Recording], view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Return the items of the exercise sheet of the robot whose bag was played."""
-    recording, items = recordings[0], []  # this exercise has a single run
+    recording = recordings[0]  # this exercise has a single run
+    items = []
     playback = recording.watched_as(Playback)
     for name, (husky_points, smb_points, subject, judge) in SHEETS.items():
         max_points = smb_points if recording.robot == SMB else husky_points
@@ -398,7 +424,7 @@ def judge_exercise_4(
             items.append(without_config(item, view, rules))
         else:
             share, evidence, hint = judge(recording, playback, view)
-            points = None if share is None else share * item.max_points  # None if it is graded by hand
+            points = None if share is None else share * max_points  # None if it is graded by hand
             items.append(replace(item, points=points, evidence=evidence, hint=hint))
     # items that this robot's exercise sheet does not have are left out
     items = [item for item in items if item.max_points]
