@@ -35,8 +35,9 @@ TOLERANCE = 0.02
 # at least this number of printed lines must have a number that was the lidar's smallest range; otherwise the
 # item gets no points
 LEAST_LINES = 5
-# A line with more numbers than this is a list of ranges, which always has the smallest one, so the line does
-# not count. A line with the smallest range, its position and angle, limits and speeds has fewer numbers.
+# A line with more numbers than this is a list of all ranges. Such a line does not count, because it always
+# has the smallest range. A line with the smallest range, its position and angle, limits and speeds has fewer
+# numbers.
 MOST_NUMBERS = 10
 # [s] a line may print the smallest range of a scan that is older than the line by up to this simulated time,
 # because a slow node with a long queue of scans prints late
@@ -44,8 +45,9 @@ LATEST = 1.0
 # [s] a line may print the smallest range of a scan that is newer than the line's stamp by up to this
 # simulated time, because the stamp has only the resolution of /clock
 STAMP_TOLERANCE = 0.05
-# [m] a number that differs from the smallest range by more than TOLERANCE, but by less than NEAR, counts as
-# another range of the pillar
+# [m] A number that differs from the smallest range by more than TOLERANCE, but by less than NEAR, counts as a
+# wrong smallest range, such as another range of the pillar. Other numbers have another meaning, such as a
+# speed.
 NEAR = 0.5
 # all points are given only if the printed numbers change by at least this fraction of the change of the
 # smallest range
@@ -107,16 +109,17 @@ class StraightDrive(Watch):
         The student chooses the names. A private parameter counts as the topic name if its value is the topic
         of the scans. It counts as the queue size if it is a whole number and its name contains "queue".
         """
-        topic = self._initial_recording.scan_topic
-        # the name of a private parameter begins with the name of its node, such as /node/name
-        private = [
-            (name, value) for name, value in sorted(self._ros.parameters().items()) if name.count("/") > 1
-        ]
-        topics = [
-            name for name, value in private if isinstance(value, str) and f"/{value.lstrip('/')}" == topic
-        ]
-        # a bool is an int in Python
-        queues = [name for name, value in private if type(value) is int and _QUEUE.search(name)]
+        scan_topic = self._initial_recording.scan_topic
+        topics, queues = [], []
+        for name, value in sorted(self._ros.parameters().items()):
+            # the name of a private parameter begins with the name of its node, such as /node/name
+            if name.count("/") < 2:
+                continue
+            if isinstance(value, str) and f"/{value.lstrip('/')}" == scan_topic:
+                topics.append(name)
+            # no `isinstance`, because a bool is an int in Python, too
+            if type(value) is int and _QUEUE.search(name):
+                queues.append(name)
         plain: Dict[str, Any] = to_plain(ReadParameters(tuple(topics), tuple(queues)))
         return plain
 
@@ -133,29 +136,36 @@ def read_lines(output: str) -> List[PrintedLine]:
     """Return the lines of an output that have decimal numbers; stamps of the ROS log do not count."""
     lines = []
     for text in output.splitlines():
+        stamp, printed = None, text
         prefix = _PREFIX.match(text)
-        stamp = float(prefix["stamp"]) if prefix and prefix["stamp"] else None
-        printed = text[prefix.end() :] if prefix else text
+        if prefix:
+            printed = text[prefix.end() :]
+            if prefix["stamp"]:
+                stamp = float(prefix["stamp"])
         numbers = [float(word) for word in _NUMBER.findall(printed)]
         if numbers:
-            lines.append(PrintedLine(numbers, stamp, is_list=len(_RANGE.findall(printed)) > MOST_NUMBERS))
+            is_list = len(_RANGE.findall(printed)) > MOST_NUMBERS
+            lines.append(PrintedLine(numbers, stamp, is_list))
     return lines
 
 
 def smallest_ranges(nearest: NDArray[np.float64], stamp: Optional[float]) -> Tuple[float, float]:
-    """Return the lowest and the highest number [m] that is right in a printed line; nan if no scan fits.
+    """Return the lowest and the highest smallest range [m] of the scans that a printed line may be about.
 
-    The line may print the smallest range of any scan of the last LATEST seconds.
+    A line may be about any scan of the last LATEST seconds. If there was no such scan, both values are nan.
 
     Args:
         nearest: (N, 2) time [s] and smallest range [m] of each scan, sorted by time.
-        stamp: simulated time [s] at which the line was printed; None if unknown, so that every scan fits.
+        stamp: simulated time [s] at which the line was printed. If it is None, the time is unknown, so the
+            line may be about any scan of the run.
     """
     ranges = nearest[:, 1]
     if stamp is not None:
         first, end = np.searchsorted(nearest[:, 0], [stamp - LATEST, stamp + STAMP_TOLERANCE])
         ranges = ranges[first:end]
-    return (float(ranges.min()), float(ranges.max())) if len(ranges) else (np.nan, np.nan)
+    if not len(ranges):
+        return np.nan, np.nan
+    return float(ranges.min()), float(ranges.max())
 
 
 def judge_output(recording: Recording) -> Item:
@@ -164,7 +174,7 @@ def judge_output(recording: Recording) -> Item:
     It gets 20 points if the printed numbers do not decrease while the robot drives towards the pillar.
     """
     item = Item(PRINTS_RANGE, 0.0, 40.0, "")
-    # scans without a return have no smallest range
+    # (N, 2) [s, m] time and smallest range of each scan; a scan without a return has no smallest range
     nearest = recording.nearest[np.isfinite(recording.nearest[:, 1])]
     if not recording.subscribed or not len(nearest):
         # if the submission does not subscribe to the scans, `first_cause` also finds a misspelt topic
@@ -172,24 +182,29 @@ def judge_output(recording: Recording) -> Item:
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     lines = read_lines(recording.output)
     printed = []  # [m] first number of each line that can be the smallest range
-    # [m] numbers that were printed while the robot stood, and that are near the smallest range, but wrong.
-    # All scans have the same smallest range then, so such a line is not just late.
-    wrong_at_rest, is_right_at_rest = [], False
-    for numbers, stamp in ((line.numbers, line.stamp) for line in lines if not line.is_list):
-        low, high = smallest_ranges(nearest, stamp)
-        right = [number for number in numbers if low - TOLERANCE <= number <= high + TOLERANCE]
+    # While the robot stands, all scans have the same smallest range. So a line that prints another range then
+    # is not just late, but wrong.
+    wrong_at_rest = []  # [m] such wrong numbers
+    is_right_at_rest = False  # true if a line printed the smallest range while the robot stood
+    for line in lines:
+        if line.is_list:
+            continue
+        low, high = smallest_ranges(nearest, line.stamp)
+        right = [number for number in line.numbers if low - TOLERANCE <= number <= high + TOLERANCE]
         printed += right[:1]
-        if stamp is not None and high - low <= TOLERANCE:  # the robot stands
-            is_right_at_rest |= bool(right)
-            wrong_at_rest += [number for number in numbers if TOLERANCE < abs(number - high) < NEAR]
-    low, high = smallest_ranges(nearest, None)
+        if line.stamp is not None and high - low <= TOLERANCE:  # the robot stands
+            if right:
+                is_right_at_rest = True
+            wrong_at_rest += [number for number in line.numbers if TOLERANCE < abs(number - high) < NEAR]
+    low, high = smallest_ranges(nearest, stamp=None)  # over the whole run
     if len(printed) < LEAST_LINES:
         evidence = f"{len(printed)} lines have a range between {low:.2f} and {high:.2f} m, {LEAST_LINES} must"
-        lists = sum(line.is_list for line in lines)
+        lists = sum(line.is_list for line in lines)  # number of lines that are lists of ranges
         if lists:
             evidence += f"; {lists} lines with more than {MOST_NUMBERS} numbers do not count"
         # if there are lines with numbers, the student does not take the minimum of the valid ranges
         return replace(item, evidence=evidence, hint=MINIMUM if lines else PRINT)
+    # if the right range was printed while the robot stood, the wrong numbers are another quantity
     if len(wrong_at_rest) >= LEAST_LINES and not is_right_at_rest:
         evidence = f"prints {wrong_at_rest[0]:.2f} m while the robot stands, "
         evidence += f"but the smallest range is {high:.2f} m"
@@ -197,9 +212,10 @@ def judge_output(recording: Recording) -> Item:
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
     # the robot drives towards the pillar, so the printed numbers must decrease, as the smallest range does
-    follows = max(printed) - min(printed) >= SPAN_FRACTION * (high - low) and printed[0] > printed[-1]
+    change, decreases = max(printed) - min(printed), printed[0] > printed[-1]
+    follows_range = decreases and change >= SPAN_FRACTION * (high - low)
     # `weighted` later removes the hint of an item with all points
-    return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
+    return replace(item, points=40.0 if follows_range else 20.0, evidence=evidence, hint=MINIMUM)
 
 
 def judge_parameters(recording: Recording) -> Item:

@@ -31,8 +31,8 @@ ITEMS = (STOPS_ROBOT, STARTS_ROBOT, *BONUSES)
 BEFORE = 0.5  # [s] the speed before a call is the highest speed within this simulated time before the call
 # [s] the speed after a call is the highest speed between these two simulated times after the answer
 EFFECT_BEGIN, EFFECT_END = 1.5, 4.0
-# a node that has looked the service up at least this often counts as its caller; a node that only waits for
-# the service looks it up less often
+# a node counts as a caller of the service if it has asked the ROS master for the service's address at least
+# this often; a node that only waits for the service asks less often
 MANY = 5
 # [m/s] the robot stands up to the speed STANDING_SPEED, and drives from the speed DRIVING_SPEED on
 STANDING_SPEED, DRIVING_SPEED = 0.05, 0.1
@@ -43,9 +43,9 @@ CALLS = (False, True, False, True)
 DRIVES = 0.1  # [m/s] the robot has begun to drive if its speed is above this
 # [s] the first call comes FIRST_CALL after the robot has begun to drive, but at the latest at the simulated
 # time LATEST_FIRST_CALL
-FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)
-# [s] a call may be the reason why commands stop if the last command came at most this simulated time after
-# the call
+FIRST_CALL, LATEST_FIRST_CALL = 1.0, 8.0
+# [s] a call may be the reason why the submission sends no more commands if the last command came at most this
+# simulated time after the call
 OBEYED = 0.5
 NO_SERVICE = 25.0  # [s] the run is over if the submission has offered no service by this simulated time
 # hints
@@ -81,8 +81,8 @@ class ServiceCalls:
     services: Tuple[str, ...] = ()  # names of the services of type std_srvs/SetBool
     other_services: Tuple[str, ...] = ()  # services of other types, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
-    # number of lookups of the service by each node of the submission; each call of the service looks it up
-    # once
+    # for each node of the submission, number of times that it asked the ROS master for the service's address;
+    # a node does this once for each call
     callers: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -105,21 +105,24 @@ class CallPlan:
 
         `speed` is the robot's speed [m/s].
         """
-        if abs(speed) > DRIVES:
+        drives, stands = abs(speed) > DRIVES, abs(speed) <= STANDING_SPEED
+        if drives:
             self.drove_at = min(self.drove_at, now)
-        begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s] time of the first call
+        first_call_at = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)  # [s]
         # The effect of a call is measured until EFFECT_END after its answer, so the next call comes only
         # then. While an answer is awaited, `answered_at` is inf, so no call is due.
-        if now < max(begin, self.answered_at + EFFECT_END):
+        if now < max(first_call_at, self.answered_at + EFFECT_END):
             return None
-        is_repeat = not self.has_repeated and self.drove_before and abs(speed) <= STANDING_SPEED
-        if self.made >= len(CALLS) and not is_repeat:
-            return None
+        # the last call has stopped the robot for the first time, so its value is sent again
+        is_repeat = not self.has_repeated and self.drove_before and stands
         if is_repeat:
             self.has_repeated = True
-        else:
+        elif self.made < len(CALLS):
             self.made += 1
-        self.drove_before, self.answered_at = abs(speed) > DRIVES, inf
+        else:
+            return None
+        self.drove_before = drives
+        self.answered_at = inf
         return CALLS[self.made - 1]
 
     def answered(self, now: float) -> None:
@@ -127,7 +130,7 @@ class CallPlan:
         self.answered_at = now
 
     def reason(self, now: float, has_service: bool) -> Optional[Note]:
-        """Return why the run is over, or None if it goes on."""
+        """Return why the run is over at this time [s], or None if it goes on."""
         if not has_service and now > NO_SERVICE:
             return Note(Kind.NO_SERVICE, f"it offered no start/stop service for {NO_SERVICE:g} s")
         has_last_effect = now >= self.answered_at + EFFECT_END
@@ -151,9 +154,9 @@ class ServiceWatch(Watch):
         return self._follow_plan(state) or super().look(state)
 
     def _follow_plan(self, state: DriveState) -> Optional[Note]:
-        """Take the answer of the last call, or make the call that is due.
+        """Take the answer of the last call, make the call that is due, and return why the run is over.
 
-        Return why the run is over, or None if it goes on.
+        Return None if the run goes on.
         """
         # the type of a new service may be unknown at first, so the types are asked for each time
         self._types.update(self._ros.service_types(state.services))
@@ -182,8 +185,13 @@ class ServiceWatch(Watch):
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Return whether a call came just before the last command [s, simulated], or after it."""
-        calls = [*self._calls, self._waiting_call] if self._waiting_call else self._calls
+        """Return whether a call came just before the last command [s, simulated], or after it.
+
+        The missing commands are then no fault, because the call may have asked for a stop.
+        """
+        calls = list(self._calls)
+        if self._waiting_call:
+            calls.append(self._waiting_call)
         return any(call.at >= last_command - OBEYED for call in calls)
 
     def _start_stop_services(self) -> List[str]:
@@ -237,19 +245,10 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
-    # for each effect after the first one, true if its call repeats the value of the call before it
-    repeats = [each.call.data is previous.call.data for previous, each in zip(effects, effects[1:])]
-    # repeated calls that start the robot again, although the same value had stopped it
-    restarts = [
-        effect
-        for previous, effect, repeats_value in zip(effects, effects[1:], repeats)
-        if repeats_value and previous.stopped and effect.after >= DRIVING_SPEED
-    ]
-    # a repeated call that changes nothing is right, and proves nothing more
-    effects = [effect for effect, repeats_value in zip(effects, [False, *repeats]) if not repeats_value]
+    effects, restarts = _take_out_repeats(effects)
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
-        if len(observed.services) > 1:  # another service may be the one that stops it
+        if len(observed.services) > 1:  # another service may stop the robot, but only the first was called
             others = ", ".join(observed.services[1:])
             evidence = by_hand(f"{service} stops nothing, and {others} of the same type was not called")
             return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
@@ -260,17 +259,33 @@ def judge_calls(recording: Recording) -> List[Item]:
     stop = _judge_stops(stop, service, effects_of_stops, restarts)
     if not calls_while_driving:
         return [stop, _judge_starts_from_rest(start, service, recording, effects)]
-    # a call that starts the robot counts only if the call before it had stopped the robot
-    starts = [
-        effect
-        for previous, effect in zip(effects, effects[1:])
-        if effect.call.data is not stop_value and previous.stopped and not effect.drove_before
-    ]
+    # a call with the other value counts only if the call before it had stopped the robot
+    starts = []
+    for previous, effect in zip(effects, effects[1:]):
+        is_start = effect.call.data is not stop_value
+        if is_start and previous.stopped and not effect.drove_before:
+            starts.append(effect)
     if restarts and not starts:
         value = str(stop_value).lower()
         evidence = by_hand(f"{service}: it ignores its value, because a second {value} starts the robot")
         return [stop, replace(start, points=None, evidence=evidence)]
     return [stop, _judge_starts(start, service, starts)]
+
+
+def _take_out_repeats(effects: Sequence[Effect]) -> Tuple[List[Effect], List[Effect]]:
+    """Return the effects of calls with another value than the call before, and the wrong restarts.
+
+    A wrong restart is a call that repeats the value by which the robot has just stopped, and starts the robot
+    again. Other repeated calls are in neither list, because a call that changes nothing is right, and proves
+    nothing more.
+    """
+    effects_of_changes, restarts = list(effects[:1]), []
+    for previous, effect in zip(effects, effects[1:]):
+        if effect.call.data is not previous.call.data:
+            effects_of_changes.append(effect)
+        elif previous.stopped and effect.after >= DRIVING_SPEED:
+            restarts.append(effect)
+    return effects_of_changes, restarts
 
 
 def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: ServiceCalls) -> List[Item]:
@@ -285,9 +300,11 @@ def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: Servi
     elif observed.other_services:
         evidence = by_hand(f"{evidence}, but {', '.join(observed.other_services)}")
         return [replace(item, points=None, evidence=evidence) for item in items]
-    hint, reasons = SERVICE, causes(recording)
-    if reasons:
-        evidence, hint = f"{evidence}: {reasons[0].text}", hint_on(reasons[0])
+    hint = SERVICE
+    reasons = causes(recording)
+    if reasons:  # such as a node that has crashed
+        evidence += f": {reasons[0].text}"
+        hint = hint_on(reasons[0])
     return [replace(item, evidence=evidence, hint=hint) for item in items]
 
 
@@ -326,19 +343,21 @@ def _judge_no_stop(
 
 def _stopping_value(effects: Sequence[Effect]) -> bool:
     """Return the value that stops the robot: after this value, it is slower than after the other value."""
-    speeds_after: Dict[bool, List[float]] = {False: [], True: []}
+    speeds_after: Dict[bool, List[float]] = {False: [], True: []}  # [m/s] speeds after calls with each value
     for effect in effects:
         if effect.drove_before:
             speeds_after[effect.call.data].append(effect.after)
     # if a value was never sent to a driving robot, its mean speed is inf, so the other value counts as the
     # one that stops the robot
-    means = {value: np.mean(speeds or [np.inf]) for value, speeds in speeds_after.items()}
-    return bool(means[True] < means[False])
+    mean_after_true = np.mean(speeds_after[True] or [np.inf])
+    mean_after_false = np.mean(speeds_after[False] or [np.inf])
+    return bool(mean_after_true < mean_after_false)
 
 
 def _measure_effects(recording: Recording, calls: Sequence[Call]) -> List[Effect]:
     """Return the effect of each call for which the recording has moments before and after."""
-    speeds, effects = np.abs(recording.speeds[:, 0]), []  # (N,) [m/s] speed at each recorded time
+    speeds = np.abs(recording.speeds[:, 0])  # (N,) [m/s] speed at each recorded time
+    effects = []
     for call in calls:
         # (N,) true at the moments just before the call
         before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
@@ -369,6 +388,7 @@ def _judge_stops(
         evidence = by_hand(f"{service}: the robot already stood before each call")
         return replace(item, points=None, evidence=evidence)
     failures = [effect for effect in while_driving if not effect.stopped]
+    # a restart is a call with the value for a stop, so it is one more failure
     return _with_points(item, f"{service}: stands", [*while_driving, *restarts], [*failures, *restarts])
 
 
@@ -424,11 +444,14 @@ def _with_points(item: Item, reaction: str, effects: Sequence[Effect], failures:
         if shown_call.answer and not shown_call.success:  # the answer may say why the call failed
             evidence += f" ({shown_call.answer})"
     errors = [effect.call.answer for effect in effects if effect.call.is_error]
-    if (
-        errors and not failures
-    ):  # the robot obeys, but who calls the service gets an error, which costs nothing
+    # the robot obeys, but the service answers with an error; this costs no points
+    if errors and not failures:
         evidence += f", but {len(errors)} of them had an error: {errors[0]}"
-    share = 1.0 if not failures else 0.5 if successes else 0.0
+    share = 0.0
+    if not failures:
+        share = 1.0
+    elif successes:
+        share = 0.5
     return replace(item, points=share * item.max_points, evidence=evidence, at=shown_call.at)
 
 
@@ -443,9 +466,10 @@ def judge_exercise_5(
     # the teacher grades a submission by hand if its services have other types than std_srvs/SetBool
     has_only_other_types = bool(observed.other_services) and not observed.services
     if not drives and not has_only_other_types:
-        stop, start = (replace(item, points=0.0) for item in items)
-        stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recording))
-        items = [stop, replace(start, hint=stop.hint)]
+        stop, start = items
+        cause = first_cause(recording)
+        stop = with_cause(replace(stop, points=0.0), "it never drives, so it cannot be stopped", cause)
+        items = [stop, replace(start, points=0.0, hint=stop.hint)]
     # the exercise sheet requires a separate node for each bonus; the text reminds the teacher of this
     items += [
         Item(name, None, 25.0, by_hand("it is done by a node of its own"), subject=Subject.SERVICE)
