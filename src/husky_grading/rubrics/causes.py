@@ -90,12 +90,16 @@ def causes(recording: Recording) -> List[Note]:
 
 
 def _ran_to_the_end(recording: Recording) -> bool:
-    """Return whether a node of the submission still ran at the end of the run."""
-    if recording.ended and recording.ended.kind is Kind.DEADLINE:
-        # if commands came until the deadline, the controller still ran, so the node that has ended is another
-        # one
+    """Return whether the controller of the submission still ran at the end of the run.
+
+    A node that has ended was then another node, so its end does not explain lost points.
+    """
+    if not recording.ended:
+        return False
+    if recording.ended.kind is Kind.DEADLINE:
+        # a controller that sent commands until the deadline still ran
         return bool(len(recording.commands)) and recording.times[-1] - recording.commands[-1] < SILENT
-    return bool(recording.ended and recording.ended.kind in RAN_ON)
+    return recording.ended.kind in RAN_ON
 
 
 def moves_nothing(largest: Optional[float]) -> bool:
@@ -104,7 +108,7 @@ def moves_nothing(largest: Optional[float]) -> bool:
 
 
 def is_up(recording: Recording) -> bool:
-    """Return whether a node of the submission subscribed or published."""
+    """Return whether a node of the submission ran, because the submission subscribed or published."""
     topics = (*recording.silent_topics, *recording.unread_topics, *recording.marker_topics)
     return recording.subscribed or bool(recording.command_count or topics)
 
@@ -114,7 +118,10 @@ def cause_of_no_marker(recording: Recording) -> Optional[Note]:
     reasons = causes(recording)
     if reasons:
         return reasons[0]
-    return None if recording.subscribed else first_cause(recording)
+    if recording.subscribed:
+        # `first_cause` would go on to the commands, which do not explain a missing marker
+        return None
+    return first_cause(recording)
 
 
 def silent_text(topics: str) -> str:

@@ -40,28 +40,33 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     # weighted mean of the course's world and all other worlds together
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
     worlds = "another world" if len(further) == 1 else f"{len(further)} other worlds"
-    evidence = f"{worst.evidence}; the same points in {worlds}"
     if max(scores) > min(scores):
         evidence = (
             f"{worst.evidence} (run {number + 1}; of {worst.max_points:g} points it has {first:g} in the"
             f" course's world and {round(mean, 1):g} in {worlds})"
         )
+    else:
+        evidence = f"{worst.evidence}; the same points in {worlds}"
     return replace(worst, points=points, evidence=evidence, drive=number + 1)
 
 
 def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[Item]:
     """Return items without points if a submission interfered with the simulator or the recording."""
-    # sentences on the interferences of all runs, without repetitions
-    violations = list(dict.fromkeys(each for recording in recordings for each in recording.violations))
+    violations: List[str] = []  # sentences on the interferences of all runs, each once
+    for recording in recordings:
+        for violation in recording.violations:
+            if violation not in violations:
+                violations.append(violation)
     if not violations:
         return list(items)
     evidence = f"no points: {'; '.join(violations)}"
     hint = "a controller may read scans and TF, and send commands, markers and services, and nothing else"
-    # an item that is graded by hand is left to the teacher
-    return [
-        item if item.points is None else replace(item, points=0.0, evidence=evidence, hint=hint)
-        for item in items
-    ]
+    judged = []
+    for item in items:
+        if item.points is not None:  # an item that is graded by hand is left to the teacher
+            item = replace(item, points=0.0, evidence=evidence, hint=hint)
+        judged.append(item)
+    return judged
 
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
@@ -74,14 +79,18 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
         cause: sentence on the variable that the submission reads before it writes it.
     """
     judged: List[Item] = []
-    reason, first_hint = f"{cause}, so it drives by chance", INITIALISE
+    has_explained = False  # true if an item before this one has explained the cause
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
+            hint = item.hint
+            if has_explained:
+                reason = "by chance, as above"
+            else:
+                reason = f"{cause}, so it drives by chance"
+                hint = f"{INITIALISE}; then {hint}" if hint else INITIALISE
+                has_explained = True
             evidence = by_hand(f"{reason}; in our run: {item.evidence} ({item.points:g} points)")
-            # the hint on the variable comes first, but only in the first of these items
-            hint = "; then ".join(filter(None, [first_hint, item.hint]))
             item = replace(item, points=None, evidence=evidence, hint=hint)
-            reason, first_hint = "by chance, as above", ""  # the next items only refer to this item
         judged.append(item)
     return judged
 
@@ -98,17 +107,18 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
     for item in items:
         if item.points is not None and not item.full:
             evidence = by_hand(f"{reason}: {item.evidence} ({item.points:g} points)")
-            # the next items only refer to this item's reason
-            item, reason = replace(item, points=None, evidence=evidence), "the same choice of launch file"
+            item = replace(item, points=None, evidence=evidence)
+            reason = "the same choice of launch file"  # the next items only refer to this item's reason
         judged.append(item)
     return judged
 
 
 def told_once(items: Sequence[Item]) -> List[Item]:
-    """Return items in which a hint that an earlier item has is replaced by a reference to that item."""
+    """Return the items with each hint only once; a later item with the same hint refers to the first one."""
     first_names: Dict[str, str] = {}  # key: hint; value: name of the first item with this hint
     told = []
     for item in items:
+        # `setdefault` stores the item's name only if the hint is new
         first_name = first_names.setdefault(item.hint, item.name)
         if item.hint and first_name != item.name:
             item = replace(item, hint=f"the same as for '{first_name}'")
@@ -129,6 +139,8 @@ def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
         elif item.points is not None and weight != item.max_points:
             item = replace(item, points=round(item.points * weight / item.max_points, 1))
         item = replace(item, max_points=weight)
-        # `full` is also true for an item that is graded by hand, but this item keeps its hint for the teacher
-        judged.append(replace(item, hint="") if item.full and item.points is not None else item)
+        # an item that is graded by hand is `full`, too, but keeps its hint for the teacher
+        if item.full and item.points is not None:
+            item = replace(item, hint="")
+        judged.append(item)
     return judged

@@ -103,8 +103,8 @@ def find_fault(
     drawn = [marker for marker in wrong if not marker.problem]
     if not drawn:
         return fault_of_invisible(wrong[0])
-    mount = load_robot(recording.robot).lidar_mount  # mount.x is the lidar's distance ahead of base_link [m]
-    if _are_mostly_true([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
+    lidar_x = load_robot(recording.robot).lidar_mount.x  # [m] x of the lidar in base_link
+    if _are_mostly_true([_is_at_origin(recording, marker, lidar_x) for marker in drawn]):
         # true if most of these markers came after a scan in which no beam measured a range
         is_blind = _are_mostly_true([_smallest_range(recording, marker) == np.inf for marker in drawn])
         # if all markers are wrong, the fault does not come from scans without a return
@@ -112,7 +112,7 @@ def find_fault(
     fault = _find_direction_fault(recording, wrong, wrong_share, rules)
     if fault:
         return fault
-    if _are_mostly_true([_lacks_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
+    if _are_mostly_true([_leaves_out_lidar_mount(recording, marker, lidar_x, rules) for marker in drawn]):
         return Kind.IN_BASE_LINK
     # a wrong marker that is at the pillar, seen from above, can only be wrong because of its height
     height = recording.pillar_size.height
@@ -137,13 +137,13 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame  # the first marker stands for all, because few submissions use several frames
-    # every frame except odom counts as a frame that turns with the robot, so the student has computed x and y
-    # as seen from the robot
+    # Every frame except odom counts as a frame that turns with the robot. In such a frame, the student has
+    # computed x and y as seen from the robot, so y = 0 or whole metres are visible in `Seen`.
     turns_with_robot = frame != "odom"
     # [m] x of the origin of the marker's frame in base_link; every frame except base_link counts as the
     # lidar's frame
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x
-    # test of each fault on one marker, seen from base_link; the first fault that most markers have counts
+    # test of each fault on one marker; the first fault that most markers have counts
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: (
             turns_with_robot and abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
@@ -180,8 +180,8 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
         if not marker.problem and is_off_axis(recording, marker.at, rules):
             at = _time_of_position(marker)
             pillar_distance, pillar_bearing = pillar_from_robot(recording, at)
-            # [m] tolerance of a mirrored or swapped position: the distance at which a marker still gets half
-            # of the points, and more if the pillar is far away
+            # [m] tolerance with which the marker is compared with a mirrored or swapped pillar: the distance
+            # at which a marker still gets half of the points, and more if the pillar is far away
             slack = rules.marker_half + slack_of(recording, pillar_distance, rules)
             slack += IMAGE_SLOPE * pillar_distance
             x, y = _from_robot(recording, marker.position, at)
@@ -212,39 +212,43 @@ def _are_mostly_true(tests: Sequence[bool]) -> bool:
     return float(np.mean(tests)) >= MOSTLY
 
 
-def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> bool:
+def _is_at_origin(recording: Recording, marker: MarkerSample, lidar_x: float) -> bool:
     """Return whether a marker is on the lidar, or at the origin of odom or base_link if that is its frame.
 
-    `mount` is the lidar's distance ahead of base_link [m].
+    The student has then probably set no position. `lidar_x` is the x of the lidar in base_link [m].
     """
     start = recording.start  # origin of odom
     from_start = hypot(marker.position[0] - start.x, marker.position[1] - start.y)
     if marker.frame == "odom" and from_start <= POSITION_TOLERANCE:
         return True
     x, y = _from_robot(recording, marker.position, _time_of_position(marker))
-    # [m] x in base_link of the lidar, and also of base_link itself if this is the marker's frame
-    origins_x = (0.0, mount) if marker.frame == "base_link" else (mount,)
-    return min(hypot(x - origin_x, y) for origin_x in origins_x) <= POSITION_TOLERANCE
+    if marker.frame == "base_link" and hypot(x, y) <= POSITION_TOLERANCE:
+        return True
+    return hypot(x - lidar_x, y) <= POSITION_TOLERANCE
 
 
 def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
     """Return the smallest valid range [m] of the scan before a marker came; inf if no beam had a return."""
+    # (N, 2) [s, m] time and smallest range of the scans before the marker; 1e-6 is a tolerance for rounding
     before = recording.nearest[recording.nearest[:, 0] <= marker.at + 1e-6]
+    # without a scan the range is unknown; 0 says that the missing returns are not the reason of the fault
     return float(before[-1, 1]) if len(before) else 0.0
 
 
-def _lacks_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
-    """Return whether a marker in base_link would be right in the lidar's frame, which is `mount` [m] ahead.
+def _leaves_out_lidar_mount(recording: Recording, marker: MarkerSample, lidar_x: float, rules: Rules) -> bool:
+    """Return whether a marker in base_link has coordinates that would be right in the lidar's frame.
 
-    Such a student has left out the position of the lidar on the robot.
+    The student has then left out the position of the lidar on the robot. `lidar_x` is the x of the lidar in
+    base_link [m].
     """
-    if marker.frame != "base_link" or abs(mount) <= COORDINATE_TOLERANCE:
+    if marker.frame != "base_link" or abs(lidar_x) <= COORDINATE_TOLERANCE:
         return False
     at = _time_of_position(marker)
     distance, bearing = pillar_from_robot(recording, at)
     x, y = _from_robot(recording, marker.position, at)
-    # [m] distance from the pillar's axis to the marker, if it is moved ahead by the lidar's position
-    error = hypot(x + mount - distance * cos(bearing), y - distance * sin(bearing))
+    pillar_x, pillar_y = distance * cos(bearing), distance * sin(bearing)  # [m] position in base_link
+    # [m] distance from the pillar's axis to the marker, if the marker is moved ahead by the lidar's position
+    error = hypot(x + lidar_x - pillar_x, y - pillar_y)
     return error <= rules.marker_full + slack_of(recording, distance, rules)
 
 
@@ -263,9 +267,14 @@ def _is_whole(coordinate: float) -> bool:
 
 
 def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
-    """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0."""
+    """Return whether the pillar is so far off the robot's x axis that a mirrored marker scores 0.
+
+    Only at such moments can a marker show whether its y has the right sign. `at` is the time of the moment
+    [s].
+    """
     distance, bearing = pillar_from_robot(recording, at)
-    mirror_error = 2.0 * distance * abs(sin(bearing))  # [m] distance from the pillar to a mirrored marker
+    # [m] distance from the pillar to a marker whose y has the wrong sign
+    mirror_error = 2.0 * distance * abs(sin(bearing))
     # [m] error at which the score falls to 0, because it falls linearly from 1 at `marker_full` to 0.5 at
     # `marker_half`
     zero_score_error = 2.0 * rules.marker_half - rules.marker_full
@@ -273,10 +282,11 @@ def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
 
 
 def slack_of(recording: Recording, robot_distance: float, rules: Rules) -> float:
-    """Return the addition [m] to the rubric's distances, which are for a robot at the course's pillar.
+    """Return how much [m] is added to the distances from the pillar that the rubric allows to a marker.
 
-    The addition grows with the robot's distance from the pillar [m], and with the pillar's radius, because a
-    marker on the surface of a thick pillar is right, too.
+    The rubric's distances are for a robot at the course's pillar. The addition grows with the robot's
+    distance from the pillar [m], and with the pillar's radius, because a marker on the surface of a thick
+    pillar is right, too.
     """
     return rules.marker_per_metre * robot_distance + recording.pillar_size.radius - PILLAR_RADIUS
 
@@ -305,7 +315,7 @@ def pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
 
 
 def fault_text(recording: Recording, marker: MarkerSample) -> str:
-    """Return the error of a marker in a sentence, with its direction seen from the robot."""
+    """Return a sentence for the student: where a wrong marker is, and in which direction from the pillar."""
     if marker.problem:  # reason why RViz does not draw it
         return f"not visible: {marker.problem}"
     x, y = recording.pillar

@@ -38,11 +38,12 @@ from husky_highlevel_controller.robot import load_robot
 MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# the score of a moment is the highest score that at least this fraction of the drawn markers reaches; the
-# sentence for the student calls this fraction "half of the drawn ones"
+# RViz may draw several markers at a moment. The score of the moment is the highest score that at least this
+# fraction of the drawn markers reaches. The sentence for the student calls the fraction "half of the drawn
+# ones".
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
-MAX_SERIES = 6
+MAX_NAMESPACES = 6
 # markers get all points if they are right for the fraction ALWAYS of the time or more, and none for NEVER or
 # less; linear in between
 ALWAYS, NEVER = 0.8, 0.2
@@ -71,25 +72,27 @@ class Placement:
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
     """Return the placement of each topic and namespace that sent markers before a moment [s].
 
-    If there are more than MAX_SERIES, all markers get one score together. Otherwise a student could guess in
-    many namespaces, and one guess would be right by chance.
+    If there are more than MAX_NAMESPACES, all markers get one score together. Otherwise a student could guess
+    in many namespaces, and one guess would be right by chance.
     """
     markers = [marker for marker in recording.markers if marker.at < until]
-    series: Dict[Tuple[str, str], List[MarkerSample]] = {
+    # additions and deletions of each namespace, by topic and namespace; first without any
+    by_namespace: Dict[Tuple[str, str], List[MarkerSample]] = {
         (marker.topic, marker.namespace): [] for marker in markers if marker.action == ADD
     }
-    if len(series) > MAX_SERIES:
-        together = _judge_together(recording, markers, rules)
-        return [replace(together, namespaces=frozenset(series))]
+    if len(by_namespace) > MAX_NAMESPACES:
+        placement = _judge_together(recording, markers, rules)
+        return [replace(placement, namespaces=frozenset(by_namespace))]
     for marker in markers:
-        for (topic, namespace), members in series.items():
+        for (topic, namespace), members in by_namespace.items():
             # `delete all` deletes the markers of all namespaces of a topic, so it is added to each namespace
             if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
                 members.append(marker)
-    return [
-        replace(_judge_together(recording, members, rules), namespaces=frozenset({topic_and_namespace}))
-        for topic_and_namespace, members in series.items()
-    ]
+    placements = []
+    for topic_and_namespace, members in by_namespace.items():
+        placement = _judge_together(recording, members, rules)
+        placements.append(replace(placement, namespaces=frozenset({topic_and_namespace})))
+    return placements
 
 
 def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
@@ -128,7 +131,7 @@ def _judge_together(recording: Recording, markers: Sequence[MarkerSample], rules
     wrong = [marker for marker in added if scores[id(marker)] < 1.0]
     if not wrong:
         return Placement(score, evidence, first.at)
-    if len(groups) > 1:
+    if len(groups) > 1:  # the fractions of both groups explain the score
         parts = [f"{100.0 * _time_fraction(group):.0f} % {direction}" for direction, group in groups.items()]
         evidence += f"; near enough for points: {', '.join(parts)}"
     return _with_fault(recording, added, wrong, Placement(score, evidence, wrong[0].at), rules)
@@ -181,10 +184,10 @@ def _with_fault(
 
 
 def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> List[Moment]:
-    """Return the moments at which markers came, with the scores of the markers that RViz draws then.
+    """Return the moments at which markers came, each with its duration and one score for all drawn markers.
 
-    A moment counts by its duration. If moments were only counted, the markers that a busy machine loses or
-    delays would change the score.
+    The duration is the weight of the moment. If all moments had the same weight, the markers that a busy
+    machine loses or delays would change the score.
 
     Args:
         markers: additions and deletions in the order of time.
@@ -194,11 +197,13 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     begins, ends, sorted_scores = _drawing_times(markers, scores)
     times, moment_scores = [], []
     for at in np.unique(begins):
-        drawn_scores = sorted_scores[(begins <= at) & (at < ends)]
+        is_drawn = (begins <= at) & (at < ends)
+        drawn_scores = sorted_scores[is_drawn]
         if len(drawn_scores):
+            # the scores are sorted, so the last `count` of them are the highest
+            count = ceil(MOST * len(drawn_scores))
             times.append(float(at))
-            # highest score that the fraction MOST of the drawn markers reaches; `drawn_scores` is sorted
-            moment_scores.append(float(drawn_scores[-ceil(MOST * len(drawn_scores))]))
+            moment_scores.append(float(drawn_scores[-count]))
     # [s] a moment counts until the next one, but at most MAX_DURATION, so the last marker before a pause does
     # not count for the whole pause
     durations = np.minimum(np.diff(times), MAX_DURATION).tolist()
@@ -208,10 +213,11 @@ def _score_moments(markers: Sequence[MarkerSample], scores: Mapping[int, float])
 
 
 def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float]) -> np.ndarray:
-    """Return begin [s], end [s] and score of each added marker, (3, N), the lowest score first.
+    """Return when RViz begins and ends to draw each added marker [s], and the marker's score, (3, N).
 
-    A marker is drawn until its lifetime ends, or until it is deleted or replaced by a marker of the same
-    topic, namespace and id. A marker with a `problem` counts as drawn, too, with the score 0.
+    The markers with the lowest score come first. A marker is drawn until its lifetime ends, or until it is
+    deleted or replaced by a marker of the same topic, namespace and id. A marker with a `problem` counts as
+    drawn, too, with the score 0.
 
     Args:
         markers: additions and deletions in the order of time.
@@ -222,6 +228,7 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
     drawn_by_topic: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
     for marker in markers:
         drawn, key = drawn_by_topic[marker.topic], (marker.namespace, marker.id)
+        # an addition and a deletion both end the older marker of the same namespace and id
         ended_keys = list(drawn) if marker.action == DELETE_ALL else [key]
         for ended_key in ended_keys:
             if ended_key in drawn:
@@ -236,9 +243,9 @@ def _drawing_times(markers: Sequence[MarkerSample], scores: Mapping[int, float])
 def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules) -> Dict[str, List[Moment]]:
     """Return the moments in two groups: with the pillar to the side of the robot, and with the pillar ahead.
 
-    The pillar is ahead while it is on the robot's x axis, where a mirrored marker is right, too. The keys are
-    parts of the sentence for the student. A group of fewer than FEW moments is left out. If both groups are
-    so small, all moments are one group, with an empty key.
+    The groups are separate, because a marker whose y has the wrong sign is also right while the pillar is
+    straight ahead. The keys are parts of the sentence for the student. A group of fewer than FEW moments is
+    left out. If both groups are so small, all moments are one group, with an empty key.
     """
     aside: List[Moment] = []
     ahead: List[Moment] = []
@@ -255,7 +262,7 @@ def _by_direction(recording: Recording, moments: Sequence[Moment], rules: Rules)
 
 
 def _time_fraction(moments: Sequence[Moment], at_least: float = 0.0) -> float:
-    """Return the fraction of the moments' time with a score above 0 that is also `at_least` this high."""
+    """Return the fraction of the moments' time in which the score is above 0, and is `at_least` this high."""
     right = [each for each in moments if each.score > 0.0 and each.score >= at_least]
     return _seconds(right) / _seconds(moments)
 
@@ -278,13 +285,15 @@ def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
     if not scoring:
         return 0.0
     mean_score = sum(each.seconds * each.score for each in scoring) / _seconds(scoring)
-    scoring_fraction, *fractions_ahead = [_time_fraction(group) for group in groups.values()]
-    if fractions_ahead:  # a second group exists: the moments with the pillar ahead
-        aside, ahead = map(_seconds, groups.values())
-        weight_ahead = min(ahead / (aside + ahead), 0.5)
-        # `scoring_fraction` becomes the weighted mean of the two groups
-        scoring_fraction += weight_ahead * (fractions_ahead[0] - scoring_fraction)
-    return mean_score * min(max((scoring_fraction - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
+    first_group, *other_groups = groups.values()
+    scoring_fraction = _time_fraction(first_group)
+    if other_groups:  # the first group has the pillar to the side, and the second one has the pillar ahead
+        seconds_aside, seconds_ahead = _seconds(first_group), _seconds(other_groups[0])
+        weight_ahead = min(seconds_ahead / (seconds_aside + seconds_ahead), 0.5)
+        # the result is the weighted mean of the two groups
+        scoring_fraction += weight_ahead * (_time_fraction(other_groups[0]) - scoring_fraction)
+    factor = (scoring_fraction - NEVER) / (ALWAYS - NEVER)
+    return mean_score * min(max(factor, 0.0), 1.0)
 
 
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
@@ -299,8 +308,8 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     # [m] tolerance that grows with the distance between robot and pillar, and with the pillar's radius
     slack = slack_of(recording, robot_distance, rules)
     distance = distance_to_pillar(recording, marker)
-    # [m] a marker that is this much farther away than `marker_full` loses half of the score; never 0, because
-    # it is a divisor
+    # [m] a marker that is this much farther away than `marker_full` loses half of the score; at least 1e-6,
+    # because the next line divides by this distance
     half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
     touches = marker.reach <= size.radius  # a part of the marker's shape is inside the pillar

@@ -22,18 +22,19 @@ NAMES = {TF: "frames", ROBOT: "robot model", SCAN: "laser scan"}
 
 def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
     """Return the item of a submission without a configuration of RViz, by the rule `no_rviz_config`."""
-    seen = NO_VIEW
+    evidence = NO_VIEW
     if view.missing:
-        seen += f": its launch file names {view.missing}, which is not in the submission"
-    item = replace(item, evidence=seen, hint=SAVE)
+        evidence += f": its launch file names {view.missing}, which is not in the submission"
+    item = replace(item, evidence=evidence, hint=SAVE)
     if rules.no_rviz_config == "zero":
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
         # the page of the class counts the submissions that wait only for this reason
-        return replace(item, points=None, evidence=by_hand(seen), reason=Kind.NO_RVIZ_FILE)
-    # the rule is "node", so it gets all points if its launch file starts RViz, otherwise none
-    evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
-    return replace(item, points=item.max_points if view.started else 0.0, evidence=evidence)
+        return replace(item, points=None, evidence=by_hand(evidence), reason=Kind.NO_RVIZ_FILE)
+    # the rule is "node": a submission whose launch file starts RViz gets all points
+    if view.started:
+        return replace(item, points=item.max_points, evidence=f"{evidence}; its launch file starts RViz")
+    return replace(item, points=0.0, evidence=f"{evidence}; its launch file does not start RViz")
 
 
 def hint_on_view(view: RvizView) -> str:
@@ -49,8 +50,8 @@ def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str,
         kind: class of the display in RViz: TF, ROBOT or SCAN.
         scan_topic: topic of the scans that the display of scans must show.
     """
-    # "rviz/LaserScan" is "LaserScan" for RViz's users, and "laser scan" in a sentence
-    name, what = kind.partition("/")[2], NAMES[kind]
+    name = kind.rpartition("/")[2]  # name of the display in RViz, such as LaserScan
+    what = NAMES[kind]  # name in a sentence, such as "laser scan"
     # topics, or names of parameters, that the visible displays of this kind show
     sources = [display.source for display in view.displays if display.kind == kind]
     # correction for a display that shows something else; a display of frames has no such setting
