@@ -31,13 +31,21 @@ def read_graph(master_uri: str) -> Optional[Graph]:
     """Return the graph of a master, or None if no master answers."""
     state = ask(master_uri, "getSystemState", CALLER)
     types = ask(master_uri, "getTopicTypes", CALLER)
-    return None if state is None or types is None else Graph(dict(state[0]), dict(state[1]), dict(types))
+    if state is None or types is None:
+        return None
+    publishers, subscribers = state[:2]  # the third list has the services
+    return Graph(dict(publishers), dict(subscribers), dict(types))
 
 
 def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
-    """Return the types of the topics that a node publishes or subscribes to; none if it does not answer."""
+    """Return the types of the topics that a node publishes (`publishes`), or to which it subscribes.
+
+    The node itself is asked. The result is empty if it does not answer.
+    """
     uri = ask(master_uri, "lookupNode", CALLER, node)
-    answer = ask(uri, "getPublications" if publishes else "getSubscriptions", CALLER) if uri else None
+    if not uri:  # the master does not know the node
+        return {}
+    answer = ask(uri, "getPublications" if publishes else "getSubscriptions", CALLER)
     return dict(answer or ())
 
 
@@ -59,5 +67,6 @@ def read_unread_parameters(master_uri: str) -> List[Sequence[str]]:
 
 def read_findings(master_uri: str, simulator: str) -> List[Sequence[str]]:
     """Return the faults that a simulator has found in other nodes: name of the node, and a sentence."""
-    name = f"{simulator.rsplit('/', 1)[0]}/{FINDINGS}"
+    namespace = simulator.rsplit("/", 1)[0]
+    name = f"{namespace}/{FINDINGS}"
     return list(ask(master_uri, "getParam", CALLER, name) or ())

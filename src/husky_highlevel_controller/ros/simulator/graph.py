@@ -50,10 +50,11 @@ class Partners:
         command_topics: str,
         has_sender: Callable[[], bool],
     ) -> None:
-        """Set up; the partners have joined if the scans have a subscriber and a command topic has a sender.
+        """Set up; the partners have joined when these conditions are all true.
 
-        All nodes that subscribe to the scans or to the `others` must be connected, too, because a transform
-        that is lost at the beginning would change the run.
+        - The scans have a subscriber, and a command topic has a sender. So a controller runs.
+        - All nodes that subscribe to the scans or to the `others` are connected. Otherwise a node could lose
+          a transform at the beginning, which would change the run.
 
         Args:
             scans: publisher of the scans; None for a robot without a lidar.
@@ -75,15 +76,15 @@ class Partners:
             return False
         subscribers = state[1]
         # number of subscribers of each topic; the master also counts subscribers that are not connected yet
-        subscribed = {topic: len(nodes) for topic, nodes in subscribers}
-        return all(
-            publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
-            for publisher in self._publishers
-        )
+        expected = {topic: len(nodes) for topic, nodes in subscribers}
+        for publisher in self._publishers:
+            if publisher.get_num_connections() < expected.get(publisher.resolved_name, 0):
+                return False
+        return True
 
 
-def _launches() -> Iterator[Set[str]]:
-    """Names of the nodes that each roslaunch on this master has started, and that have not ended."""
+def _nodes_by_launch() -> Iterator[Set[str]]:
+    """Yield, for each roslaunch on this master, the names of its nodes that have not ended."""
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         # list of the running processes, and list of the ended processes; None if this roslaunch has ended
         processes = ask(uri, "list_processes")
@@ -94,24 +95,31 @@ def _launches() -> Iterator[Set[str]]:
 
 
 def launched_nodes() -> Set[str]:
-    """Names of the nodes that any roslaunch on this master has started, and that have not ended."""
-    return set().union(*_launches())
+    """Return the names of all nodes that roslaunch has started on this master, and that have not ended."""
+    return set().union(*_nodes_by_launch())
 
 
 def launched_nodes_of_others() -> Set[str]:
-    """Names of the launched nodes except OWN_NODES in any namespace; a controller may be among them."""
+    """Return the names of the launched nodes that may be a controller: all nodes except OWN_NODES."""
     return {name for name in launched_nodes() if name.rsplit("/", 1)[-1] not in OWN_NODES}
 
 
 def nodes_of_same_launch(name: str) -> Set[str]:
-    """Names of all nodes of the roslaunch that has started a node; `name` is without its leading slash."""
-    return next((names for names in _launches() if name in names), set())
+    """Return the names of all nodes of the roslaunch that has started the node `name`; empty if none has.
+
+    The names have no leading slash.
+    """
+    for names in _nodes_by_launch():
+        if name in names:
+            return names
+    return set()
 
 
 class SecondFilter:
     """Finds another node that estimates the robot's pose, if it was launched with the simulator.
 
-    The simulator then stops its own estimate, because the transform of odom may have only one source.
+    Then the simulator no longer publishes its own estimate, because the transform odom -> base_link may have
+    only one source.
     """
 
     def __init__(self, filter_topic: str, leave_filter_to: Callable[[str], None]) -> None:
@@ -127,7 +135,8 @@ class SecondFilter:
         A publisher that was started in another way is a mistake, which `second_publishers` finds.
         """
         # `_seen_publishers` has this node from the beginning, so this node is never a new publisher
-        for node in sorted(set(graph.publishers.get(self._filter_topic, ())) - self._seen_publishers):
+        new_publishers = set(graph.publishers.get(self._filter_topic, ())) - self._seen_publishers
+        for node in sorted(new_publishers):
             self._seen_publishers.add(node)
             is_launched = node.lstrip("/") in nodes_of_same_launch(rospy.get_name().lstrip("/"))
             # a node with publish_tf = false publishes no transform, so the simulator must continue its own
@@ -137,7 +146,7 @@ class SecondFilter:
 
 
 class GraphWatch:
-    """Looks at the graph in a thread of its own until the process ends."""
+    """Looks for mistakes of other nodes in the ROS graph, in a thread of its own, until the process ends."""
 
     def __init__(
         self,
@@ -171,34 +180,37 @@ class GraphWatch:
         self._warned_mistakes: Set[Mistake] = set()  # mistakes that were reported; each is reported only once
 
     def start(self) -> None:
-        """Look now, and every PERIOD in a thread of its own."""
+        """Start the thread, which looks at the graph now and then every PERIOD."""
         threading.Thread(target=self._run, name="graph", daemon=True).start()
 
     def _run(self) -> None:
         """Look at the graph every PERIOD until the process ends.
 
-        The first look leaves out the mistakes, because other nodes are still starting, and the questions to
-        all of them would delay their start.
+        The first look does not search for mistakes, because other nodes are still starting, and the search
+        asks all of them, which would delay their start.
         """
-        look = self._look_at_publishers
+        is_first_look = True
         while True:
             with contained("the search for mistakes in the ROS graph"):
-                graph = read_graph(self._master_uri)
-                if graph is not None:
-                    look(graph)
+                graph = read_graph(self._master_uri)  # None if the master does not answer
+                if graph is not None and is_first_look:
+                    self._look_at_publishers(graph)
+                elif graph is not None:
+                    self.look(graph)
                 if self._findings is not None:
                     self._findings.publish()
-            look = self.look
+            is_first_look = False
             time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:
-        """Notice new publishers in a graph, and warn of new mistakes."""
+        """Notice new publishers of important topics, and warn of mistakes that have lasted long enough."""
         self._look_at_publishers(graph)
         self._warn_of_mistakes(graph)
 
     def _look_at_publishers(self, graph: Graph) -> None:
-        """Notice a second clock, another source of the filtered odometry, and markers."""
-        if self._clock_subscriber is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
+        """Notice a second clock, another node that estimates the pose, and new topics of markers."""
+        has_second_clock = bool(set(graph.publishers.get("/clock", ())) - self._clock_nodes)
+        if has_second_clock and self._clock_subscriber is None:
             # a second clock is reported only when it sends a message, because rosbag play advertises /clock
             # but sends nothing there without the option --clock
             self._clock_subscriber = rospy.Subscriber("/clock", Clock, self._on_clock)
@@ -211,11 +223,12 @@ class GraphWatch:
         """Warn of mistakes that last for JOINING_TIME, because a missing node may still be starting."""
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
+        # a mistake that is no longer there is forgotten; if it comes again, its time begins again
         self._first_seen_at = {mistake: self._first_seen_at.get(mistake, now) for mistake in mistakes}
-        for finding, first_time in self._first_seen_at.items():
-            if now - first_time >= JOINING_TIME and finding not in self._warned_mistakes:
-                self._warned_mistakes.add(finding)
-                self._warn(mistake_sentence(finding))
+        for mistake, first_time in self._first_seen_at.items():
+            if now - first_time >= JOINING_TIME and mistake not in self._warned_mistakes:
+                self._warned_mistakes.add(mistake)
+                self._warn(mistake_sentence(mistake))
 
     def _on_clock(self, message: Clock) -> None:
         """Warn once of each other node that publishes /clock."""
@@ -225,14 +238,15 @@ class GraphWatch:
             self._warn(f"{name} also publishes /clock, so time will jump; end it, or this simulator")
 
     def _mistakes(self, graph: Graph) -> Iterator[Mistake]:
-        """Yield the mistakes in a graph: wrong topics, parameters, services, types, and second publishers.
-
-        A node is asked for the types of its topics only after its list of topics has changed.
-        """
+        """Yield the mistakes in a graph: wrong topics, parameters, services, types, and second publishers."""
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:
-            """Types of the topics on one side of a node, which is asked only if these topics have changed."""
+            """Return the types of the topics that a node publishes, or of those to which it subscribes.
+
+            The node is asked only if its list of topics has changed, because a question to each node at each
+            look would cost time.
+            """
             nodes_by_topic = graph.publishers if publishes else graph.subscribers
             topics = frozenset(topic for topic, nodes in nodes_by_topic.items() if node in nodes)
             key = node, publishes, topics
@@ -246,5 +260,7 @@ class GraphWatch:
         yield from absent_services(self._master_uri)
         # `filter_node` publishes the filtered odometry in place of this node, so it is not a second publisher
         filter_node = self._filter_watch.filter_node if self._filter_watch else ""
-        yield from (each for each in second_publishers(graph, simulator) if each.node != filter_node)
+        for each in second_publishers(graph, simulator):
+            if each.node != filter_node:
+                yield each
         yield from wrong_types(graph, simulator, kinds_of)

@@ -1,9 +1,12 @@
 """Detects from /proc whether all subscribers of a topic are idle: none of their threads runs.
 
-A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
-clock advances. A node that computes sends no messages either, but one of its threads runs. A thread
-that waits for a message runs from the moment when the message is sent. Unread messages show nothing, because
-rospy reads none during a callback, in which it may sleep.
+`Lockstep` needs this. A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep)
+answers nothing until the clock advances, so the simulator must not wait for it. A node that still computes
+sends no messages either, but one of its threads runs.
+
+A thread that waits for a message runs from the moment at which the message is sent, so a node that was just
+sent a message does not look idle. The number of unread messages would not show whether a node is idle,
+because rospy reads none during a callback, and the callback may sleep.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ STAT = "stat"  # file of a thread in /proc with the state of the thread
 # file of a thread in /proc that counts how often the kernel has let the thread run on a CPU (its turns); STAT
 # is read instead if the kernel does not count turns
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-COUNTS_TURNS = SCHEDULE != STAT  # whether the kernel counts the turns of each thread
+COUNTS_TURNS = SCHEDULE != STAT  # true if the kernel counts the turns of each thread
 READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state of the thread
 # largest number of threads of a process that are checked; their files stay open, because opening files takes
 # most of the time of a check
@@ -34,17 +37,22 @@ MAX_THREADS = 200
 # states of a thread that works: R is on a CPU or waits for a CPU, D waits for a disk
 RUNNING_STATES = {b"R", b"D"}
 
-Ports = Tuple[int, int]  # ports of a connection: port of the subscriber, port of this process
-Turns = Dict[str, bytes]  # content of the file SCHEDULE by thread; it changes whenever the thread runs
+Ports = Tuple[int, int]  # TCP ports of a connection: port of the subscriber, port of this process
+Turns = Dict[
+    str, bytes
+]  # text of the file SCHEDULE of each thread; the text changes whenever the thread runs
 
 
 class Listeners:
-    """The processes on this machine that subscribe to a publisher's topic.
+    """The processes on this machine that subscribe to a publisher's topic or to /clock.
 
-    Two checks find out whether the processes are asleep. The short check is for Python, because a process in
-    Python does not run while it waits for the clock. It has two conditions: all receivers of the clock have
-    run since the last tick, and no thread has run between two looks. The long check is for all languages. Its
-    condition is that no receiver of the topic has had a running thread for ASLEEP_FOR.
+    Two checks find out whether the processes are asleep. One of them is enough.
+
+    - The short check is for nodes in Python. They do not run at all while they wait for simulated time. Its
+      conditions are: all receivers of the clock have run since the last tick, so they have seen it, and no
+      thread has run between two looks.
+    - The long check is for all languages. A node in C++ wakes every millisecond while it waits. Its condition
+      is that no receiver of the topic has had a running thread in any look for ASLEEP_FOR.
     """
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
@@ -67,7 +75,7 @@ class Listeners:
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
 
     def asleep(self) -> bool:
-        """Return whether all listeners stay asleep until something is sent.
+        """Return whether all listeners are asleep, and stay so until a message is sent.
 
         The result is false if a listener runs, or if it is on another machine, where it cannot be seen. The
         call takes some milliseconds.
@@ -88,17 +96,19 @@ class Listeners:
             passes_short_check = (
                 self._all_in_python and turns == last_turns and self._have_worked_and_sleep(turns)
             )
-            # the long check ends at `end`; it ignores processes that receive only the clock
+            # at `end`, the long check is passed; it ignores processes that receive only the clock
             if passes_short_check or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
-            # the second look comes without a pause, because two equal looks are enough for the short check
-            if last_turns is not None or not self._all_in_python:
+            # for nodes in Python, the second look comes without a pause, because two equal looks are enough
+            # for the short check
+            is_first_look = last_turns is None
+            if not (is_first_look and self._all_in_python):
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
 
     def _find_processes(self) -> None:
-        """Find the processes, if connections have changed."""
+        """Find the processes that listen, if the connections have changed since the last call."""
         topic_ports, clock_ports = _ports(self._publisher), _ports(self._clock)
         if topic_ports | clock_ports == self._ports:
             return
@@ -126,9 +136,10 @@ class Listeners:
 
 
 class _Threads:
-    """Threads of a process, with their files in /proc kept open."""
+    """Threads of a process; their files in /proc stay open, because opening them takes most of the time."""
 
     def __init__(self, process: int) -> None:
+        """Set up for the process with this id; no file is opened yet."""
         self._folder = f"/proc/{process}/task"
         # descriptors of the open files SCHEDULE and STAT of each thread
         self._files: Dict[str, List[int]] = {}
@@ -139,7 +150,7 @@ class _Threads:
             self._forget(thread)
 
     def turns(self) -> Optional[Turns]:
-        """Return the turns of all threads except the caller's, or None if one of them runs."""
+        """Return the turns of all threads except the calling thread, or None if one of them runs now."""
         try:
             threads = os.listdir(self._folder)[:MAX_THREADS]
         except OSError:  # the process has just ended
@@ -176,24 +187,28 @@ class _Threads:
             files.append(os.open(f"{self._folder}/{thread}/{name}", os.O_RDONLY | os.O_CLOEXEC))
 
     def _forget(self, thread: str) -> None:
+        """Close the files of a thread, if any are open."""
         for file in self._files.pop(thread, ()):
             os.close(file)
 
 
 def _ports(publisher: Any) -> Set[Ports]:
-    """Return the ports of each connection of a publisher, from private attributes of rospy."""
+    """Return the ports of each connection of a publisher; the sockets are in private attributes of rospy."""
     pairs = set()
     for connection in list(publisher.impl.connections) if publisher else []:
         # a publisher with a queue wraps each connection in a QueuedConnection
         transport = getattr(connection, "_connection", connection)
         # an error means that the connection has just been closed
         with contextlib.suppress(AttributeError, OSError):
-            pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))
+            # the second value of an address is its port
+            subscriber_port = transport.socket.getpeername()[1]
+            own_port = transport.socket.getsockname()[1]
+            pairs.add((subscriber_port, own_port))
     return pairs
 
 
 def _in_python(process: int) -> bool:
-    """Return whether a process runs Python."""
+    """Return whether a process runs Python, by the name of its program."""
     try:
         return os.path.basename(os.readlink(f"/proc/{process}/exe")).startswith("python")
     except OSError:  # the process has just ended, or belongs to another user
@@ -201,9 +216,10 @@ def _in_python(process: int) -> bool:
 
 
 def _receiving_processes(ports: Set[Ports]) -> Dict[Ports, int]:
-    """Return the process that receives, for each connection that ends on this machine.
+    """Return the id of the process at the subscriber's end of each connection, by the ports.
 
-    The kernel takes 4 ms to list all connections, so they are listed only when they change.
+    A subscriber on another machine is left out. The kernel takes 4 ms to list all connections, so this is
+    called only when connections have changed.
     """
     # fields of a line of /proc/net/tcp: 0 number, 1 local ADDRESS:PORT, 2 remote ADDRESS:PORT, 9 inode of the
     # socket; numbers are hexadecimal, and the first line has the titles

@@ -128,10 +128,11 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
         right_kinds = kinds_of(simulator, not publishes)
         # Among others, SHARED has /tf and /tf_static. Their type has two names (of tf and of tf2_msgs), so a
         # check of them would cause a false alarm.
-        topics = set(right_kinds) - SHARED
-        nodes_and_topics = {
-            (node, topic) for topic in topics for node in nodes_by_topic.get(topic, ()) if node != simulator
-        }
+        nodes_and_topics = []
+        for topic in set(right_kinds) - SHARED:
+            for node in nodes_by_topic.get(topic, ()):
+                if node != simulator:
+                    nodes_and_topics.append((node, topic))
         for node, topic in sorted(nodes_and_topics):
             kind = kinds_of(node, publishes).get(topic, "*")  # "*" means any type or an unknown type
             if kind not in ("*", right_kinds[topic]):
@@ -140,65 +141,76 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
 
 
 def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
-    """Return the nodes that publish a topic of the simulator, except its command topics, which it reads."""
-    return [
-        SecondPublisher(node, topic, simulator)
-        for topic, nodes in sorted(graph.publishers.items())
+    """Return the nodes that publish on a topic on which only the simulator should publish."""
+    found = []
+    for topic, nodes in sorted(graph.publishers.items()):
         # a topic that the simulator also reads is a command topic, on which other nodes may publish
-        if simulator in nodes and topic not in SHARED and simulator not in graph.subscribers.get(topic, ())
-        for node in sorted(nodes)
-        if node != simulator
-    ]
+        is_command_topic = simulator in graph.subscribers.get(topic, ())
+        if simulator not in nodes or is_command_topic or topic in SHARED:
+            continue
+        for node in sorted(nodes):
+            if node != simulator:
+                found.append(SecondPublisher(node, topic, simulator))
+    return found
 
 
 def unread_parameters(master_uri: str) -> List[UnreadParameter]:
     """Return the parameters that no node has read; only `./dev launch`'s master lists them."""
-    return [UnreadParameter(*map(str, each[:3])) for each in read_unread_parameters(master_uri)]
+    found = []
+    for node, parameter, asked, *_ in read_unread_parameters(master_uri):
+        found.append(UnreadParameter(str(node), str(parameter), str(asked)))
+    return found
 
 
 def absent_topics(graph: Graph) -> List[AbsentTopic]:
-    """Return the nodes that publish a topic of ABSENT_TOPICS to nobody, or that subscribe to one in vain."""
-    return [
-        AbsentTopic(node, topic, publishes)
-        for node, topic, publishes, _ in _one_sided(graph)
-        if topic.rpartition("/")[0].endswith("/gazebo") and topic.rpartition("/")[2] in ABSENT_TOPICS
-    ]
+    """Return the nodes that publish or subscribe to a topic of Gazebo that no node of this graph serves."""
+    found = []
+    for node, topic, publishes, _ in _one_sided(graph):
+        namespace, _, name = topic.rpartition("/")
+        if namespace.endswith("/gazebo") and name in ABSENT_TOPICS:
+            found.append(AbsentTopic(node, topic, publishes))
+    return found
 
 
 def absent_services(master_uri: str) -> List[AbsentService]:
     """Return the nodes that ask for a service of Gazebo in vain; only `./dev launch`'s master lists them."""
-    # each row of the master's list has a node and the service that it asked for
-    asked = [AbsentService(*map(str, row[:2])) for row in read_absent_services(master_uri)]
-    return [
-        each
-        for each in asked
-        if each.service.rpartition("/")[0].endswith("/gazebo")
-        and not TOOLS.match(each.node)
-        and not each.node.startswith("/rosservice")  # a person calls it, and sees that the service is absent
-    ]
+    found = []
+    for row in read_absent_services(master_uri):
+        node, service = str(row[0]), str(row[1])
+        namespace, _, _ = service.rpartition("/")
+        # a person who calls `rosservice call` sees that the service is absent, so it need not be reported
+        is_tool = TOOLS.match(node) or node.startswith("/rosservice")
+        if namespace.endswith("/gazebo") and not is_tool:
+            found.append(AbsentService(node, service))
+    return found
 
 
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Return the topics of a graph whose names are probably misspelt, with the names that are meant.
 
-    A topic is misspelt if it has no subscriber, but a similar topic has a subscriber. It is also misspelt if
-    it has no publisher, but a similar topic has a publisher. A similar topic has the same type and almost the
-    same name. Namespaces of other robots and the topics of TOOLS are not mistakes.
+    A topic is probably misspelt if it has no subscriber, but a similar topic has a subscriber; or if it has
+    no publisher, but a similar topic has a publisher. A similar topic has the same type and almost the same
+    name. Topics in the namespaces of other robots, and the topics of TOOLS, are not mistakes.
     """
-    return [
-        WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
-        for node, topic, publishes, others in _one_sided(graph)
-        if graph.types.get(topic, "*") != "*"  # "*" means that the type is unknown
-        # no suggestion is yielded if the names differ only in the namespace or number of another robot
-        for suggestion in _suggestions(topic, node, others, graph.types)
-    ]
+    found = []
+    for node, topic, publishes, other_side in _one_sided(graph):
+        kind = graph.types.get(topic, "*")
+        if kind == "*":  # the type is unknown
+            continue
+        suggestion = _suggestion(topic, node, other_side, graph.types)
+        if suggestion is not None:
+            found.append(WrongTopic(node, topic, kind, publishes, suggestion))
+    return found
 
 
 def _one_sided(graph: Graph) -> Iterator[Tuple[str, str, bool, Nodes]]:
-    """Yield the nodes that publish a topic without subscribers, or subscribe to one without publishers.
+    """Yield the nodes that publish a topic without subscribers, or subscribe to a topic without publishers.
 
-    A row has the node, the topic, whether the node publishes, and the nodes of the other side by topic. The
-    other side of a publisher is all subscribers, and the reverse. The nodes of TOOLS are left out.
+    The nodes of TOOLS are left out.
+
+    Yields:
+        Node, topic, whether the node publishes, and the other side of the graph. The other side is the
+        subscribers of all topics if the node publishes, and the publishers of all topics if it subscribes.
     """
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     for publishes, nodes_by_topic, other_side in sides:
@@ -213,9 +225,9 @@ def mistake_sentence(finding: Mistake) -> str:
     """Return a finding as a sentence for the log: what the node does wrong, and what to change."""
     if isinstance(finding, WrongType):
         # verb for the node, and verb for the simulator
-        uses, others_use = ("publishes", "reads") if finding.publishes else ("reads", "publishes")
+        does, it_does = ("publishes", "reads") if finding.publishes else ("reads", "publishes")
         return (
-            f"{finding.node} {uses} {finding.kind} on {finding.topic}, but {finding.simulator} {others_use} "
+            f"{finding.node} {does} {finding.kind} on {finding.topic}, but {finding.simulator} {it_does} "
             f"{finding.right_kind} there, so no message arrives: change the type in {finding.node}"
         )
     if isinstance(finding, SecondPublisher):
@@ -259,10 +271,8 @@ def _wrong_topic_sentence(finding: WrongTopic) -> str:
     return f"{finding.node} {does}: {remedy}"
 
 
-def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, str]) -> Iterator[str]:
-    """Yield at most one topic: the topic whose name is nearest to a wrong topic, if any name is near.
-
-    This function is a generator, so that `wrong_topics` can use it as the last loop of its list.
+def _suggestion(topic: str, node: str, other_side: Nodes, types: Mapping[str, str]) -> Optional[str]:
+    """Return the topic that is probably meant by a misspelt topic, or None if no name is similar.
 
     Args:
         topic: topic that no node of the other side uses.
@@ -270,30 +280,35 @@ def _suggestions(topic: str, node: str, other_side: Nodes, types: Mapping[str, s
         other_side: nodes by topic; all publishers if `node` subscribes, all subscribers if it publishes.
         types: types of messages by topic; only topics of the same type are suggested.
     """
-    candidates = []
+    candidates = []  # each similar topic, after its distance
     for other, nodes in other_side.items():
-        if types.get(other) == types[topic] and any(name != node for name in nodes):
+        is_used_by_others = any(name != node for name in nodes)
+        if is_used_by_others and types.get(other) == types[topic]:
             distance = _distance(topic, other)
             if distance is not None:
                 candidates.append((distance, other))
-    if candidates:
-        # the topic with the smallest distance; if distances are equal, the first name in the alphabet
-        _, nearest = min(candidates)
-        yield nearest
+    if not candidates:
+        return None
+    # the topic with the smallest distance; if distances are equal, the first name in the alphabet
+    _, nearest = min(candidates)
+    return nearest
 
 
 def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
     """Return how far a topic's name is from another name, or None if it is probably not a typing error.
 
-    The distance is a pair: number of namespaces that the topic lacks, and unlikeness (0 to 1) of the names.
+    The distance is a pair: the number of namespaces that the topic lacks, and the unlikeness (0 to 1) of the
+    names. Pairs are compared by their first numbers, and then by their second numbers.
     """
-    # the same name with another number, or with more namespaces, belongs to another robot
-    if re.sub(r"\d", "", topic) == re.sub(r"\d", "", other) or topic.endswith(other):
+    # names that differ only in a number, such as /robot1/scan and /robot2/scan, belong to two robots
+    differ_in_number = re.sub(r"\d", "", topic) == re.sub(r"\d", "", other)
+    # a topic with more namespaces, such as /robot1/scan for /scan, belongs to another robot, too
+    if differ_in_number or topic.endswith(other):
         return None
     if other.endswith(topic):  # only namespaces are missing, as in /scan for /front/scan
         return other.count("/") - topic.count("/"), 0.0
     unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), "/")
-    return None if unlikeness > 1.0 - MIN_LIKENESS else (0, unlikeness)
+    return (0, unlikeness) if unlikeness <= 1.0 - MIN_LIKENESS else None
 
 
 def main() -> None:
