@@ -90,12 +90,10 @@ class FunctionContestant:
         if not self.function:  # the contestant is a file of parameters for this project's controller
             return decide
         try:
-            # a module of this project is imported; the user's file came as a text, which is executed
-            module: Any = (
-                importlib.import_module(self.module)
-                if self.module
-                else _module(self.source, self.folder, self.package)
-            )
+            if self.module:
+                module: Any = importlib.import_module(self.module)
+            else:
+                module = _module_from_text(self.source, self.folder, self.package)
             controller: Controller = getattr(module, self.function)
         # the code in the user's file may raise any error, and may call exit()
         except (Exception, SystemExit) as error:
@@ -163,9 +161,10 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
             and there is no ROS.
     """
     try:
-        first, *arguments = shlex.split(text) or [""]
+        words = shlex.split(text)
     except ValueError:  # the text has a single apostrophe, which the name of a file may have
-        first, arguments = text, []
+        words = [text]
+    first, *arguments = words or [""]
     if first.endswith(".launch") and first.count("/") == 1:
         if launch_kind is None:
             raise HuskyError(
@@ -180,8 +179,8 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     if not colon or not function.isidentifier():
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is not a valid controller; give {kinds}")
-    # every worker has this project's packages, but it may not have the user's file, so the text of the file
-    # is sent
+    # a worker imports modules of this project by their names, but it may not have the user's file, so the
+    # text of the file is sent
     if file_or_module.split(".")[0] in OURS:
         made = FunctionContestant(text, base, function, module=file_or_module)
     else:
@@ -202,9 +201,10 @@ def _source(file_or_module: str) -> Tuple[str, str]:
     try:
         path = Path(file_or_module)
         if path.suffix != ".py":
+            # a module that is not found, or that has no file, keeps or gets a path at which `read_text` fails
             spec = importlib.util.find_spec(file_or_module)
-            # a module that is not found, or that has no file, gets a path at which `read_text` fails
-            path = Path(spec.origin or "") if spec else path
+            if spec is not None:
+                path = Path(spec.origin or "")
         return path.read_text(), str(path.resolve().parent)
     except (OSError, ValueError, ImportError) as error:
         raise HuskyError(
@@ -213,10 +213,13 @@ def _source(file_or_module: str) -> Tuple[str, str]:
 
 
 @lru_cache(maxsize=4)
-def _module(source: str, folder: str, package: str) -> ModuleType:
-    """Return a new module that has executed a source text.
+def _module_from_text(source: str, folder: str, package: str) -> ModuleType:
+    """Execute the source text of a user's file, and return it as a new module.
 
-    The source text may import the files of a folder, and the modules of its package by relative imports.
+    Args:
+        source: the source text.
+        folder: folder of the file, from which the text may import other files.
+        package: package of the file, which the text needs for relative imports; empty if it has none.
     """
     if folder not in sys.path:
         sys.path.append(folder)  # installed modules come first, so no file of the folder replaces one
@@ -250,15 +253,16 @@ def outcome(
         pillar: x and y of the pillar's centre at the start [m].
         robot: robot of the run.
     """
-    # one value for each pose: gap between footprint and pillar [m], distance from the pose before [m] (0 for
-    # the first pose), and speed [m/s]
+    # (N,) [m] gap between footprint and pillar at each pose
     gaps = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
-    # the first pose gets the speed 0, because its step is 0; so its duration may have any value, such as 1 s
-    speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
+    # (N,) distance [m] and time [s] from the pose before, and speed [m/s]. The first pose has no pose before,
+    # so its distance is 0. Its time may have any value, such as 1 s, because its speed is 0 anyway.
+    distances = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
+    durations = np.diff(times, prepend=times[0] - 1.0)
+    speeds = distances / np.maximum(durations, 1e-9)
     # the robot arrives directly after the last pose at which it still moves or is too far from the pillar
     rows_not_there = np.flatnonzero((speeds > STANDS) | (gaps > REACHED))
     arrival_row = int(rows_not_there[-1]) + 1 if len(rows_not_there) else 0
     arrived_at = float(times[arrival_row]) if arrival_row < len(times) else inf
-    thinned = poses[:: len(poses) // DRAWN_POSES + 1]  # at most DRAWN_POSES of the poses
-    return Outcome(scene, arrived_at, float(gaps.min()), thinned, pillar)
+    step = len(poses) // DRAWN_POSES + 1  # only every `step`-th pose is kept, which gives at most DRAWN_POSES
+    return Outcome(scene, arrived_at, float(gaps.min()), poses[::step], pillar)

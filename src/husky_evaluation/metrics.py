@@ -41,7 +41,14 @@ DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0
 
 
 def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
-    """Return the error of the detected centre of a random pillar [m]; inf if it was not detected."""
+    """Return the error of the detected centre of a random pillar [m]; inf if the pillar was not detected.
+
+    Args:
+        number: number of the random scan with this seed.
+        seed: seed of all random scans.
+        clutter: whether other objects are around the pillar.
+        lidar: lidar of the scan.
+    """
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
@@ -118,7 +125,9 @@ def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}, stop {control.stop_distance:g} m"
     title, robot = f"{result.name}, {gains}", setup.simulator.robot
     page = to_html(Replay(title, result.summary, trace.times, trace.poses, trace.pillars, robot=robot))
-    return replace(result, replay=f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html"), page
+    # name of the file: the title, with an underscore in place of spaces and other special characters
+    file_name = re.sub(r"[^a-z0-9.]+", "_", title.lower()) + ".html"
+    return replace(result, replay=file_name), page
 
 
 def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
@@ -169,7 +178,10 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
 
 
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
-    """Return the shortest time [s] to the stop point that speed and acceleration allow, straight ahead."""
+    """Return the shortest time to the stop point that the robot's speed and acceleration allow [s].
+
+    A robot that needs this time faces the pillar at the start, drives straight ahead, and brakes at the end.
+    """
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
     # [m] distance from the lidar to the pillar at the stop: the wanted distance, but at least the distance at
     # which the hull's front touches the pillar
@@ -196,11 +208,12 @@ def crossings(trace: Trace) -> int:
     bearings = (np.arctan2(dy, dx) - trace.poses[:, 2] + pi) % (2.0 * pi) - pi
     has_target = np.isfinite(trace.bearing_errors)  # the controller's own bearing is nan without a target
     bearings = bearings[(trace.times <= until) & has_target]
-    aligned = np.flatnonzero(np.abs(bearings) < ALIGNED)
-    if not len(aligned):
+    aligned_rows = np.flatnonzero(np.abs(bearings) < ALIGNED)
+    if not len(aligned_rows):
         return 0
-    after = bearings[aligned[0] :]
-    large = after[np.abs(after) >= ALIGNED]  # a smaller bearing is straight ahead, on no side
+    after_alignment = bearings[aligned_rows[0] :]
+    # a smaller bearing counts as straight ahead, so it is on neither side
+    large = after_alignment[np.abs(after_alignment) >= ALIGNED]
     # the first bearing is small, but its sign shows the side from which the robot has turned to the pillar
-    sides = np.sign(np.append(after[0], large))
-    return int((np.diff(sides) != 0.0).sum())
+    sides = np.sign(np.append(after_alignment[0], large))
+    return int((np.diff(sides) != 0.0).sum())  # number of changes of the side

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import groupby
 from math import inf
-from operator import itemgetter
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,7 +24,7 @@ from husky_highlevel_controller.controller.behaviour import (
 )
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.datatypes import Scan, Snapshot
+from husky_highlevel_controller.datatypes import Pose2D, Scan, Snapshot, Twist2D
 from husky_highlevel_controller.geometry import advance, pose_to_2d
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.models.description import robot_description
@@ -40,7 +38,7 @@ Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
 ]
 
-# number of values in a row of each array of a Trace; 0 means that a row is a single number
+# arrays of a Trace, and the number of values in each of their rows; 0 means that a row is a single number
 COLUMNS = {
     "times": 0, "poses": 3, "twists": 2, "estimates": 2, "pillars": 2,
     "distance_errors": 0, "bearing_errors": 0, "nearest": 0,
@@ -74,8 +72,11 @@ class Trace:
         """Return the time of the final arrival [s]; None if the robot is not at the pillar in the end."""
         if not self.states or self.states[-1] is not State.ARRIVED:
             return None
-        last_other = max((i for i, state in enumerate(self.states) if state is not State.ARRIVED), default=-1)
-        return float(self.times[last_other + 1])
+        # the robot may arrive and leave again, so the search goes back from the end
+        arrival_row = len(self.states) - 1
+        while arrival_row > 0 and self.states[arrival_row - 1] is State.ARRIVED:
+            arrival_row -= 1
+        return float(self.times[arrival_row])
 
     @property
     def touched(self) -> Tuple[str, ...]:
@@ -85,7 +86,7 @@ class Trace:
 
 @lru_cache(maxsize=None)
 def model_of(robot: Robot, profile: str = "gazebo") -> RobotModel:
-    """Return the model of a robot with its lidar, without meshes."""
+    """Return the model of a robot with its lidar, without meshes, which only pictures need."""
     return robot_model(robot_description(robot.name, meshes="", profile=profile), robot)
 
 
@@ -120,7 +121,7 @@ def rollout(
     simulation = Simulation(scenario.world, robot, simulator, scenario.start, scenario.seed)
     laser_in_base = robot.fixed_poses[robot.laser_frame]
     controller_state, arrived_at = ControllerState(), inf
-    rows: List[Tuple[Any, ...]] = []
+    rows: List[_Row] = []
     touches: Dict[str, float] = {}  # [s] time of the first touch of each body; the key is the body's name
     try:
         while simulation.stamp < min(seconds, arrived_at + settle):
@@ -153,39 +154,56 @@ def rollout(
     return _trace(rows, touches)
 
 
-def _row(
-    snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, ...]
-) -> Tuple[Any, ...]:
-    """Return a row of the trace: the values of COLUMNS, the state, and a sentence with state and reason."""
-    estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
-    errors = (output.distance_error, output.bearing_error)
-    nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
-    pose = pose_to_2d(snapshot.robot.pose_in_world)
-    # the values have the order of COLUMNS, because `_trace` gives them these names
-    numbers = (snapshot.stamp, pose, output.twist, estimate, pillar_in_world, *errors, nearest)
-    return (*numbers, output.state, f"{output.state.value}: {output.reason}")
+class _Row(NamedTuple):
+    """Values of one scan of a run; values with the name of an array of COLUMNS become a row of this array."""
+
+    times: float
+    poses: Pose2D
+    twists: Twist2D
+    estimates: Tuple[float, ...]
+    pillars: Tuple[float, ...]
+    distance_errors: float
+    bearing_errors: float
+    nearest: float
+    state: State
+    sentence: str  # state of the controller, and the reason for the state
 
 
-def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Trace:
+def _row(snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, ...]) -> _Row:
+    """Return the values of one scan; the fields of `Trace` describe them."""
+    return _Row(
+        times=snapshot.stamp,
+        poses=pose_to_2d(snapshot.robot.pose_in_world),
+        twists=output.twist,
+        estimates=output.estimate[:2] if output.estimate else (np.nan, np.nan),
+        pillars=pillar_in_world,
+        distance_errors=output.distance_error,
+        bearing_errors=output.bearing_error,
+        nearest=float(np.min(scan.ranges, where=scan.valid, initial=inf)),
+        state=output.state,
+        sentence=f"{output.state.value}: {output.reason}",
+    )
+
+
+def _trace(rows: Sequence[_Row], touches: Mapping[str, float]) -> Trace:
     """Return the trace of a run.
 
     Args:
-        rows: results of `_row`, one for each scan.
+        rows: values of each scan; empty if the run had no scan.
         touches: time of the first touch [s] by body.
     """
-    # if the run had no scan, there are no rows, and all columns are empty; the last two columns have the
-    # states and the sentences
-    no_columns: List[Tuple[Any, ...]] = [()] * (len(COLUMNS) + 2)
-    *columns, states, sentences = list(zip(*rows)) or no_columns
-    # a column becomes an array (N, width), or (N,) if its width is 0
-    arrays = {
-        name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
-        for (name, width), column in zip(COLUMNS.items(), columns)
-    }
-    for array in arrays.values():
+    arrays = {}
+    for name, width in COLUMNS.items():
+        column = np.array([getattr(row, name) for row in rows], dtype=float)
+        # (N, width), or (N,) if the width is 0; without rows, an array has no shape of its own
+        array = column.reshape((-1, width) if width else -1)
         array.setflags(write=False)
-    times = columns[0]  # "times" is the first of COLUMNS
+        arrays[name] = array
     # a sentence is an event only if it differs from the sentence of the scan before
-    events = tuple(next(group) for _, group in groupby(zip(times, sentences), itemgetter(1)))
+    events: List[Tuple[float, str]] = []
+    for row in rows:
+        if not events or row.sentence != events[-1][1]:
+            events.append((row.times, row.sentence))
+    states = tuple(row.state for row in rows)
     first_touches = tuple((stamp, name) for name, stamp in touches.items())
-    return Trace(states=states, touches=first_touches, events=events, **arrays)
+    return Trace(states=states, touches=first_touches, events=tuple(events), **arrays)

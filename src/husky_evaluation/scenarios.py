@@ -70,7 +70,7 @@ def course_scenario(seed: int = 0) -> Scenario:
 def random_starts(count: int, seed: int) -> List[Scenario]:
     """Return scenarios in the course's world with random starts, 2-25 m from its pillar, with any yaw."""
     course = course_scenario()
-    (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
+    (pillar,) = [body for body in course.world.bodies if body.name == course.pillar]
     x, y, _ = pillar.pose_in_world.position
     scenarios = []
     for number in range(count):
@@ -130,7 +130,7 @@ def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
 
 
 def _cast(solids: Sequence[Solid], lidar: LidarConfig) -> np.ndarray:
-    """Return the distance to the first object that each beam hits, (N,) [m]; inf if it hits none."""
+    """Return the distance to the first object that each beam hits, (N,) [m]; inf if it hits no object."""
     beams = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams)
     return cast_rays(make_scene(solids), Pose(), beams, inf)
 
@@ -138,7 +138,7 @@ def _cast(solids: Sequence[Solid], lidar: LidarConfig) -> np.ndarray:
 def _gap(point: Tuple[float, float], solid: Solid) -> float:
     """Return the distance from a point to the outline of an object [m]; 0 inside."""
     shape, pose = solid
-    x, y, _ = transform_point(inverse(pose), (*point, 0.0))
+    x, y, _ = transform_point(inverse(pose), (*point, 0.0))  # the point in the object's frame
     if isinstance(shape, Cylinder):
         return max(hypot(x, y) - shape.radius, 0.0)
     length, width, _ = shape.size
@@ -146,10 +146,12 @@ def _gap(point: Tuple[float, float], solid: Solid) -> float:
 
 
 def _post(x: float, y: float, radius: float) -> Solid:
+    """Return an upright cylinder with its axis at (x, y) [m] in the laser's frame."""
     return Cylinder(radius, 1.0), Pose((x, y, 0.0))
 
 
 def _box(x: float, y: float, yaw: float, length: float, width: float = _THIN) -> Solid:
+    """Return a box with its middle at (x, y) [m] in the laser's frame; by default as thin as a wall."""
     return Box((length, width, 1.0)), pose_from_2d(Pose2D(x, y, yaw))
 
 
@@ -165,12 +167,13 @@ def _clutter(rng: np.random.Generator) -> List[Solid]:
         elif kind == 1:  # a wall
             solids.append(_box(x, y, yaw, rng.uniform(0.1, 8.0)))
         elif kind == 2:  # a corner of two walls, each 2 m long
-            turns = (yaw, yaw + rng.uniform(0.8, 2.4))
-            solids += [_box(x + cos(turn), y + sin(turn), turn, 2.0) for turn in turns]
+            for turn in (yaw, yaw + rng.uniform(0.8, 2.4)):
+                solids.append(_box(x + cos(turn), y + sin(turn), turn, 2.0))
         elif kind == 3:  # two posts 1.6 m apart, like the goal in the world robocup14_spl_field
             solids += [_post(x, y, 0.05), _post(x - 1.6 * sin(yaw), y + 1.6 * cos(yaw), 0.05)]
         else:  # four walls around the lidar
-            half = rng.uniform(4.0, 40.0) / 2.0
-            for side in (yaw + turn * pi / 2.0 for turn in range(4)):
+            half = rng.uniform(4.0, 40.0) / 2.0  # [m] distance from the lidar to each wall
+            for quarter in range(4):
+                side = yaw + quarter * pi / 2.0  # [rad] direction from the lidar to the wall
                 solids.append(_box(half * cos(side), half * sin(side), side + pi / 2.0, 2.0 * half))
     return solids

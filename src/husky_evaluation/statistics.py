@@ -16,22 +16,23 @@ LEVEL = 0.95  # confidence level of an interval
 
 
 class Interval(NamedTuple):
-    """Mean, and the limits between which it would be in 95 % of repetitions."""
+    """Mean, and the limits between which the mean would be in 95 % of repetitions."""
 
     mean: float
     low: float
     high: float
 
     def summary(self, unit: str, factor: float = 1.0) -> str:
-        """Return the interval as text."""
+        """Return mean and limits as text, multiplied by a factor, such as 100 from m to cm."""
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 
 
 def bootstrap(differences: ArrayLike) -> Interval:
-    """Return the mean of finite paired differences with the bootstrap's percentile interval.
+    """Return the mean of differences, and an interval in which the true mean probably is.
 
-    The numbers are nan if there are no differences. The resampling has a fixed seed, so the same differences
-    give the same interval.
+    The differences are those of pairs of runs, and are finite. The interval is the percentile interval of the
+    bootstrap. The numbers are nan if there are no differences. The resampling has a fixed seed, so the same
+    differences give the same interval.
     """
     values = np.asarray(differences, dtype=float)
     if not len(values):
