@@ -1,7 +1,7 @@
 """Arrival of the robot at a pillar, whatever node drives it.
 
-In: true motion of the robot, pillars. Out: an arrival, but no second one before the
-robot has left the pillar.
+In: true motion of the robot, pillars. Out: an arrival, when the robot has come to stand at a pillar. There is
+no second arrival at the same pillar before the robot has left it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class ArrivalWatch:
 
     def forget(self) -> None:
         """Begin again, because the robot was put elsewhere."""
-        self._has_driven, self._stands_since = False, inf
+        self._has_driven = False  # true if the robot has driven since its last stop was checked
+        self._stands_since = inf  # [s] stamp of the stop; inf while the robot moves
         # name of the last pillar at which the robot has arrived; None after the robot has left this pillar
         self._arrived_at: Optional[str] = None
         # [s] earliest time of the next check whether the robot has left that pillar
@@ -74,12 +75,11 @@ class ArrivalWatch:
                     self._arrived_at = None
             return None
 
-        # `_stands_since` is inf while the robot moves, so it becomes the stamp of the stop here
+        # at the first call after a stop, `_stands_since` is inf and becomes the present stamp
         self._stands_since = min(self._stands_since, state.stamp)
         if not self._has_driven or state.stamp - self._stands_since < STANDING_TIME:
             return None
-        # each stop is checked once; the robot must drive before the next check
-        self._has_driven = False
+        self._has_driven = False  # this stop is not checked again
         all_pillars = list(pillars())
         gaps = self._gaps(state, all_pillars)  # [m] distances from the robot's outline to the pillars
         if not gaps or min(gaps) > REACHED:
@@ -88,7 +88,7 @@ class ArrivalWatch:
         if nearest == self._arrived_at:
             return None
         self._arrived_at = nearest
-        # a gap is negative if the robot touches the pillar and sinks in a little, as bodies in Bullet do
+        # a gap is negative if the robot touches the pillar, because bodies in Bullet sink in a little
         return Arrival(self._stands_since, nearest, max(0.0, min(gaps)))
 
     def _gaps(self, state: TrueState, pillars: List[PillarPlace]) -> List[float]:
@@ -100,7 +100,7 @@ class ArrivalWatch:
 
 
 def pillar_of(body: Body, x: float, y: float) -> Optional[PillarPlace]:
-    """Return a body at a position [m] as a pillar, or None if it is not a single cylinder."""
+    """Return a body at x and y in the world [m] as a pillar; None if it is anything but one cylinder."""
     shapes = [geometry.shape for geometry in body.collisions]
     if len(shapes) == 1 and isinstance(shapes[0], Cylinder):
         return PillarPlace(body.name, x, y, shapes[0].radius)

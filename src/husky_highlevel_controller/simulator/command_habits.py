@@ -1,6 +1,10 @@
 """Habits of the nodes that command the robot: which node drives it, and faults that a student may not see.
 
 In: commands with their stamps and senders. Out: findings, each of them once, and a sentence for each.
+
+A sender is a node that sends velocity commands. A command expires if no other command follows in time; then
+the robot stops. Topics have priorities (see `twist_mux.py`): a command on a topic overrules the commands on
+all weaker topics.
 """
 
 from __future__ import annotations
@@ -12,9 +16,10 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 # [s] when this time has passed since the first command that moves the robot, the rate of its sender is
 # reported
 RATE_TIME = 1.0
-# a sender counts as slow after this number of gaps in a row in which its last command expired
+# a gap is the time from one command of a sender to its next command; a sender is slow after this number of
+# gaps in a row in which the command before the gap expired
 SLOW_GAPS = 8
-# [s] a gap that is longer than this does not count as slow, because a person may be pressing keys
+# [s] a longer gap is a pause and does not count, because a person may be pressing keys
 LONGEST_GAP = 3.0
 ZEROS_TIME = 10.0  # [s] a sender is reported if all its commands for this time were zero
 ZEROS_COUNT = 20  # a sender is reported only if it has sent at least this number of zero commands
@@ -51,12 +56,12 @@ class _Sender:
     last: float  # [s] stamp of the sender's last command
     count: int = 0  # number of commands
     has_commanded_motion: bool = False  # true after the sender's first command that is not zero
-    # The rate at which a sender sends is measured over the commands since this stamp [s]. None if no command
-    # has moved the robot since the last long gap.
+    # [s] stamp of the first command that moved the robot after the last pause; None if there is none. The
+    # rate of the sender is measured from there.
     moves_since: Optional[float] = None
-    moves_count: int = 0  # number of commands since `moves_since`
-    # [s] the last gaps between commands; a gap that is not longer than the timeout empties the list
-    gaps: Tuple[float, ...] = ()
+    moves_count: int = 0  # number of commands after `moves_since`
+    # [s] the last gaps in a row in which a command expired; a command that comes in time empties the list
+    slow_gaps: Tuple[float, ...] = ()
     # [s] stamp of the first command that was blocked by another topic; None if the last command was not
     # blocked
     overruled_since: Optional[float] = None
@@ -75,7 +80,7 @@ class CommandHabits:
         """
         self._timeout, self._may_stand = timeout, may_stand
         self._senders: Dict[Tuple[str, str], _Sender] = {}  # memory by topic and name of the sender
-        # sender of the last command on each topic, only if this command was zero; `OVERRULED` needs it
+        # for each topic whose last command was zero, the sender of this command, for `Habit.OVERRULED`
         self._zero_senders: Dict[str, str] = {}
         # habits and names of senders that were reported; no habit of a sender is reported again
         self._reported: Set[Tuple[Habit, str]] = set()
@@ -92,11 +97,12 @@ class CommandHabits:
             is_zero: true if the command lets the robot stand.
             stronger_topic: topic that is obeyed instead of `topic`; None if this command is obeyed.
         """
-        # the gap of a sender's first command is 0
         memory = self._senders.setdefault((topic, sender), _Sender(first=stamp, last=stamp))
-        gap, memory.last = stamp - memory.last, stamp
+        gap = stamp - memory.last  # 0 for the first command of a sender
+        memory.last = stamp
         memory.count += 1
-        memory.has_commanded_motion |= not is_zero
+        if not is_zero:
+            memory.has_commanded_motion = True
         self._zero_senders.pop(topic, None)
         if is_zero:
             self._zero_senders[topic] = sender
@@ -115,7 +121,9 @@ class CommandHabits:
         is_zero: bool,
         stronger_topic: Optional[str],
     ) -> Iterator[Finding]:
-        """Update the memory of a sender by its last command, and yield all findings, reported or not.
+        """Update the memory of a sender by its last command, and yield all findings of now.
+
+        Also findings that were reported before are yielded, because `note` leaves them out.
 
         Args:
             memory: memory of the sender on this topic, with the last command's stamp.
@@ -126,34 +134,35 @@ class CommandHabits:
             stronger_topic: topic that is obeyed instead of `topic`; None if this command is obeyed.
         """
         stamp = memory.last
-        # DRIVES: the rate is counted from the first command that moves the robot. This command is not zero,
-        # and no stronger topic overrules it. After a long gap, any command that is not zero starts a new
-        # count.
+        # DRIVES: the rate is counted from the first command that moves the robot: it is not zero, and no
+        # stronger topic overrules it. After a pause, any command that is not zero starts a new count.
         begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
         if begins_to_move or gap > LONGEST_GAP:
-            memory.moves_since, memory.moves_count = (None if is_zero else stamp), 0
+            memory.moves_since = None if is_zero else stamp
+            memory.moves_count = 0
         elif memory.moves_since is not None:
             memory.moves_count += 1
             duration = stamp - memory.moves_since
             if duration >= RATE_TIME:
                 yield Finding(Habit.DRIVES, sender, topic, memory.moves_count / duration)
 
-        # SLOW: before each of the last SLOW_GAPS commands, the command before it had expired. A command that
-        # comes in time, or after a long pause, starts the count again.
-        is_gap_long = self._timeout < gap <= LONGEST_GAP
-        memory.gaps = (*memory.gaps, gap) if is_gap_long else ()
-        if len(memory.gaps) >= SLOW_GAPS:
-            yield Finding(Habit.SLOW, sender, topic, len(memory.gaps) / sum(memory.gaps), self._timeout)
-            memory.gaps = ()
+        # SLOW: the sender's command had expired before each of its last SLOW_GAPS commands. A command that
+        # comes in time, or after a pause, starts the count again.
+        has_expired = self._timeout < gap <= LONGEST_GAP
+        memory.slow_gaps = (*memory.slow_gaps, gap) if has_expired else ()
+        if len(memory.slow_gaps) >= SLOW_GAPS:
+            rate = len(memory.slow_gaps) / sum(memory.slow_gaps)
+            yield Finding(Habit.SLOW, sender, topic, rate, self._timeout)
+            memory.slow_gaps = ()
 
-        # ZEROS: the sender has sent commands for some time, each of them was zero, and the sender is not a
-        # node that stops the robot on purpose
-        lasts = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
-        if lasts and not memory.has_commanded_motion and not self._may_stand(sender):
+        # ZEROS: the sender has sent many commands over some time, each of them was zero, and the sender is
+        # not a node that stops the robot on purpose
+        has_sent_many = stamp - memory.first >= ZEROS_TIME and memory.count >= ZEROS_COUNT
+        if has_sent_many and not memory.has_commanded_motion and not self._may_stand(sender):
             yield Finding(Habit.ZEROS, sender, topic)
 
-        # OVERRULED: a zero command of another node on the stronger topic keeps the sender from moving the
-        # robot. `holder` is the name of this other node; empty if its last command was not zero.
+        # OVERRULED: zero commands of another node, on a stronger topic, stop the robot while this sender
+        # wants to move it. `holder` is the name of the other node; empty if no such node holds the robot.
         holder = "" if stronger_topic is None else self._zero_senders.get(stronger_topic, "")
         if is_zero or stronger_topic is None or not holder:
             memory.overruled_since = None

@@ -17,7 +17,10 @@ class CommandError(HuskyError):
 
 
 def limit(target: Twist2D, previous: Twist2D, dt: float, config: DriveConfig) -> Twist2D:
-    """Return the command nearest to `target` that the limits allow `dt` s after the command `previous`."""
+    """Return the command nearest to `target` that the limits of speed and acceleration allow.
+
+    `previous` is the command of `dt` s before.
+    """
     return Twist2D(
         _limit(target.linear, previous.linear, config.max_linear, config.max_linear_acceleration * dt),
         _limit(target.angular, previous.angular, config.max_angular, config.max_angular_acceleration * dt),
@@ -25,13 +28,15 @@ def limit(target: Twist2D, previous: Twist2D, dt: float, config: DriveConfig) ->
 
 
 def _limit(target: float, previous: float, max_speed: float, max_change: float) -> float:
+    """Return the speed nearest to `target` within `max_speed`, and within `max_change` of `previous`."""
     target = min(max(target, -max_speed), max_speed)
     return min(max(target, previous - max_change), previous + max_change)
 
 
 def wheel_speeds(twist: Twist2D, config: DriveConfig) -> Tuple[float, float]:
-    """Return the speeds of the (left, right) wheels in rad/s, forward positive."""
-    # half the distance of the wheels, times a factor, because wheels that skid turn the robot less
+    """Return the speeds of the (left, right) wheels that a command needs, forward positive [rad/s]."""
+    # Half the distance of the wheels [m]. When the robot turns, its wheels skid and turn the robot less than
+    # wheels that roll, so the distance is multiplied by a measured factor.
     half_track = config.wheel_separation * config.wheel_separation_multiplier / 2.0
     return (
         (twist.linear - twist.angular * half_track) / config.wheel_radius,
@@ -40,7 +45,7 @@ def wheel_speeds(twist: Twist2D, config: DriveConfig) -> Tuple[float, float]:
 
 
 def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
-    """Return the twist of wheel odometry for (left, right) speeds in rad/s, the inverse of `wheel_speeds`."""
+    """Return the velocity of the robot from the speeds of its wheels [rad/s]; inverse of `wheel_speeds`."""
     separation = config.wheel_separation * config.wheel_separation_multiplier
     return Twist2D(
         (left + right) / 2.0 * config.wheel_radius, (right - left) * config.wheel_radius / separation
@@ -48,9 +53,9 @@ def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
 
 
 class Drive:
-    """Drive that follows the last command, until the command expires, within limits.
+    """Drive of the Husky in Gazebo: it follows the last command, within limits, until the command expires.
 
-    The wheels obey at once, as with Gazebo's velocity interface.
+    The wheels have the commanded speed at once, as with Gazebo's velocity interface.
     """
 
     steps = 1  # number of physics steps between two readings of the encoders
@@ -74,18 +79,24 @@ class Drive:
         self._command, self._commanded_at = twist, now
 
     def update(self, now: float, dt: float) -> Twist2D:
-        """Advance by `dt` to `now` [s]; return the limited command, which slows down after the timeout."""
+        """Advance by `dt` to the time `now` [s], and return the command after the limits were applied.
+
+        If the last command has expired, the result slows down to a stop.
+        """
         expired = now - self._commanded_at > self._config.timeout
         target = STOP if expired else self._command
-        if target != self.output:
+        if target != self.output:  # saves the call of `limit` while the command is constant
             self.output = limit(target, self.output, dt, self._config)
         return self.output
 
     def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
-        """Advance by `dt` to `now` [s]; return the command in force, and (left, right) speeds [rad/s]."""
+        """Advance by `dt` to the time `now` [s]; return the limited command and the speeds of the wheels.
+
+        The speeds are (left, right) [rad/s].
+        """
         command = self.update(now, dt)
         return command, wheel_speeds(command, self._config)
 
     def encoded(self, wheels: WheelState) -> WheelState:
-        """Return the wheels as the encoders report them."""
+        """Return the angles and speeds that the wheel encoders report; in Gazebo, the true ones."""
         return wheels

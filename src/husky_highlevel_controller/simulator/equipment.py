@@ -21,9 +21,9 @@ from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
-# Each sensor has a random stream of its own, so that no sensor changes the noise of another sensor. A number
-# is a spawn key of numpy's SeedSequence; None means the seed without a key. The lidar was the first sensor
-# and has no key, so its noise for a seed did not change when other sensors came.
+# Each sensor has a random generator (stream) of its own, so that no sensor changes the noise of another
+# sensor. The generators come from one seed and from these numbers, as the spawn key of NumPy's SeedSequence.
+# The lidar is the oldest sensor and has no number, so that its noise stayed the same when the others came.
 LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
 
 
@@ -33,7 +33,7 @@ class Sensor(NamedTuple):
     steps: int  # number of physics steps between two samples
     device: Any  # sensor, an object with reset(rng) and sample(state, stamp)
     field: str  # name of the sensor's field in `Snapshot`
-    stream: Optional[int]  # spawn key of the sensor's random stream; None for the seed without a key
+    stream: Optional[int]  # number of the sensor's random stream, such as IMU_STREAM
 
 
 class Equipment(NamedTuple):
@@ -62,31 +62,33 @@ def equip(
         HuskyError: a period is not a multiple of the physics step, or shorter than a sweep of the lidar.
     """
     rate, real, mount = config.physics_rate, config.real, config.robot.imu_mount
-    dt = 1.0 / rate
+    dt = 1.0 / rate  # [s] duration of a physics step
     # numbers of physics steps from one sample of a sensor to the next
     scan_steps = steps_per(config.scan_rate, rate, "scan_rate")
     imu_steps = steps_per(config.imu_rate, rate, "imu_rate")
     ideal_imu = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
-    # [m] distance between the wheels that odometry uses for turns; it is not the real distance, because the
-    # wheels skid. `VibratingImu` computes the speeds of the wheels from it.
-    effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
-    imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track) if real else ideal_imu
+    imu: Union[Imu, VibratingImu] = ideal_imu
+    if real:
+        # [m] larger than the distance between the wheels, because wheels skid in a turn
+        effective_track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
+        imu = VibratingImu(ideal_imu, real.ground.vibration, effective_track)
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
-    frame, points = model.laser_frame, None
-    if frame in model.fixed_poses:
+    points = None
+    has_lidar = model.laser_frame in model.fixed_poses
+    if has_lidar:
         lidar = _lidar(config, model, cast, scan_steps * dt)
         sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))
         if config.points_rate:
-            # not in `sensors`, because the steps of the simulation do not sample it; `Simulation.points`
-            # samples it when a point cloud is wanted
-            points = PointLidar(config.points, cast, model.fixed_poses[frame])
+            # the 3D lidar is not in `sensors`, because the steps of the simulation do not sample it, but only
+            # `Simulation.points` on request
+            points = PointLidar(config.points, cast, model.fixed_poses[model.laser_frame])
     if config.gps_rate:
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
         return Equipment(Drive(drive_config), imu, sensors, points)
-    # the encoders are read only together with odometry, so their period must be a whole number of periods of
-    # odometry, and of physics steps; otherwise `steps_per` raises HuskyError
+    # The encoders are read only together with odometry, so their period must be a whole number of periods of
+    # odometry, and of physics steps. The results are not used: `steps_per` raises HuskyError if it is not.
     for other_rate in (ODOMETRY_RATE, rate):
         steps_per(real.base.control_rate, other_rate, "base/control_rate")
     sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))
