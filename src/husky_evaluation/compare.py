@@ -48,12 +48,20 @@ class Comparison:
 
     @property
     def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
-        """Return the letter of the failing side and both outcomes, for each start at which only one fails."""
-        both = zip(self.a, self.b)
-        return [("B" if a.success else "A", a, b) for a, b in both if a.success is not b.success]
+        """Return the letter of the failing side, the outcome of A, and the outcome of B.
+
+        There is an entry for each start at which only one side fails.
+        """
+        failures = []
+        for a, b in zip(self.a, self.b):
+            if a.success and not b.success:
+                failures.append(("B", a, b))
+            elif b.success and not a.success:
+                failures.append(("A", a, b))
+        return failures
 
     def values(self, quantity: str) -> Tuple[List[float], List[float]]:
-        """Return a metric of A and of B, from all starts at which both succeed."""
+        """Return a field of the outcomes of A, and of B, from all starts at which both succeed."""
         return [getattr(a, quantity) for a, _ in self.pairs], [getattr(b, quantity) for _, b in self.pairs]
 
     def worse(self, margin: float) -> str:
@@ -85,12 +93,11 @@ class Comparison:
     @property
     def every_scene(self) -> Table:
         """Return a table with a row for each start: its name, three values of A, and the same values of B."""
-        quantities = ("success", "arrived_at", "nearest")
+        header = ["scene", "a_success", "a_arrived_at", "a_nearest", "b_success", "b_arrived_at", "b_nearest"]
         rows = [
-            (a.scene, *(getattr(outcome, quantity) for outcome in (a, b) for quantity in quantities))
+            (a.scene, a.success, a.arrived_at, a.nearest, b.success, b.arrived_at, b.nearest)
             for a, b in zip(self.a, self.b)
         ]
-        header = ["scene", *(f"{side}_{quantity}" for side in "ab" for quantity in quantities)]
         return Table("Every start", header, rows, folded=True)
 
     def figures(self) -> Table:
@@ -98,9 +105,10 @@ class Comparison:
 
         The means are over the starts at which both succeed.
         """
-        rates = [100.0 * sum(outcome.success for outcome in side) / len(side) for side in (self.a, self.b)]
+        rate_of_a = 100.0 * sum(outcome.success for outcome in self.a) / len(self.a)
+        rate_of_b = 100.0 * sum(outcome.success for outcome in self.b) / len(self.b)
         rows = [
-            ("stands at the pillar, no touch [%]", *rates, ""),
+            ("stands at the pillar, no touch [%]", rate_of_a, rate_of_b, ""),
             paired_row("time to arrival [s]", self.values("arrived_at"), "s"),
             paired_row("nearest approach [cm]", self.values("nearest"), "cm", factor=100.0),
         ]
@@ -110,11 +118,9 @@ class Comparison:
     def result(self, margin: float, source: str) -> Result:
         """Return the result: metrics, failures, every start, and the verdict."""
         why, tables = self.worse(margin), [self.figures()]
-        failures = [
-            (f"{a.scene}: only {letter} fails", a.summary, b.summary) for letter, a, b in self.failures
-        ]
-        if failures:
-            tables.append(Table("Starts at which only one fails", ("", "A", "B"), failures))
+        rows = [(f"{a.scene}: only {letter} fails", a.summary, b.summary) for letter, a, b in self.failures]
+        if rows:
+            tables.append(Table("Starts at which only one fails", ("", "A", "B"), rows))
         verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
         lead = f"{len(self.a)} random starts"
         tables.append(self.every_scene)
@@ -123,13 +129,12 @@ class Comparison:
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
-    """Drive every scenario with both contestants."""
+    """Drive every scenario with both contestants, first all with A and then all with B."""
     sides = []
     for letter, competitor in (("A", a), ("B", b)):
         items = [(competitor, scene) for scene in scenes]
-        sides.append(
-            tuple(workers.map(drive_scene, items, letter, starts_programs=competitor.starts_programs))
-        )
+        outcomes = workers.map(drive_scene, items, letter, starts_programs=competitor.starts_programs)
+        sides.append(tuple(outcomes))
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
@@ -145,7 +150,7 @@ def write_comparison(comparison: Comparison, result: Result, out: Path) -> Path:
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each start")
     for letter, a, b in comparison.failures:
         # both paths (N, 2) [m]; the key is the text of the path in the picture's legend
-        paths = {f"{side}: {each.summary}": each.poses[:, :2] for side, each in (("A", a), ("B", b))}
+        paths = {f"A: {a.summary}": a.poses[:, :2], f"B: {b.summary}": b.poses[:, :2]}
         name = f"only {letter.lower()} fails {a.scene}"
         pictures[name] = draw_paths(paths, f"{a.scene}: only {letter} fails", a.pillar)
         (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])
@@ -203,9 +208,8 @@ def main(
         options.out.mkdir(parents=True, exist_ok=True)
         # a file keeps results for the next call; results of a launch file are not kept, because its programs
         # may have changed by then
-        with Workers(
-            options.jobs, options.cluster, None if has_launch_file else options.out / RESULTS
-        ) as workers:
+        kept_results = None if has_launch_file else options.out / RESULTS
+        with Workers(options.jobs, options.cluster, kept_results) as workers:
             comparison = compare(a, b, random_starts(options.starts, options.seed), workers)
             result = comparison.result(options.margin, workers.summary)
         print(result)

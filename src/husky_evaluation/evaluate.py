@@ -78,10 +78,16 @@ class Replays:
 def figure(
     name: str, value: float, unit: str = "", minimum: float = -inf, maximum: float = inf, replay: str = ""
 ) -> Row:
-    """Return the row of a metric, with a verdict if there are limits; nan misses every limit.
+    """Return the row of a metric in a table, with a verdict if the value has limits.
 
-    The value links to the page `replay`, on which the reader sees a run with this value, or a run that misses
-    the limits. If `replay` is empty, the value has no link.
+    Args:
+        name: name of the metric.
+        value: its value; nan misses every limit.
+        unit: unit of the value and the limits; empty if they have none.
+        minimum: smallest value that is wanted; -inf for no limit.
+        maximum: largest value that is wanted; inf for no limit.
+        replay: page to which the value links, with a run of this value or one that misses the limits; empty
+            for no link.
     """
     wanted = ""
     if minimum > -inf and maximum < inf:
@@ -90,11 +96,14 @@ def figure(
         wanted = f"at least {minimum:g}"
     elif maximum < inf:
         wanted = f"at most {maximum:g}"
-    verdict = Cell("")
-    if wanted:
-        verdict = Cell("ok", "ok") if minimum <= value <= maximum else Cell("MISSED", "missed")
-    name = f"{name} [{unit}]" if unit else name
-    return name, Cell(float(value), link=quote(replay)), wanted, verdict
+    if not wanted:
+        verdict = Cell("")
+    elif minimum <= value <= maximum:
+        verdict = Cell("ok", style="ok")
+    else:
+        verdict = Cell("MISSED", style="missed")
+    title = f"{name} [{unit}]" if unit else name
+    return title, Cell(float(value), link=quote(replay)), wanted, verdict
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
@@ -106,11 +115,13 @@ def extraction_figures(title: str, errors: Sequence[float], minimum: float, maxi
         minimum: smallest allowed fraction of found pillars [%].
         maximum: largest allowed error of 95 % of the found pillars [cm].
     """
-    finite = [error for error in errors if error < inf]
-    p95 = float(np.quantile(finite, 0.95)) if finite else nan
+    errors_of_found = [error for error in errors if error < inf]
+    found_share = 100.0 * len(errors_of_found) / len(errors)
+    # [m] 95 % of the found pillars have at most this error
+    error_limit = float(np.quantile(errors_of_found, 0.95)) if errors_of_found else nan
     return [
-        figure(f"{title}: found", 100.0 * len(finite) / len(errors), "%", minimum),
-        figure(f"{title}: centre error, 95 % within", 100.0 * p95, "cm", maximum=maximum),
+        figure(f"{title}: found", found_share, "%", minimum),
+        figure(f"{title}: centre error, 95 % within", 100.0 * error_limit, "cm", maximum=maximum),
     ]
 
 
@@ -119,10 +130,12 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
 
     The bound of a run is the shortest time to arrival that the robot's speed and acceleration allow.
     """
-    bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
+    bad = [run for run in runs if not run.good]
+    touching = [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
     # for each run: time to arrival divided by the bound, and time to arrival minus the bound [s]
-    ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
+    ratios = [run.ratio for run in runs]
+    delays = [run.arrived_at - run.bound for run in runs]
     slowest_by_ratio, slowest_by_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
     most_crossings = max(runs, key=lambda run: run.crossings)
@@ -223,9 +236,10 @@ def evaluate(
     """
     setup = setup_of(robot=robot)
     lidar, robot_data = setup.simulator.lidar, setup.simulator.robot
+    numbers = range(scans)
     # a process gets 50 scans at once, because one scan takes only a millisecond; if there are few scans, the
     # groups are smaller, so that several processes get work
-    numbers, chunk = range(scans), min(50, scans // 4 + 1)
+    chunk = min(50, scans // 4 + 1)
     errors = partial(center_error, seed=seed, lidar=lidar)
     errors_alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
     errors_in_company = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
@@ -266,9 +280,9 @@ def drives(
     title: str,
     replays: Optional[Replays],
 ) -> List[DriveResult]:
-    """Return the result of every setup in every scene.
+    """Drive every setup in every scene, and return the results: all of the first setup, then of the next.
 
-    With `replays`, each run gets a page there that plays it.
+    With `replays`, a page that plays the run is written for each run.
     """
     items = list(product(setups, scenes))
     if replays is None:

@@ -45,7 +45,8 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
     """Draw panels with marks: curves over one axis, or heat maps over two axes. Return a PNG."""
     columns, rows = min(len(panels), 2), ceil(len(panels) / 2)
     figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
-    for plot, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels):
+    plots = figure.subplots(rows, columns, squeeze=False).flat
+    for plot, panel in zip(plots, panels):
         if len(axes) == 1:
             _curve(plot, axes[0], panel, marks)
         else:
@@ -103,11 +104,16 @@ def _limits(panel: Panel) -> Tuple[float, float]:
     """Return the limits of the colours or of the y axis: smallest and largest value of the panel.
 
     If their difference is less than the panel's span, the limit at the worst value is moved outwards.
+    Otherwise small differences would look large.
     """
     values = panel.values[np.isfinite(panel.values)]
-    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
-    spare = max(panel.span - (high - low), 0.0)
-    return (low - spare, high) if panel.is_good_high else (low, high + spare)
+    low, high = 0.0, 0.0  # limits of a panel without values
+    if len(values):
+        low, high = float(values.min()), float(values.max())
+    missing_span = max(panel.span - (high - low), 0.0)
+    if panel.is_good_high:
+        return low - missing_span, high
+    return low, high + missing_span
 
 
 def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
@@ -115,14 +121,16 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
     plot.plot(axis.values, panel.values, marker="o", markersize=4, color=DRIVEN)
     low, high = _limits(panel)
     plot.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-    # a mark has one value for each axis, and this grid has only one axis
-    for line_style, (name, (value,)) in zip(("-", "--", ":"), marks.items()):
-        plot.axvline(value, color=MARKER, linestyle=line_style, label=name)
+    for line_style, (name, values) in zip(("-", "--", ":"), marks.items()):
+        # a mark has one value for each axis, and this grid has only one axis
+        plot.axvline(values[0], color=MARKER, linestyle=line_style, label=name)
     if axis.is_geometric:
-        # matplotlib labels a logarithmic axis only at powers of ten, so up to 8 of the values get labels
+        # matplotlib labels a logarithmic axis only at powers of ten, so every `step`-th value gets a label,
+        # which are at most 8
         plot.set_xscale("log")
         plot.xaxis.set_minor_locator(NullLocator())
-        ticks = axis.values[:: len(axis.values) // 8 + 1]
+        step = len(axis.values) // 8 + 1
+        ticks = axis.values[::step]
         plot.xaxis.set_major_locator(FixedLocator(ticks))
         plot.xaxis.set_major_formatter(FixedFormatter([f"{value:.3g}" for value in ticks]))
     plot.grid(alpha=0.3)
@@ -132,7 +140,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     """Draw a panel over two axes as cells of equal size, one for each point of the grid."""
     low, high = _limits(panel)
     # a logarithmic scale cannot begin at 0, which is the limit if no point has a value
-    norm = (LogNorm if panel.is_logarithmic and low > 0.0 else Normalize)(low, high)
+    norm = LogNorm(low, high) if panel.is_logarithmic and low > 0.0 else Normalize(low, high)
     # transposed, so that the first axis of the grid is horizontal
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
@@ -199,9 +207,8 @@ def _mark_points(plot: Any, axes: Sequence[Axis], marks: Marks) -> None:
     """
     for symbol, (name, values) in zip(SYMBOLS, marks.items()):
         # position of the mark in cells; cell i has its centre at i, and its borders at i - 0.5 and i + 0.5
-        x, y = (
-            float(np.interp(value, axis.values, range(len(axis.values)))) for value, axis in zip(values, axes)
-        )
+        x = float(np.interp(values[0], axes[0].values, range(len(axes[0].values))))
+        y = float(np.interp(values[1], axes[1].values, range(len(axes[1].values))))
         border = np.floor(y) + 0.5
         # a star looks smaller than another symbol of the same size
         plot.plot(

@@ -60,8 +60,8 @@ class Setup:
         changed = {}
         for item in fields(self):  # control, detector, simulator
             record = getattr(self, item.name)
-            # the changes that belong to this record
-            changes = {name: values[name] for name, _, _ in _parameters(record) if name in values}
+            names = [name for name, _, _ in _parameters(record)]
+            changes = {name: values[name] for name in names if name in values}
             changed[item.name] = replace_parameters(record, changes, source)
         return Setup(**changed)
 
@@ -142,20 +142,27 @@ def add_drive_options(parser: argparse.ArgumentParser, command: str, starts: int
 
 
 def parameter_values(setup: Setup) -> Dict[str, Any]:
-    """Return the values of all parameters by their names."""
-    return {name: value for record in vars(setup).values() for name, value, _ in _parameters(record)}
+    """Return the values of all parameters of control, detector and simulator by their names."""
+    values = {}
+    for record in vars(setup).values():
+        for name, value, _ in _parameters(record):
+            values[name] = value
+    return values
 
 
 def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
     """Yield name, value and metadata of each parameter of a record, and of the records in it.
 
-    A field without metadata is not a parameter.
+    A field without metadata is not a parameter. `prefix` is the beginning of each name, such as "lidar/" for
+    the record in the field `lidar`.
     """
     for item in fields(record):
         value = getattr(record, item.name)
-        if is_dataclass(value) and item.metadata:
+        if not item.metadata:
+            continue
+        if is_dataclass(value):
             yield from _parameters(value, f"{prefix}{item.name}/")
-        elif item.metadata:
+        else:
             yield prefix + item.name, value, item.metadata
 
 
@@ -219,9 +226,10 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
         ValueError: the text has another form, or the numbers do not fit it.
     """
     has_count = ":" in grid  # FIRST:LAST:COUNT
-    texts, count = grid.split(","), ""
     if has_count:
         *texts, count = grid.split(":")
+    else:
+        texts, count = grid.split(","), ""
     numbers = [float(text) for text in texts]
     if not all(map(math.isfinite, numbers)):
         raise ValueError("every value must be a finite number")
@@ -255,6 +263,6 @@ def load_setup(path: Path, base: Setup) -> Setup:
 
 
 def tuned_to_yaml(values: Mapping[str, float], title: str) -> str:
-    """Return the text of a YAML file of the controller's parameters, each with its help."""
+    """Return the text of a YAML file of the controller's parameters, each with its help as a comment."""
     lines = [f"{name}: {value!r}  # {METADATA[name]['help']}" for name, value in values.items()]
     return "\n".join([f"# {title}", *lines]) + "\n"

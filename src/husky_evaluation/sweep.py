@@ -53,15 +53,20 @@ class Sweep:
     def every_drive(self) -> Table:
         """Return a table with a row for each run."""
         names = [axis.name for axis in self.axes]
-        # each point is repeated once for each scenario, so that the points match the runs in `drives`
-        at = (point for point in self.points for _ in self.scenes)
-        rows = [{**dict(zip(names, point)), **row(drive)} for point, drive in zip(at, self.drives)]
+        rows = []
+        drives = iter(self.drives)
+        for point in self.points:
+            for _ in self.scenes:
+                # parameters of the point by name, and metrics of the next run
+                rows.append({**dict(zip(names, point)), **row(next(drives))})
         return every_row("Every run", rows)
 
     def grid(self, quantity: str, combine: Any) -> np.ndarray:
         """Return a metric at each point of the grid, as an array with a dimension for each axis.
 
-        `combine` makes one value of the values of all scenarios at a point, such as np.mean.
+        Args:
+            quantity: name of a field or property of `DriveResult`.
+            combine: function that makes one value of the values of all scenarios at a point, such as np.mean.
         """
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
         # `drives` has all runs at the first point, then all runs at the next point; from point to point, the
@@ -95,11 +100,12 @@ class Sweep:
     def best_points(self, count: int = 3) -> Table:
         """Return at most `count` points with the highest success, and among these with the shortest time."""
         success, times = self.success.ravel(), self.times.ravel()
-        # `lexsort` sorts by the last key first: the highest success comes first, then the shortest time;
-        # points without a time come last
-        order = np.lexsort((np.where(np.isnan(times), inf, times), -success))[:count]
+        # `lexsort` sorts by its last key, and equal values by the key before it; a point without a time comes
+        # after the others with the same success
+        sortable_times = np.where(np.isnan(times), inf, times)
+        best = np.lexsort((sortable_times, -success))[:count]
         header = [*(axis.name for axis in self.axes), "success [%]", "time to arrival, median [s]"]
-        rows = [(*self.points[n], float(success[n]), float(times[n])) for n in order]
+        rows = [(*self.points[n], float(success[n]), float(times[n])) for n in best]
         return Table("Best points", header, rows, number_format=PARAMETERS)
 
     @property
@@ -127,7 +133,15 @@ def sweep(
     workers: Workers,
     drive: Drive = run_scene,
 ) -> Sweep:
-    """Drive every scenario at every point of the grid."""
+    """Drive every scenario at every point of the grid, which has each combination of values of the axes.
+
+    Args:
+        axes: parameters and their values.
+        scenes: scenarios.
+        setup: setup with the other parameters.
+        workers: processes that drive.
+        drive: function that drives a setup in a scenario.
+    """
     names = [axis.name for axis in axes]
     points = itertools.product(*(axis.values for axis in axes))
     setups = [setup.with_values(dict(zip(names, point))) for point in points]
@@ -136,9 +150,10 @@ def sweep(
 
 
 def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[float]]:
-    """Return the known setups of a robot that are inside a picture of these axes, to be marked there.
+    """Return the points that are marked in a picture of these axes: well-known setups, such as the defaults.
 
-    The key is the text in the legend, and the list has the value of the setup on each axis.
+    The key is the text in the legend, and the list has the value of the setup on each axis. A setup outside
+    the picture is left out.
     """
     defaults = setup_of(robot=robot)
     setups = {"defaults": defaults, "the course's gains": defaults.with_gains(COURSE_GAINS)}
@@ -146,7 +161,8 @@ def marks(axes: Sequence[Axis], profile: str, robot: str) -> Dict[str, List[floa
         setups["robot.launch's gains"] = defaults.with_gains(ROBOT_GAINS)
     inside: Dict[str, List[float]] = {}
     for name, setup in setups.items():
-        values = [float(parameter_values(setup)[axis.name]) for axis in axes]
+        parameters = parameter_values(setup)
+        values = [float(parameters[axis.name]) for axis in axes]
         is_inside = all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
         # a second name for the same point would hide the first one in the picture
         if is_inside and values not in inside.values():
@@ -175,9 +191,12 @@ def write_sweep(
         (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))
         files.append(out / "sweep.png")
     # each row of the table has the parameters of a point, and the value of the point in each panel
-    header = [*(axis.name for axis in swept.axes), *(panel.title for panel in panels)]
-    columns = [panel.values.ravel().tolist() for panel in panels]
-    rows = [(*point, *values) for point, values in zip(swept.points, zip(*columns))]
+    header = [axis.name for axis in swept.axes] + [panel.title for panel in panels]
+    values_of_panels = [panel.values.ravel() for panel in panels]
+    rows = [
+        (*point, *(float(values[index]) for values in values_of_panels))
+        for index, point in enumerate(swept.points)
+    ]
     lead = f"{len(swept.scenes)} random starts at each of {len(swept.points)} points"
     tables = [swept.best_points(), Table("Every point", header, rows, folded=True)]
     result = Result(title, lead, tables, swept.finding, source=source)

@@ -67,9 +67,10 @@ class Objective:
     crossing: float = number(0.0, 1e6, "cost of each swing across the pillar's direction [s]", default=1.0)
 
     def cost(self, drive: DriveResult, limit: float) -> float:
-        """Return the cost of one run [s]; a run that does not arrive has lasted until the time `limit` [s].
+        """Return the cost of one run [s], which is small for a fast run without mistakes.
 
-        Because of the limit, such a run costs more than the slowest arrival.
+        A run that does not arrive lasts until the time `limit` [s]. With the penalty `failure`, it costs more
+        than the slowest arrival.
         """
         time = drive.arrived_at if drive.arrived_at < inf else limit + self.failure
         touch = self.touch if drive.touched else 0.0
@@ -86,9 +87,9 @@ class Objective:
 
 
 class Range(NamedTuple):
-    """Range in which a parameter is searched."""
+    """Range in which a parameter is searched, in the unit of the parameter."""
 
-    name: str
+    name: str  # name of the parameter
     low: float
     high: float
 
@@ -96,7 +97,7 @@ class Range(NamedTuple):
 class Tuned(NamedTuple):
     """Result of tuning."""
 
-    values: Dict[str, float]
+    values: Dict[str, float]  # the best values that were found, by the names of the parameters
     trials: List[Dict[str, Any]]  # rows, one for each setup that was tried
 
 
@@ -135,9 +136,10 @@ def parse_range(text: str, base: Setup) -> Range:
 
 
 def controller_values(setup: Setup) -> Dict[str, Any]:
-    """Return the parameters of the controller of a setup, by name."""
+    """Return the parameters of the controller of a setup by name, without those of the simulator."""
     values = parameter_values(setup)
-    return {item.name: values[item.name] for each in (setup.control, setup.detector) for item in fields(each)}
+    names = [item.name for item in (*fields(setup.control), *fields(setup.detector))]
+    return {name: values[name] for name in names}
 
 
 def parse_weights(assignments: Sequence[str]) -> Objective:
@@ -147,7 +149,8 @@ def parse_weights(assignments: Sequence[str]) -> Objective:
         ConfigError: a name is not a weight, or a value is not a number.
     """
     weights: Dict[str, Any] = {}
-    for name, _, text in (assignment.partition("=") for assignment in assignments):
+    for assignment in assignments:
+        name, _, text = assignment.partition("=")
         try:
             weights[name] = float(text)
         except ValueError:  # `from_plain` below reports that the text is not a number
@@ -254,7 +257,8 @@ def check(
     """Compare the metrics of both setups from the same fresh starts."""
     # results of `base` in all scenarios, then results of `tuned` in all scenarios
     results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
-    sides = results[: len(scenes)], results[len(scenes) :]
+    sides = (results[: len(scenes)], results[len(scenes) :])
+    # each of the following has the values of `base` first, then the values of `tuned`
     shares = [100.0 * float(np.mean([result.good for result in side])) for side in sides]
     times = np.array([[result.arrived_at for result in side] for side in sides])
     # true for scenarios in which the robot arrives with both setups; a missing arrival has the time inf,
@@ -302,9 +306,18 @@ def result_of_tuning(
 
 
 def launch_arguments(profile: str, ground: str, robot: str) -> List[str]:
-    """Return the arguments of controller.launch with which it simulates what `setup_of` returns for these."""
-    chosen = {"profile": (profile, "gazebo"), "ground": (ground, "hard"), "robot": (robot, "husky")}
-    return [f"{name}:={value}" for name, (value, default) in chosen.items() if value != default]
+    """Return the arguments with which controller.launch simulates this profile, ground and robot.
+
+    An argument is left out if it has the default of controller.launch.
+    """
+    arguments = []
+    if profile != "gazebo":
+        arguments.append(f"profile:={profile}")
+    if ground != "hard":
+        arguments.append(f"ground:={ground}")
+    if robot != "husky":
+        arguments.append(f"robot:={robot}")
+    return arguments
 
 
 def write_tuned(

@@ -119,7 +119,7 @@ class Cluster:
                 future.cancel()
 
     def _submit(self, payload: bytes, workers: FrozenSet[str], starts_programs: bool) -> Future:
-        """Let one of these workers do a packed group of tasks, and return the future of its answer."""
+        """Send a packed group of tasks to one of these workers, and return the future of its answer."""
         resources = {ROS: 1} if starts_programs else None
         with warnings.catch_warnings():
             # Dask warns of large tasks, but the files of a student's submission may have some megabytes
@@ -196,7 +196,9 @@ class Cluster:
     def _reason_against(self, address: str, threads: int, python: str) -> Optional[str]:
         """Return why a worker may not be used, by its threads, its Python and its version of the package.
 
-        It is empty if the worker may be used, and None if the worker does not answer, so it is checked again.
+        Returns:
+            The reason as the end of a sentence, an empty text if the worker may be used, or None if the
+            worker does not answer, so it must be checked again later.
         """
         if threads != 1:
             return f"it has {threads} threads; start it with --nthreads 1"
@@ -208,7 +210,9 @@ class Cluster:
         version = self._version_of(address)  # version, or why there is none; empty if the worker has gone
         if not version:
             return None
-        return "" if version == code_version() else f"{version}; here it is {code_version()}"
+        if version != code_version():
+            return f"{version}; here it is {code_version()}"
+        return ""
 
     def _version_of(self, address: str) -> str:
         """Return the version of the package on a worker, or why it has none; empty if it has gone."""
@@ -225,8 +229,9 @@ class Cluster:
 def _take_back(running: Dict[Future, _Run], usable_now: FrozenSet[str]) -> List[int]:
     """Cancel and remove the groups whose workers have all left, and return the numbers of these groups.
 
-    `usable_now` has the addresses of the workers that are connected now and may be used. The scheduler gives
-    a group only to the workers that were usable when it was sent, so it would wait for lost workers.
+    The scheduler gives a group only to the workers that were usable when the group was sent. If all of them
+    have left, the scheduler would wait for them without an end. `usable_now` has the addresses of the workers
+    that are connected now and may be used.
     """
     lost = [future for future, run in running.items() if not run.workers & usable_now]
     for future in lost:
@@ -235,13 +240,19 @@ def _take_back(running: Dict[Future, _Run], usable_now: FrozenSet[str]) -> List[
 
 
 def _send_by_value(task: Callable[[Any], Any]) -> None:
-    """Let cloudpickle send the code of a task's module, unless the worker can import it by its name."""
+    """Let cloudpickle send the code of a task's module, unless the worker can import it by its name.
+
+    Without this, a task in the user's own file would fail on a worker, which does not have the file.
+    """
     while isinstance(task, partial):
         task = task.func
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
-    # an installed module is in site-packages or dist-packages; a module without a file counts as installed
-    is_installed = "-packages" in str(getattr(module, "__file__", "-packages"))
-    if not is_installed and module.__name__.split(".")[0] not in (*OURS, "__main__"):
+    if not hasattr(module, "__file__"):
+        return  # a module without a file has no code that could be sent
+    is_installed = "-packages" in str(module.__file__)  # the module is in site-packages or dist-packages
+    # cloudpickle always sends the code of `__main__`
+    is_importable = is_installed or module.__name__.split(".")[0] in (*OURS, "__main__")
+    if not is_importable:
         cloudpickle.register_pickle_by_value(module)
 
 
@@ -252,7 +263,7 @@ def perform_packed(payload: bytes) -> bytes:
 
 
 def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
-    """Return a worker's answer, or the exception if it cannot be read.
+    """Return a worker's answer, or the exception if the answer cannot be unpickled.
 
     The exception is not raised here, so that the other tasks continue.
     """

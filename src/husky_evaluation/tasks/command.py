@@ -60,11 +60,12 @@ def add_worker_options(
 def refuse_doubled_name(names: Sequence[str], remedy: str) -> None:
     """Raise ConfigError if a parameter is named twice; the error ends with the `remedy`."""
     if len(set(names)) < len(names):
-        raise ConfigError(f"{max(names, key=names.count)} is given twice; {remedy}")
+        most_frequent = max(names, key=names.count)
+        raise ConfigError(f"{most_frequent} is given twice; {remedy}")
 
 
 def positive(text: str) -> int:
-    """Return a whole number above 0, for argparse."""
+    """Return the whole number above 0 in a text; argparse calls this for an argument of this type."""
     number = int(text)
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
@@ -72,7 +73,7 @@ def positive(text: str) -> int:
 
 
 def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
-    """Return a type of argument for argparse: a number in a range."""
+    """Return a function that reads a number from `low` to `high`, as the type of an argument of argparse."""
 
     def number(text: str) -> float:
         if not low <= kind(text) <= high:

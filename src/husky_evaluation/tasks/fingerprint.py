@@ -86,7 +86,10 @@ def _pieces(value: Any) -> Iterator[bytes]:
 
 @lru_cache(maxsize=1)
 def code_version() -> str:
-    """Return the version of the package, and a hash of its Python code, parameters, worlds and robots."""
+    """Return the version of the package, and a hash of its Python code, parameters, worlds and robots.
+
+    Only the same version uses kept results again, and a worker of a cluster must have the same version.
+    """
     digest, share = hashlib.sha256(), share_folder()
     sources = Path(__file__).resolve().parents[2]  # folder that contains the packages
     modules = [path for package in OURS for path in (sources / package).rglob("*.py")]
@@ -102,7 +105,7 @@ def code_version() -> str:
         is_generated = bool(below_package) and below_package[0] in GENERATED
         if not is_generated:
             digest.update(f"{name} {hashlib.sha256(files[name].read_bytes()).hexdigest()}\n".encode())
-    # the version, and 12 digits of the hash, which are enough to distinguish versions
+    # the version by package.xml, and 12 digits of the hash, which are enough to distinguish versions
     manifest = (share / "package.xml").read_text()
     number = manifest.split("<version>", 1)[1].split("<", 1)[0]
     return f"{number}+{digest.hexdigest()[:12]}"
@@ -112,9 +115,13 @@ def processor() -> str:
     """Return the name of this machine's processor; empty if unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration, IndexError):  # the system is not Linux, or the processor has no name
-        return platform.processor()
+    except OSError:  # the system is not Linux
+        lines = []
+    for line in lines:
+        key, colon, name = line.partition(": ")
+        if key.startswith("model name") and colon:
+            return name
+    return platform.processor()
 
 
 @lru_cache(maxsize=1)

@@ -36,7 +36,7 @@ MAX_DEATHS = 3
 
 
 def perform(task: Callable[[Any], Any], group: Group) -> Answer:
-    """Do a group of tasks, in a worker."""
+    """Do a group of tasks in a worker; return the machine's description, and the results."""
     return machine(), [task(item) for item in group]
 
 
@@ -60,7 +60,7 @@ def run_here(
     deaths: CounterType[int] = Counter()
     while waiting:
         running: Dict[Future, int] = {}  # number of the group whose answer the future will have
-        executor: Executor
+        executor: Executor  # pool of threads or processes
         if starts_programs:
             executor = ThreadPoolExecutor(jobs)
         else:
@@ -70,8 +70,11 @@ def run_here(
                 # Each process gets two groups, so that it can begin the second group as soon as it has ended
                 # the first one. But a group during which a process has ended begins only when no other group
                 # is running. If a process ends again, this group is the probable cause.
-                while waiting and len(running) < (1 if deaths[waiting[0]] else 2 * jobs):
+                while waiting:
                     number = waiting[0]
+                    most_running = 1 if deaths[number] else 2 * jobs
+                    if len(running) >= most_running:
+                        break
                     running[executor.submit(perform, task, groups[number])] = number
                     # removed only after `submit`, because `submit` fails if the pool is broken
                     waiting.popleft()
@@ -97,11 +100,17 @@ def run_here(
             # `shutdown` waits for the running tasks and cancels the waiting tasks; in Python 3.8 it cannot
             # cancel them, so they run, too. `Future.cancel` is not used, because a pool with cancelled
             # futures may hang at its end (Python 3.11.2, gh-94777)
-            executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
+            if sys.version_info >= (3, 9):
+                executor.shutdown(cancel_futures=True)
+            else:
+                executor.shutdown()
 
 
 def _end_with_parent() -> None:
-    """Ignore Ctrl-C, which the main process handles, and end when the main process is killed."""
+    """Prepare a new process: ignore Ctrl-C, which the main process handles, and end with the main process.
+
+    Otherwise the processes of a killed command would continue to compute.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)

@@ -38,6 +38,7 @@ class Progress:
         now = self._clock()
         has_terminal = not self._bar.disable
         if not has_terminal and now - self._last_line >= LINE_PERIOD and self._done < self._total:
+            # [s] remaining time, if the other tasks take as long as those that have ended
             left = (now - self._begin) * (self._total - self._done) / self._done
             print(f"{self._title}: {self._done} of {self._total} done, {left:.0f} s left", file=sys.stderr)
             self._last_line = now

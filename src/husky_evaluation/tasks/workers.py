@@ -94,11 +94,11 @@ class Workers:
     ) -> Iterator[Tuple[int, Any]]:
         """Yield the index and the result of each item, in the order in which the results come.
 
-        The other arguments are those of `map`; with `starts_programs`, the task starts ROS. If a task raises,
-        cannot be sent, or ends its worker, `on_error` gets the item and the exception, and returns the result
-        of the item. This result is kept like other results, so a later run with the same file does not try
-        the item again. If items are sent in groups of `chunk`, an exception counts for all items of its
-        group. Without `on_error` the exception is raised.
+        The other arguments are those of `map`. If a task raises an exception, cannot be sent, or ends its
+        worker, `on_error` gets the item and the exception, and returns the result of the item. This result is
+        kept like other results, so a later run with the same file does not try the item again. If items are
+        sent in groups of `chunk`, an exception counts for all items of its group. Without `on_error` the
+        exception is raised.
         """
         # the key of a kept result depends on the code and the item, so that a result is computed again if the
         # code has changed
@@ -145,14 +145,17 @@ class Workers:
     def summary(self) -> str:
         """Return, for a report, the hash of the results and the kinds of machines that computed them."""
         kinds = sorted(self._machines)
-        several = f"{len(kinds)} kinds of machines, whose last bits may differ: " if len(kinds) > 1 else ""
-        return f"results {self.results_hash} by {several}{'; '.join(kinds)}"
+        machines = "; ".join(kinds)
+        if len(kinds) > 1:
+            machines = f"{len(kinds)} kinds of machines, whose last bits may differ: {machines}"
+        return f"results {self.results_hash} by {machines}"
 
 
 def _answer_to_error(error: BaseException, items: Sequence[Any], on_error: Optional[OnError]) -> Answer:
     """Return the answer for a group of items that failed: this machine, and the results of `on_error`.
 
-    The error is raised if there is no `on_error`, or if it is a KeyboardInterrupt or the like.
+    The error is raised if there is no `on_error`, or if it is not the task's own error, but for example a
+    KeyboardInterrupt.
     """
     if on_error is None or not isinstance(error, Exception):
         raise error
