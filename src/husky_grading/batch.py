@@ -71,8 +71,8 @@ SEED_FILE = "seed"  # name of the file that keeps the class's random seed, in th
 # the seed of a class is below this limit; the simulator gets seed plus run number as a ROS parameter, which
 # must fit into a 32-bit integer with a sign
 SEED_LIMIT = 2**30
-# folders that a worker of a cluster does not send back: the copied submission, its build, and files that it
-# wrote
+# folders that a worker of a cluster does not send back: the copied submission, its build, and files that the
+# submission wrote
 NOT_RETURNED = frozenset({"unpacked", "ws", COPIES, "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content of each file, by the path of the file in the folder of results
 
@@ -133,13 +133,14 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
         print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
     try:
         with Workers(jobs, batch.cluster) as workers:
-            marked = _mark_jobs(waiting, workers, elsewhere=bool(batch.cluster))
-            for number, result in enumerate(marked, 1):
+            new_results = _mark_jobs(waiting, workers, elsewhere=bool(batch.cluster))
+            for number, result in enumerate(new_results, 1):
                 results[result.name] = result
                 _report_progress(result, number, len(waiting))
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; run the same command again to continue") from None
-    # if `--only` names some submissions, the others may have no result yet, and get no row in the tables
+    # With `--only`, the submissions that it does not name may have no result yet. They get no row in the
+    # tables.
     ordered = [results[name] for name in names if name in results]
     result_folders = {each.name: each.folder for each in hand_ins}  # names of the folders, by student
     write_class(ordered, result_folders, batch.out)
@@ -260,15 +261,15 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
         hidden=(str(batch.folder), str(batch.out)),
         time_limit=batch.time_limit,
     )  # fmt: skip
-    # only settings that change the build stay in `choices`; the student's other settings get their defaults
-    choices = replace(override, robot=None, points={}, late=None, hold=False)
-    built = [code_version(), config.exercise, to_json(choices), batch.setups]
-    # all submissions of a class must be marked by the same version of our code, so the version is part of the
-    # fingerprint
+    # the student's settings that do not change the build get their defaults, so they are not in the hash
+    settings_of_build = replace(override, robot=None, points={}, late=None, hold=False)
+    # all submissions of a class must be marked by the same version of our code, so the version is in the hash
+    built = [code_version(), config.exercise, to_json(settings_of_build), batch.setups]
     digest = hashlib.sha256(repr(built).encode())
     # errors are ignored here, because the marking program reports unreadable files and too many files later
     with contextlib.suppress(UnreadableFileError, OSError):
-        for file in walk(path) if path.is_dir() else [path]:
+        delivered_files = walk(path) if path.is_dir() else [path]
+        for file in delivered_files:
             # size and time of the last change stand for the content, because reading all files takes long
             status = file.stat()
             line = f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n"
@@ -281,11 +282,21 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
 
 
 def installed_packages(setups: Sequence[str]) -> str:
-    """Return a fingerprint of the names of the packages of Debian, ROS and Python on this machine."""
-    prefixes = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), *map(os.path.dirname, setups)]
-    patterns = [f"{DPKG}/*.list", *(f"{glob.escape(prefix)}/share/*" for prefix in prefixes)]
+    """Return a fingerprint of the names of the packages of Debian, ROS and Python on this machine.
+
+    `setups` are the setup.bash files of catkin workspaces, whose packages count, too.
+    """
+    # folders of catkin workspaces, such as /opt/ros/noetic
+    workspaces = os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep)
+    workspaces += [os.path.dirname(setup) for setup in setups]
+    # patterns of the paths that exist for each installed package
+    patterns = [f"{DPKG}/*.list"]
+    patterns += [f"{glob.escape(workspace)}/share/*" for workspace in workspaces]
     patterns += [f"{glob.escape(folder)}/*.dist-info" for folder in sys.path]
-    return fingerprint(sorted(path for pattern in patterns for path in glob.glob(pattern)))
+    paths: List[str] = []
+    for pattern in patterns:
+        paths += glob.glob(pattern)
+    return fingerprint(sorted(paths))
 
 
 def _kept_result(job: Job) -> Optional[MarkingResult]:
@@ -303,7 +314,7 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
         if (out / FINGERPRINT).read_text() not in fingerprints:
             return None
         result = load_result(out / RESULT)
-        judged = result if _has_same_rules(job) else judge_again(job)
+        judged = judge_again(job) if _must_judge_again(job) else result
     except PointsError:  # an error of the teacher, which marking again would not repair
         raise
     except Exception:
@@ -320,32 +331,32 @@ def _kept_result(job: Job) -> Optional[MarkingResult]:
     return judged
 
 
-def _has_same_rules(job: Job) -> bool:
-    """Return whether the kept result of a job was judged by the same rules, points by hand and penalties.
+def _must_judge_again(job: Job) -> bool:
+    """Return whether rules, points by hand or penalties have changed since the kept result of a job.
 
-    Without workspace.json, the kept runs cannot be judged again. The kept result then stays, so the function
-    returns True.
+    Without workspace.json, the kept runs cannot be judged again. The kept result then stays.
     """
     out = Path(job.out)
     if not (out / WORKSPACE).exists():
-        return True
+        return False
     try:
         before = load(Job, out / JOB)
     except HuskyError:  # the earlier job cannot be read, so its rules are unknown
-        return False
+        return True
     # the config has the rules, and the override has the points by hand and the penalty; the name counts, too,
     # because the result shows it
-    return (before.name, before.config, before.override) == (job.name, job.config, job.override)
+    return (before.name, before.config, before.override) != (job.name, job.config, job.override)
 
 
 def _mark_jobs(jobs: Sequence[Job], workers: Workers, elsewhere: bool) -> Iterator[MarkingResult]:
     """Mark submissions by workers, with a progress bar, and yield each result as soon as it comes.
 
-    If the workers are `elsewhere`, on other machines, the submission's files travel to them and back.
+    If the workers are `elsewhere`, on other machines, a submission's files are sent to a worker, and the
+    files of the result are sent back.
     """
     title = f"submissions ({len(jobs)} to grade)"  # text of the progress bar
     if not elsewhere:
-        # each worker runs `run_program` for one job; if that raises, `_failed` makes the result
+        # each worker calls `run_program` for one job; after an exception, `_failed` makes the result
         for _, result in workers.as_completed(
             run_program, list(jobs), title, starts_programs=True, on_error=_failed
         ):
@@ -359,13 +370,11 @@ def _mark_jobs(jobs: Sequence[Job], workers: Workers, elsewhere: bool) -> Iterat
     # a `PackedPath` reads a submission's files only when it is sent to a worker, so the whole class is never
     # in memory
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
-    for number, files in workers.as_completed(
-        run_there, packed, title, starts_programs=True, on_error=failed
-    ):
+    for index, files in workers.as_completed(run_there, packed, title, starts_programs=True, on_error=failed):
         try:
-            yield write_outputs(files, jobs[number])
+            yield write_outputs(files, jobs[index])
         except Exception as error:  # an error such as a full disk of this machine
-            yield _failed(jobs[number], error)
+            yield _failed(jobs[index], error)
 
 
 def _failed(job: Job, error: Exception) -> MarkingResult:
@@ -416,16 +425,16 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         # result may be kept
         return load_result(out / RESULT)
     except HuskyError:
-        # the last 500 characters of the log; with `shows_errors` the log is empty, because the errors are on
-        # the terminal
+        # last 500 characters of the log; with `shows_errors` the log is empty, because the errors are on the
+        # terminal, above this sentence
         output = " ".join(process.output.split())[-500:] or "its errors are above"
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-            # With the fingerprint, the next call with this time limit keeps the result. Without
-            # workspace.json, the next call cannot judge the recorded runs by new rules. After a crash, the
-            # next call marks the submission again, so it has no fingerprint, and workspace.json stays to save
-            # a build.
+            # The fingerprint makes the next call with this time limit keep the result. workspace.json is
+            # removed, so the next call does not judge the incomplete runs by new rules. After a crash of the
+            # grader, neither is done: the next call marks the submission again, and workspace.json saves a
+            # build.
             (out / WORKSPACE).unlink(missing_ok=True)
             write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
         result = unmarked(job, problem)
@@ -473,11 +482,12 @@ def write_outputs(files: Files, job: Job) -> MarkingResult:
     """
     out = Path(job.out)
     remove_tree(out)
-    fingerprint_last = sorted(files.items(), key=lambda file: file[0] == FINGERPRINT)
-    for place, content in fingerprint_last:
-        path = out / place
+    # False is sorted before True, so the fingerprint is the last path
+    paths = sorted(files, key=lambda path_in_out: path_in_out == FINGERPRINT)
+    for path_in_out in paths:
+        path = out / path_in_out
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        path.write_bytes(files[path_in_out])
     # the worker's job has paths of the worker's machine, so the job of this machine replaces it
     write_whole(out / JOB, to_json(job))
     return load_result(out / RESULT)

@@ -6,7 +6,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Sequence
+from typing import Any, Match, Sequence
 
 from husky_grading.displays import STANDING, FrameTree, view_of
 from husky_grading.exercises.catalogue import EXERCISES
@@ -52,8 +52,8 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     exercise = EXERCISES[job.config.exercise]
     tree = FrameTree(first.frames, first.descriptions)
     if not first.frames or not len(first.times):
-        # Odometry begins with the simulated time. A run that ended before it has only the fixed frames of the
-        # robot and of the submission, so the frames of a robot that stands still are added.
+        # Odometry begins with the simulated time. A run that ended before this time has only the fixed frames
+        # of the robot and of the submission, so the frames of a robot that stands still are added.
         descriptions = (*STANDING.descriptions, *first.descriptions)
         tree = FrameTree({**STANDING.parents, **first.frames}, descriptions)
     view = view_of(submission.rviz, tree, first.marker_types)
@@ -86,10 +86,17 @@ def unmarked(job: Job, problem: str) -> MarkingResult:
     result = _without_machine_paths(
         MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job
     )
-    # A path on this machine is shortened to its file name. A name such as /front/scan looks like a path, too.
-    # It is not shortened, because this machine has no folder /front.
-    shown = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
-    return replace(result, problem=shown)
+
+    def without_folders(match: Match[str]) -> str:
+        """Return an empty text for the folders of a path on this machine, so only its file name is left.
+
+        The name of a topic, such as /front/scan, looks like a path, too. It stays as it is, because this
+        machine has no folder /front.
+        """
+        first_folder = match[1]
+        return "" if os.path.isdir(f"/{first_folder}") else match.group()
+
+    return replace(result, problem=_FOLDERS.sub(without_folders, result.problem))
 
 
 def failure_text(error: Exception) -> str:
@@ -115,6 +122,7 @@ def _without_machine_paths(result: MarkingResult, job: Job) -> MarkingResult:
 
 
 def settings_of(config: MarkingConfig) -> Any:
-    """Return the settings that a result shows."""
+    """Return the settings that a result shows: those of the config, with all rules as one text `rubric`."""
     settings = {key: value for key, value in vars(config).items() if key != "rules"}
-    return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}
+    settings["rubric"] = None if config.rules == DEFAULT_RULES else str(config.rules)
+    return settings

@@ -76,16 +76,17 @@ def mark(job: Job) -> MarkingResult:
         result = _judge_and_draw(submission, recordings, job)
     except StoppedError:
         raise
-    # a fault that marking again would not repair, such as a broken archive
-    except NotMarkableError as error:
+    except NotMarkableError as error:  # a fault that marking again would not repair, such as a broken archive
         problem, fingerprint = _text_of(error), job.fingerprint
-    # This is a fault of this machine, before the fingerprint was set, or an error in the teacher's points,
-    # after it. After an error in the points, the next `grade` keeps the runs, and judges them by the new
-    # points.
     except HuskyError as error:
+        # The fingerprint stays as it is. If this machine has a fault, the fingerprint is not set yet. If the
+        # teacher's points have an error, it is set, so the next `grade` keeps the runs, and judges them by
+        # the corrected points.
         problem = _text_of(error)
     except OSError as error:  # a fault of this machine, also while the pictures are written
-        problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
+        problem = error.strerror or _text_of(error)
+        if error.filename:
+            problem += f": {error.filename}"
         fingerprint = ""
     except Exception as error:  # a fault in our own program
         problem, fingerprint = failure_text(error), ""
@@ -131,10 +132,11 @@ def kept_submission(job: Job) -> Optional[Submission]:
     # `submission.root` differs from `root` if the folder of results was copied, or comes from another machine
     root = Path(job.out, "ws")
     is_here = submission.root == root and (root / "src").is_dir()
-    isolation = kind_of_sandbox(), private_network.reach()
-    has_same_isolation = (submission.sandbox, submission.network) == isolation
+    # sandbox and network of the programs that prepared the submission, and those of this machine now
+    isolation_before = (submission.sandbox, submission.network)
+    has_same_isolation = isolation_before == (kind_of_sandbox(), private_network.reach())
     # true if the kept workspace hides every folder that this job wants to hide
-    hides_all = {*map(Path, job.hidden)} <= {*submission.workspace.hidden}
+    hides_all = {Path(folder) for folder in job.hidden} <= set(submission.workspace.hidden)
     # true if files, settings and our code are the same; a job without a hash is always prepared again
     is_same = bool(job.made_of) and submission.made_of == job.made_of
     # if packages were missing, the submission is prepared again, because they may be installed now
@@ -150,7 +152,8 @@ def main(arguments: Optional[List[str]] = None) -> None:
         # The soft limit becomes `value`, or the hard limit if the hard limit is lower. The hard limit stays,
         # because a program cannot raise it again.
         _, hard = resource.getrlimit(limit)
-        resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
+        soft = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(limit, (soft, hard))
     stop_on_signals()
     try:
         job = load(Job, Path((arguments or sys.argv[1:])[0]))
