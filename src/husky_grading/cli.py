@@ -166,18 +166,21 @@ def grade(options: argparse.Namespace) -> int:
             cluster=options.cluster, time_limit=options.time_limit or 0.0,
         )  # fmt: skip
         results = mark_all(config, batch)
-        # the exit code is 2 if a submission could not be graded, 0 if all have full marks, and otherwise 1
-        return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
+        if any(result.problem for result in results):
+            return 2
+        return 0 if all(result.full for result in results) else 1
     # otherwise the options have either `--launch PACKAGE FILE ...` or `--node PACKAGE TYPE ...`
     kind = "launch" if options.launch else "node"
-    package, name, *arguments = getattr(options, kind)
+    package, name, *arguments = options.launch or options.node
     launchable = Launchable(kind, package, name, tuple(arguments))
     job = Job(f"{package} {name}", str(out), config, launchable, setups=setups)
     marking = run_program(job, shows_errors=True)
     add_step_summary([marking])
     print(to_result(marking))  # a table of the items, and the notes
     print(f"\npictures, JSON, JUnit XML and logs: {out}")
-    return 2 if marking.problem else int(not marking.full)
+    if marking.problem:
+        return 2
+    return 0 if marking.full else 1
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:

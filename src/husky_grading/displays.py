@@ -106,7 +106,10 @@ def read_rviz_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]
     for entry, is_visible in _display_entries(manager.get("Displays")):
         display = _read_display(entry)
         display = replace(display, source=new_topics.get(display.source, display.source))
-        (visible if is_visible else off).append(display)
+        if is_visible:
+            visible.append(display)
+        else:
+            off.append(display)
     # "map" is the default of RViz; TF names a frame without a slash in front
     frame = str(_mapping(manager, "Global Options").get("Fixed Frame", "map"))[:MAX_TEXT].lstrip("/")
     return RvizConfig(source, frame, tuple(visible), tuple(off))
@@ -144,8 +147,11 @@ def _read_display(entry: Mapping[str, Any]) -> RvizDisplay:
     """Return the display that an entry of an .rviz file describes; a missing topic gets RViz's default."""
     kind = str(entry.get("Class"))[:MAX_TEXT]
     # key of the display's topic, or of the parameter with the URDF
-    key = {ROBOT: "Robot Description", **dict.fromkeys(MARKERS, "Marker Topic")}.get(kind, "Topic")
-    default = "robot_description" if kind == ROBOT else ""
+    key, default = "Topic", ""
+    if kind == ROBOT:
+        key, default = "Robot Description", "robot_description"
+    elif kind in MARKERS:
+        key = "Marker Topic"
     namespaces = _mapping(entry, "Namespaces")
     hidden = tuple(str(name)[:MAX_TEXT] for name, is_on in namespaces.items() if is_on is False)
     display = RvizDisplay(kind, _full_name(str(entry.get(key, default))), hidden)
@@ -169,15 +175,23 @@ def _is_visible(entry: Mapping[str, Any]) -> bool:
         return alpha > 0.0 and _any_part(_mapping(entry, "Links"), "All Links Enabled")
     if kind in (SCAN, CLOUD):
         # RViz reads the size of the points from another key if their style is "Points"
-        size = _number(entry.get("Size (Pixels)" if entry.get("Style") == "Points" else "Size (m)", 1))
+        key = "Size (Pixels)" if entry.get("Style") == "Points" else "Size (m)"
+        size = _number(entry.get(key, 1.0))
         return alpha > 0.0 and size > 0.0
     return alpha > 0.0
 
 
 def _any_part(parts: Mapping[str, Any], key_of_all: str) -> bool:
-    """Return whether any frame or link of a display is switched on; without any, `key_of_all` decides."""
+    """Return whether at least one frame or link of a display is switched on.
+
+    Args:
+        parts: entry of each frame or link in the .rviz file, and the entry `key_of_all`.
+        key_of_all: key of the switch for all frames or links; this switch counts if the file lists none.
+    """
     switches = [part.get("Value", True) for part in parts.values() if isinstance(part, dict)]
-    return any(switches) or (not switches and bool(parts.get(key_of_all, True)))
+    if not switches:
+        return bool(parts.get(key_of_all, True))
+    return any(switches)
 
 
 def _number(value: Any) -> float:
@@ -191,7 +205,10 @@ def _full_name(topic: str) -> str:
 
 
 def _fits(display: str, message: Optional[str]) -> bool:
-    """Return whether a display of markers shows messages of a type; True if the type is unknown (None)."""
+    """Return whether a display of markers shows messages of a type; True if the type is unknown (None).
+
+    The display rviz/Marker fits messages of type visualization_msgs/Marker; the same holds for MarkerArray.
+    """
     return message is None or display.partition("/")[2] == message.partition("/")[2]
 
 
@@ -214,9 +231,9 @@ def view_of(config: RvizConfig, tree: FrameTree, marker_types: Mapping[str, str]
         frame = config.fixed_frame
         problem = f"no transform connects the fixed frame '{frame}' with {BASE}, so nothing is shown"
         return replace(view, problem=problem)
-    frame_displays, models, scans = (
-        [display for display in config.displays if display.kind == kind] for kind in (TF, ROBOT, SCAN)
-    )
+    has_frames = any(display.kind == TF for display in config.displays)
+    models = [display for display in config.displays if display.kind == ROBOT]
+    scans = [display for display in config.displays if display.kind == SCAN]
     markers = [display for display in config.displays if display.kind in MARKERS]
     descriptions = set(tree.descriptions)
     if "/robot_description" in descriptions:
@@ -233,18 +250,20 @@ def view_of(config: RvizConfig, tree: FrameTree, marker_types: Mapping[str, str]
         array_topic = f"{each.source}_array"
         if each.kind == MARKER and _fits(MARKER_ARRAY, marker_types.get(array_topic)):
             marker_topics.append(array_topic)
+    hidden = []  # topic and namespace of the markers that no display shows
+    for each in markers:
+        displays_of_topic = [other for other in markers if other.source == each.source]
+        for name in each.hidden:
+            # a namespace that one display hides is visible if another display of its topic does not hide it
+            if all(name in other.hidden for other in displays_of_topic):
+                hidden.append((each.source, name))
+    topics = [each.source for each in scans] + marker_topics
     return replace(
         view,
-        topics=tuple(dict.fromkeys([*(each.source for each in scans), *marker_topics])),
-        # a namespace that one display hides is visible if another display of its topic does not hide it
-        hidden=tuple(
-            (each.source, name)
-            for each in markers
-            for name in each.hidden
-            if all(name in other.hidden for other in markers if other.source == each.source)
-        ),
+        topics=tuple(dict.fromkeys(topics)),  # each topic once
+        hidden=tuple(hidden),
         mistyped=tuple(mistyped),
-        tf=bool(frame_displays),
+        tf=has_frames,
         # RViz shows a robot model only if the run has a robot description of this name
         robot=any(each.source in descriptions for each in models),
         scan=bool(scans),

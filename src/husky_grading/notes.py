@@ -122,7 +122,12 @@ class Note:
 
 
 def texts(notes: Iterable[Note]) -> List[str]:
-    """Return the sentences of notes, each once, in order; the last one counts the sentences left out."""
+    """Return the sentences of notes, each once, in order.
+
+    If there are more than MAX_NOTES, the others are left out, and the last sentence gives their number.
+    """
     sentences = list(dict.fromkeys(note.text for note in notes))
-    more = len(sentences) - MAX_NOTES
-    return sentences if more <= 0 else [*sentences[:MAX_NOTES], f"and {more} more notes"]
+    left_out = len(sentences) - MAX_NOTES
+    if left_out <= 0:
+        return sentences
+    return [*sentences[:MAX_NOTES], f"and {left_out} more notes"]

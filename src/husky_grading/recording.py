@@ -157,8 +157,12 @@ CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")
 
 def drive_folders(out: Path) -> Dict[int, Path]:
     """Return the folders of the runs in a folder of results, drive_N, by their numbers, in order."""
-    folders = {path.name[len("drive_") :]: path for path in out.glob("drive_*")}
-    return {int(number): folders[number] for number in sorted(filter(str.isdecimal, folders), key=int)}
+    folders = {}
+    for path in out.glob("drive_*"):
+        number = path.name[len("drive_") :]
+        if number.isdecimal():
+            folders[int(number)] = path
+    return {number: folders[number] for number in sorted(folders)}
 
 
 def recordings_in(out: Path) -> List[Recording]:
@@ -210,9 +214,11 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 
     `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true poses of base_link in the world.
     """
+    if not len(times):  # no point is known without poses
+        return np.zeros((0, 3))
     mount = load_robot(robot).lidar_mount  # position of the lidar in base_link
     hits = [np.zeros((0, 3))]  # this empty table gives the result three columns even if there is no scan
-    for scan in scans if len(times) else ():  # no point is known without poses
+    for scan in scans:
         # index of the true pose at the time of the scan
         row = min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)
         x, y, yaw = poses[row]
@@ -252,12 +258,12 @@ def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
     if len(twist) != TWIST_SIZE:
         return inf, inf
     numbers = np.abs(np.frombuffer(twist, "<f8"))
-    linear_x, *_, angular_z = np.where(np.isfinite(numbers), numbers, inf).tolist()
-    return linear_x, angular_z
+    numbers = np.where(np.isfinite(numbers), numbers, inf)  # a NaN becomes inf
+    return float(numbers[0]), float(numbers[5])  # linear.x is the first number, and angular.z the last one
 
 
-# [m/s] a robot that moves faster has jumped, which breaks the rules. The limit is four times the Husky's top
-# speed, because a contact may push the robot.
+# [m/s] A robot that moves faster than this has jumped, which breaks the rules. The limit is four times the
+# Husky's top speed, because a contact may push the robot.
 MAX_ROBOT_SPEED = 4.0
 # [m] the robot may move this much farther between two poses than its speed allows, because the physics engine
 # corrects contacts by moving the robot
@@ -267,11 +273,18 @@ JUMP_SLACK = 0.1
 def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:
     """Return a list with a sentence on the first jump of a run; it is empty if the robot does not jump.
 
-    One jump is enough, because a single broken rule costs all points. `times` (N,) [s] and `poses` (N, 3) [m,
-    m, rad] are true poses of base_link in the world.
+    A robot jumps only if the submission has moved it against the rules. One jump is enough, because a single
+    broken rule costs all points. `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are true poses of base_link
+    in the world.
     """
     if len(times) < 2:
         return []
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)  # [m] distances between consecutive poses
-    jumps = np.flatnonzero(steps > JUMP_SLACK + MAX_ROBOT_SPEED * np.diff(times))
-    return [f"the robot jumps {steps[row]:.2f} m at {times[row + 1]:.2f} s" for row in jumps[:1]]
+    dx, dy = np.diff(poses[:, :2], axis=0).T
+    steps = np.hypot(dx, dy)  # (N - 1,) [m] distances between consecutive poses
+    jumps = np.flatnonzero(
+        steps > JUMP_SLACK + MAX_ROBOT_SPEED * np.diff(times)
+    )  # indices of too large steps
+    if not len(jumps):
+        return []
+    first = jumps[0]
+    return [f"the robot jumps {steps[first]:.2f} m at {times[first + 1]:.2f} s"]

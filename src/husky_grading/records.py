@@ -26,10 +26,7 @@ DEFAULT_ROBOT, SMB = "husky", "smb"
 AUTO = "auto"
 # longest wall time of a run [s]: WALL_BASE, plus WALL_SLOWNESS times the wall time of a run at its maximum
 # real-time factor
-WALL_BASE, WALL_SLOWNESS = (
-    300.0,
-    20.0,
-)
+WALL_BASE, WALL_SLOWNESS = 300.0, 20.0
 # [m/s] The robot rams the pillar if it touches the pillar faster than `gentle` plus this margin. The margin
 # is needed because the robot does not follow a command exactly.
 RAMMING_MARGIN = 0.05
@@ -82,13 +79,16 @@ class MarkingConfig:
     @property
     def scan_topic(self) -> str:
         """Return the topic of the scans; the robot must be known."""
-        return self.scans or ROBOT_VERSIONS[self.robot][0]
+        default_topic, _ = ROBOT_VERSIONS[self.robot]
+        return self.scans or default_topic
 
     @property
     def simulator_arguments(self) -> Tuple[str, ...]:
         """Return the launch arguments of the simulator; the robot must be known."""
-        topic = (f"laser_topic:={self.scans.lstrip('/')}",) if self.scans else ()
-        return (*ROBOT_VERSIONS[self.robot][1], *topic)
+        _, arguments = ROBOT_VERSIONS[self.robot]
+        if self.scans:  # the last value of an argument counts
+            arguments = (*arguments, f"laser_topic:={self.scans.lstrip('/')}")
+        return arguments
 
     @property
     def wall_limit(self) -> float:
@@ -97,7 +97,7 @@ class MarkingConfig:
 
     @property
     def robot_name(self) -> str:
-        """Return the robot, one of ROBOTS, without the version of its topics."""
+        """Return the robot, one of ROBOTS, without the version of its topics; so husky_melodic is husky."""
         return self.robot.partition("_")[0]
 
 
@@ -245,7 +245,10 @@ class MarkingResult:
     @property
     def cause(self) -> Optional[Item]:
         """Return the first item that lost points; None if no item lost points."""
-        return next((item for item in self.items if not item.full), None)
+        for item in self.items:
+            if not item.full:
+                return item
+        return None
 
     @property
     def state(self) -> ResultState:
@@ -268,9 +271,14 @@ class MarkingResult:
 
 
 def total(items: Sequence[Item]) -> Tuple[float, float]:
-    """Return the sum of points, and the largest sum that `grade` can give."""
+    """Return the sum of points, and the largest sum that `grade` can give.
+
+    Items that are graded by hand count in neither sum.
+    """
     judged = [item for item in items if item.points is not None]
-    return round(sum(item.points or 0.0 for item in judged), 1), sum(item.max_points for item in judged)
+    points = sum(item.points or 0.0 for item in judged)
+    max_points = sum(item.max_points for item in judged)
+    return round(points, 1), max_points
 
 
 def _printable(value: Any) -> Any:

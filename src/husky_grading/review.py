@@ -67,12 +67,18 @@ class OpenItem:
 
     @property
     def choices(self) -> List[Tuple[int, float]]:
-        """Return each key with the points that it gives."""
+        """Return each key, 1 to KEYS, with the points that it gives.
+
+        The points are rounded to halves. But the last key gives exactly all points, which need not be a
+        multiple of a half.
+        """
         full = self.item.max_points
-        # The points are rounded to halves. But the last key gives exactly all points, which need not be a
-        # multiple of a half.
-        halves = [(key, round(2.0 * full * (key - 1) / (KEYS - 1)) / 2.0) for key in range(1, KEYS)]
-        return [(key, min(points, full)) for key, points in [*halves, (KEYS, full)]]
+        choices = []
+        for key in range(1, KEYS):
+            points = full * (key - 1) / (KEYS - 1)
+            rounded = round(2.0 * points) / 2.0
+            choices.append((key, min(rounded, full)))
+        return [*choices, (KEYS, full)]
 
     @property
     def alike(self) -> str:
@@ -88,9 +94,8 @@ class OpenItem:
         with suppress(HuskyError):  # the run has no recording
             recording: Recording = load(Recording, self.out / f"drive_{self.item.drive}" / RECORDING)
             if len(recording.times):
-                return draw_moment(
-                    recording, recording.times[-1] / 2.0 if self.item.at is None else self.item.at
-                )
+                middle = recording.times[-1] / 2.0  # [s]
+                return draw_moment(recording, middle if self.item.at is None else self.item.at)
         return b""
 
     @property
@@ -181,19 +186,17 @@ def open_items(out: Path) -> Review:
     hand_ins = find_hand_ins(folder)
     # names of the folders of results that belong to the present submissions. Other folders are old. For
     # example, a student's folder gets another name if two students have the same name.
-    current = {each.folder for each in hand_ins}
-    # items without points, which the teacher must grade
-    items = [
-        OpenItem(each.result.name, item, each.place)
-        for each in marked
-        if each.place.name in current
-        for item in each.result.items
-        if item.points is None
-    ]
-    students = [each.result.name for each in marked if each.place.name in current]
+    current_folders = {each.folder for each in hand_ins}
+    items: List[OpenItem] = []
+    students: List[str] = []
+    for each in marked:
+        if each.place.name in current_folders:
+            students.append(each.result.name)
+            open_ones = [item for item in each.result.items if item.points is None]
+            items += [OpenItem(each.result.name, item, each.place) for item in open_ones]
     # students without a result are in the class, too
     students += [each.name for each in hand_ins]
-    return Review(items, folder, list(dict.fromkeys(students)))
+    return Review(items, folder, list(dict.fromkeys(students)))  # each student once
 
 
 def write_review(out: Path) -> Path:

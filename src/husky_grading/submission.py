@@ -140,11 +140,14 @@ def starter(
     parts: Parts = STUDENTS_OWN,
     visible_code: VisibleCode = VisibleCode.NOTHING,
 ) -> List[str]:
-    """Return the command that reads launch files (`describe`), or starts a single one (`run`, `memcheck`).
+    """Return the command line of the program that reads launch files, or starts a single one.
+
+    The program is a process of its own, so the code of a submission does not run in the grader.
 
     Args:
         events: file into which the program writes its events.
-        action: describe, run, or memcheck, which runs compiled nodes in valgrind.
+        action: `describe` reads launch files, `run` starts one, and `memcheck` starts one with its compiled
+            nodes in valgrind.
         launchables: launch files or nodes.
         parts: packages of the robot whose nodes the submission or marking starts.
         visible_code: files of this package that the program sees. Nodes of this package are left out, because
@@ -170,16 +173,16 @@ def starter(
 
 
 def read_events(path: Path) -> List[Event]:
-    """Return the first MAX_EVENTS events in a file, without lines that are not events.
+    """Return the events in a file, without lines that are not events.
 
-    If there are more events, the last one is replaced by `TOO_MANY`.
+    If there are more than MAX_EVENTS, the list ends with the event `TOO_MANY`, and has MAX_EVENTS in all.
     """
     events: List[Event] = []
     with contextlib.suppress(UnreadableFileError):
         for line in read_text(path).splitlines():
             if len(events) == MAX_EVENTS:
-                return [*events[:-1], Event(TOO_MANY)]  # at most MAX_EVENTS in all
-            # a submission can write any line into the file
+                return [*events[:-1], Event(TOO_MANY)]
+            # the errors are ignored, because a submission can write any line into the file
             with contextlib.suppress(ValueError, RecursionError, ConfigError):
                 events.append(from_plain(Event, json.loads(line), ""))
     return events
@@ -203,30 +206,44 @@ _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 
 def exceptions_in(output: str) -> List[Note]:
-    """Return the exceptions in callbacks and threads, after which rospy continues, from the output."""
+    """Return a note on each exception in a callback or thread, from the output of the submission.
+
+    rospy prints such an exception and continues, so the node does not end.
+    """
     # key: sentence on an exception; value: simulated times [s] of the exception, None if unknown
-    moments: Dict[str, List[Optional[float]]] = {}
+    times_by_text: Dict[str, List[Optional[float]]] = {}
     for match in _CALLBACK.finditer(output):
-        # file name and line number of each call; the last call has raised the exception
-        places = _LINE.findall(match["lines"])
-        line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
         source = f"callback {match['name']}" if match["name"] else "a thread"
-        text = f"{source} raises {match['error'][:200]}{line}"
-        moments.setdefault(text, []).append(float(match["at"]) if match["at"] else None)
+        text = f"{source} raises {match['error'][:200]}"
+        # file name and line number of each call in the traceback; the last call has raised the exception
+        calls = _LINE.findall(match["lines"])
+        if calls:
+            file_name, line_number = calls[-1]
+            text += f" ({file_name}:{line_number})"
+        at = float(match["at"]) if match["at"] else None
+        times_by_text.setdefault(text, []).append(at)
     notes = []
-    for text, (first, *later) in moments.items():  # each exception has one note
+    for text, times in times_by_text.items():  # each exception has one note
+        first = times[0]
         moment = "" if first is None else f", first at {first:.2f} s"
-        notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {1 + len(later)} times", first))
+        notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {len(times)} times", first))
     return notes
 
 
 def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) -> List[Note]:
-    """Return notes on faults, each once, from events and from the output.
+    """Return notes on faults of a submission's launch file and nodes, each once.
 
-    `own` has the names of the submission's packages; it is empty if they are unknown. Faults of nodes of
-    other packages get the kind OTHERS_NODE.
+    Args:
+        events: events that the program with the submission has written.
+        output: output of the submission's nodes and of roslaunch.
+        own: names of the submission's packages; empty if they are unknown. Faults of nodes of other packages
+            get the kind OTHERS_NODE.
     """
-    notes = [note for note in map(_note_on_loading, events) if note]
+    notes = []
+    for event in events:
+        note = _note_on_loading(event)
+        if note:
+            notes.append(note)
     # the fault that the student should repair first is reported first
     notes.sort(key=lambda note: ORDER_OF_LOADING_NOTES.index(note.kind))
     # `tolerate_failed_nodes` in nodes/submission.py prints this line for each node that cannot be started
@@ -247,7 +264,7 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
 
 
 def _note_on_loading(event: Event) -> Optional[Note]:
-    """Return the note on an event before the start of the nodes; None for any other event."""
+    """Return the note on an event while the launch file is loaded; None if it is another event."""
     if event.event == "unloadable":
         return Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}")
     if event.event == "no_include":
@@ -271,9 +288,15 @@ def _last_error(output: str) -> str:
     """Return the last error that Python has printed, with its file and line; empty if there is none."""
     # lines that begin with the class of an error, such as "rospy.exceptions.ROSException: ..."
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
-    lines = _LINE.findall(output)
-    place = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
-    return f"{errors[-1][:200]}{place}" if errors else ""
+    if not errors:
+        return ""
+    text: str = errors[-1][:200]
+    # the last line of code that a traceback has named is most probably the one with the last error
+    calls = _LINE.findall(output)
+    if calls:
+        file_name, line_number = calls[-1]
+        text += f" ({file_name}:{line_number})"
+    return text
 
 
 def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:
