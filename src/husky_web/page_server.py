@@ -13,14 +13,18 @@ import http
 import io
 import ipaddress
 import json
+import os
 import secrets
 import socket
 import threading
 import warnings
 from http.cookies import CookieError, SimpleCookie
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any, Callable, Collection, Dict, Mapping, Optional, Tuple
 from urllib.parse import parse_qs, urlsplit
 
+import rospkg
 import rospy
 import viser
 from websockets.datastructures import Headers
@@ -35,6 +39,8 @@ from husky_web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
+# file in ROS_HOME with the token, and smallest number of characters of a token
+TOKEN_FILE, MIN_TOKEN = "husky_web_token", 16
 # [bytes] largest message on the drive channel, the WebSocket on which a page sends its driving commands
 MAX_MESSAGE = 1000
 # largest number of pages that are open at the same time; each page takes up to 1.6 MB in this process
@@ -42,7 +48,7 @@ MAX_PAGES = 20
 # kinds of connections: an open page has one for its view, which viser handles, and one for the drive channel
 VIEW, DRIVE = "view", "drive"
 TOO_MANY = f"{MAX_PAGES} pages are open, which is the limit. Close one of them, then load this page again"
-LOOPBACK = {"127.0.0.1", "localhost", "::1"}
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
 # header Content-Security-Policy of the page: the page may send requests only to its own host; inline scripts
 # and workers are allowed, because viser's page needs them
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'none'"
@@ -68,7 +74,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     If the port is taken, the next free one is used.
 
     Args:
-        host: address of this machine; the server needs a random token unless it is a loopback address.
+        host: address of this machine; the server needs a token unless it is a loopback address.
         port: port, 1..65535.
         on_message: function that gets each message of the drive channel, with a number for the page.
         on_leave: function that is called when a page has gone.
@@ -76,11 +82,11 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     Raises:
         HuskyError: the address is not an address of this machine.
     """
-    is_loopback = _is_loopback(host)
-    token = None if is_loopback else secrets.token_urlsafe(16)
+    # without a token, only browsers of this machine may come, and only by these names of the machine
+    hosts, token = ((*LOOPBACK, host.lower()), None) if _is_loopback(host) else (None, _kept_token())
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
-    gate = Gate(is_loopback, token, on_message, on_leave)
+    gate = Gate(hosts, token, on_message, on_leave)
     # context manager: a server that is started inside asks the gate about each request, and has the drive
     # channel
     behind_gate = started_behind(gate.answer, gate.with_drive_channel)
@@ -127,20 +133,52 @@ def _is_loopback(host: str) -> bool:
     return ipaddress.ip_address(address[0]).is_loopback
 
 
-def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Optional[str]) -> Optional[str]:
+def _kept_token() -> str:
+    """Return the token of all pages of this user, which is made only once and kept in a file.
+
+    After a restart, a page that is still open, and an emergency stop that it has to send, can connect again
+    only with the token that the page knows. All pages have the same token, because a browser sends the cookie
+    of one page to all ports of the host.
+    """
+    path = Path(rospkg.get_ros_home()) / TOKEN_FILE
+    try:
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # only the user can read this file
+            with NamedTemporaryFile("w", dir=path.parent) as file:
+                file.write(secrets.token_urlsafe(16))
+                file.flush()
+                with contextlib.suppress(FileExistsError):  # another page has made the token meanwhile
+                    os.link(file.name, path)
+        token = path.read_text(encoding="ascii").strip()
+        if len(token) >= MIN_TOKEN:
+            return token
+        problem = f"its token has fewer than {MIN_TOKEN} characters; delete the file"
+    except (OSError, ValueError) as error:
+        problem = str(error)
+    rospy.logwarn(
+        f"{path}: {problem}. This page uses a new token, so it must be opened by its new address after each"
+        " start"
+    )
+    return secrets.token_urlsafe(16)
+
+
+def refusal(
+    headers: Mapping[str, str], path: str, hosts: Optional[Collection[str]], token: Optional[str]
+) -> Optional[str]:
     """Return the reason why a request is rejected, or None.
 
     Args:
         headers: headers of the request.
         path: path of the request, with its query.
-        is_loopback: the server is bound to the loopback interface only.
+        hosts: names of the server that a request may use; None if all names are allowed.
         token: required token in the address or as a cookie; None if no token is required.
     """
     host = headers.get("Host", "")
     # another site may let its own host name point to the loopback address (DNS rebinding), so the name is
     # checked
-    if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
-        return f"this page can be opened at {', '.join(sorted(LOOPBACK))} only, not at '{host}'"
+    if hosts is not None and (urlsplit(f"//{host}").hostname or "") not in hosts:
+        return f"this page can be opened at {', '.join(sorted(set(hosts)))} only, not at '{host}'"
     # address of the page that sends the request; None if the request does not come from a page
     origin = headers.get("Origin")
     if origin is not None and urlsplit(origin).netloc != host:
@@ -177,10 +215,14 @@ class Gate:
     """Checks every request, serves the page, and reads the drive channel."""
 
     def __init__(
-        self, is_loopback: bool, token: Optional[str], on_message: OnMessage, on_leave: OnLeave
+        self,
+        hosts: Optional[Collection[str]],
+        token: Optional[str],
+        on_message: OnMessage,
+        on_leave: OnLeave,
     ) -> None:
         """Begin without connections; `refusal` describes the first two arguments, `serve` the others."""
-        self._is_loopback, self._token, self._page = is_loopback, token, page()
+        self._hosts, self._token, self._page = hosts, token, page()
         self._on_message, self._on_leave = on_message, on_leave
         self._connections = {VIEW: 0, DRIVE: 0}  # number of open connections of each kind
         # set when the last connection ends; `last_has_gone` reads and clears it in another thread
@@ -188,7 +230,7 @@ class Gate:
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:
         """Return an HTTP response, or None for a WebSocket that may be opened."""
-        reason = refusal(request.headers, request.path, self._is_loopback, self._token)
+        reason = refusal(request.headers, request.path, self._hosts, self._token)
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":

@@ -1,8 +1,10 @@
 """Requests that the page answers, and messages of a browser that it reads."""
 
 import pytest
+import rospkg
+import rospy
 
-from husky_web.page_server import _parse, address_to_open, refusal
+from husky_web.page_server import LOOPBACK, TOKEN_FILE, _kept_token, _parse, address_to_open, refusal
 
 
 def test_junk_on_the_drive_channel_is_no_message():
@@ -14,22 +16,30 @@ HERE = {"Host": "127.0.0.1:8080"}
 
 
 @pytest.mark.parametrize(
-    ("headers", "path", "is_loopback", "token", "words"),
+    ("headers", "path", "hosts", "token", "words"),
     [
-        (HERE, "/", True, None, None),
-        ({"Host": "localhost:9000", "Origin": "http://localhost:9000"}, "/drive", True, None, None),
-        ({"Host": "evil.example:8080"}, "/", True, None, "evil.example"),  # a name that points here by DNS
-        ({**HERE, "Origin": "http://evil.example"}, "/drive", True, None, "another site"),
-        ({**HERE, "Origin": "null"}, "/", True, None, "another site"),
-        ({"Host": "10.0.0.5:8080"}, "/", False, "s3cret", "token"),
-        ({"Host": "10.0.0.5:8080"}, "/?token=wrong", False, "s3cret", "token"),
-        ({"Host": "10.0.0.5:8080"}, "/?token=s3cret", False, "s3cret", None),
-        ({"Host": "10.0.0.5:8080", "Cookie": "husky_token=s3cret"}, "/drive", False, "s3cret", None),
-        ({"Host": "10.0.0.5:8080", "Cookie": "husky_token=s3cre"}, "/drive", False, "s3cret", "token"),
+        (HERE, "/", LOOPBACK, None, None),
+        ({"Host": "localhost:9000", "Origin": "http://localhost:9000"}, "/drive", LOOPBACK, None, None),
+        (
+            {"Host": "evil.example:8080"},
+            "/",
+            LOOPBACK,
+            None,
+            "evil.example",
+        ),  # a name that points here by DNS
+        ({**HERE, "Origin": "http://evil.example"}, "/drive", LOOPBACK, None, "another site"),
+        ({"Host": "vm:8080"}, "/", LOOPBACK, None, "vm:8080"),
+        ({"Host": "VM:8080"}, "/", (*LOOPBACK, "vm"), None, None),  # address:=vm, a name of this machine
+        ({**HERE, "Origin": "null"}, "/", LOOPBACK, None, "another site"),
+        ({"Host": "10.0.0.5:8080"}, "/", None, "s3cret", "token"),
+        ({"Host": "10.0.0.5:8080"}, "/?token=wrong", None, "s3cret", "token"),
+        ({"Host": "10.0.0.5:8080"}, "/?token=s3cret", None, "s3cret", None),
+        ({"Host": "10.0.0.5:8080", "Cookie": "husky_token=s3cret"}, "/drive", None, "s3cret", None),
+        ({"Host": "10.0.0.5:8080", "Cookie": "husky_token=s3cre"}, "/drive", None, "s3cret", "token"),
     ],
 )
-def test_who_may_come_in(headers, path, is_loopback, token, words):
-    reason = refusal(headers, path, is_loopback, token)
+def test_who_may_come_in(headers, path, hosts, token, words):
+    reason = refusal(headers, path, hosts, token)
     assert (reason is None) if words is None else (words in reason)
 
 
@@ -45,3 +55,22 @@ def test_who_may_come_in(headers, path, is_loopback, token, words):
 )
 def test_the_printed_address_can_be_opened(host, address):
     assert address_to_open(host, ":80").startswith(address)
+
+
+def test_the_token_is_the_same_after_a_restart_and_only_the_user_can_read_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(rospkg, "get_ros_home", lambda: str(tmp_path / "home"))
+    token = _kept_token()
+    assert len(token) > 16
+    assert _kept_token() == token
+    assert (tmp_path / "home" / TOKEN_FILE).stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("content", [b"", b"short", b"\xff" * 30])
+def test_a_token_that_can_be_guessed_is_not_used(monkeypatch, tmp_path, content):
+    warnings = []
+    monkeypatch.setattr(rospkg, "get_ros_home", lambda: str(tmp_path))
+    monkeypatch.setattr(rospy, "logwarn", warnings.append)
+    (tmp_path / TOKEN_FILE).write_bytes(content)
+    assert _kept_token() != _kept_token()
+    assert all(TOKEN_FILE in warning for warning in warnings)
+    assert len(warnings) == 2
