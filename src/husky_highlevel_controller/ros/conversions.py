@@ -1,4 +1,4 @@
-"""Conversions between records and ROS messages.
+"""Conversions between this package's records (datatypes.py) and ROS messages.
 
 In and out: records and messages.
 """
@@ -56,25 +56,28 @@ MAX_NEAREST_RETURN = 200.0
 MILLIMETRES = (100.0, 60000.0)  # [mm] usual limits of ranges that a driver sends in millimetres by mistake
 MAX_RANGE_MAX = 1000.0  # [m] a larger range_max is probably in millimetres
 
-# Covariance of odometry: a matrix with the values of husky_control/config/control.yaml for x, y, z, roll,
-# pitch and yaw on its diagonal.
+# Covariance of odometry: a (6, 6) matrix, row by row. Its diagonal has the values of
+# husky_control/config/control.yaml for x, y, z, roll, pitch and yaw.
 ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
 
 
 def time_to_msg(seconds: float) -> Time:
-    """ROS time, rounded to the nanosecond: 0.02 s stays 20000000 ns."""
+    """Return a ROS time, rounded to the nanosecond.
+
+    genpy's own Time.from_sec cuts digits off, so 1.13 s would become 1129999999 ns.
+    """
     return Time(*divmod(round(seconds * 1e9), 1_000_000_000))
 
 
 def header(stamp: float, frame: str) -> Header:
-    """A header without a sequence number, which the publisher adds."""
+    """Return a message header; the publisher adds the sequence number."""
     return Header(stamp=time_to_msg(stamp), frame_id=frame)
 
 
 def scan_to_msg(scan: Scan) -> ArrayScan:
-    """LaserScan message of a scan.
+    """Return a scan as a LaserScan message.
 
-    A scan of Gazebo's driver has times of 0 and no intensities; its message has zeros as intensities.
+    A scan of Gazebo's driver has times of 0, and no intensities, so its message has zeros in their place.
     """
     return ArrayScan(
         header=header(scan.stamp, scan.frame),
@@ -95,7 +98,10 @@ class ScanError(HuskyError):
 
 
 def scan_from_msg(msg: LaserScan) -> Scan:
-    """A lidar's scan; the last beam's angle follows from the increment, not from angle_max.
+    """Return the scan of a LaserScan message, from any driver.
+
+    The angle of the last beam is computed from the increment, because the angle_max of some drivers is one
+    step beyond the last beam.
 
     Raises:
         ScanError: the angles are not valid or more than a full turn, range_min and range_max are not valid
@@ -116,18 +122,20 @@ def scan_from_msg(msg: LaserScan) -> Scan:
         time_increment=msg.time_increment,
         scan_time=msg.scan_time,
     )
-    # a scan in millimetres has a very large range_max, or ranges beyond range_max, which are not valid. The
-    # check takes time, so it is left out for all other scans, whose returns are all within MAX_NEAREST_RETURN
+    # A scan in millimetres has a very large range_max, or ranges beyond range_max, which are not valid. The
+    # check takes time, so other scans are not checked.
     if scan.range_max > MAX_NEAREST_RETURN or not scan.valid_count:
         _check_unit(scan)
     return scan
 
 
 def _check_geometry(msg: LaserScan, beams: int) -> None:
-    """Raise ScanError for angles or limits of ranges that no lidar of so many beams has."""
-    # The increment may be negative, because some lidars turn clockwise. The conditions are written with
-    # `not`, so that NaN is a problem, too.
-    full_turn, increment, problem = 2.0 * pi + TURN_TOLERANCE, abs(msg.angle_increment), ""
+    """Raise ScanError if the angles or the limits of the ranges are not possible for this number of beams."""
+    full_turn = 2.0 * pi + TURN_TOLERANCE  # [rad]
+    increment = abs(msg.angle_increment)  # [rad]; the increment is negative if the lidar turns clockwise
+    problem = ""
+    # Some conditions below are written with `not`, because each comparison with NaN is false, and NaN is a
+    # problem, too.
     if not isfinite(msg.angle_min):
         problem = f"angle_min = {msg.angle_min} rad"
     elif abs(msg.angle_min) > full_turn:
@@ -153,12 +161,12 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
 
 
 def _check_unit(scan: Scan) -> None:
-    """Raise ScanError for ranges that can only be millimetres."""
+    """Raise ScanError if the ranges are in millimetres, and not in metres."""
     measured = scan.ranges[scan.valid]
-    # no range is valid, for example because ranges in mm exceed range_max, so all positive ranges are
-    # examined. If they are all equal, the beams have met nothing.
+    # If no range is valid, all positive ranges are examined, because ranges in mm may exceed range_max.
     if not len(measured):
         measured = scan.ranges[np.isfinite(scan.ranges) & (scan.ranges > 0.0)]
+        # if all ranges are equal, the beams have met nothing, and the driver marks this by one number
         if not len(measured) or measured.min() == measured.max():
             return
     low, high = measured.min(), measured.max()
@@ -174,24 +182,24 @@ def _check_unit(scan: Scan) -> None:
 
 
 def twist_to_msg(twist: Twist2D) -> Twist:
-    """A planar twist as geometry_msgs/Twist."""
+    """Return a planar twist as a geometry_msgs/Twist."""
     msg = Twist()
     msg.linear.x, msg.angular.z = twist
     return msg
 
 
 def twist_from_msg(msg: Twist) -> Twist2D:
-    """The two components a skid-steer robot can follow."""
+    """Return the forward speed and the yaw rate of a Twist; a skid-steer robot cannot follow the rest."""
     return Twist2D(msg.linear.x, msg.angular.z)
 
 
 def twist_to_stamped_msg(twist: Twist2D, stamp: float) -> TwistStamped:
-    """A planar twist with its time, and without a frame, as diff_drive_controller sends it."""
+    """Return a planar twist with its time, and without a frame, as diff_drive_controller publishes it."""
     return TwistStamped(header=header(stamp, ""), twist=twist_to_msg(twist))
 
 
 def wheels_to_msg(wheels: WheelState, stamp: float) -> JointState:
-    """The wheels' joint states."""
+    """Return the angles, speeds and efforts of the wheels as a message for joint_states."""
     return JointState(
         header=header(stamp, ""),
         name=wheels.names,
@@ -202,7 +210,7 @@ def wheels_to_msg(wheels: WheelState, stamp: float) -> JointState:
 
 
 def odometry_to_msg(odometry: Odometry, stamp: float, odom: str, base: str) -> OdometryMsg:
-    """Odometry message with the pose in `odom` and the twist in `base` (REP 105)."""
+    """Return odometry as a message, with the pose in the frame `odom` and the twist in the frame `base`."""
     msg = _odometry(stamp, odom, base, pose_from_2d(odometry.pose_base_in_odom))
     msg.twist.twist = twist_to_msg(odometry.twist_in_base)
     msg.pose.covariance = msg.twist.covariance = ODOMETRY_COVARIANCE
@@ -210,26 +218,29 @@ def odometry_to_msg(odometry: Odometry, stamp: float, odom: str, base: str) -> O
 
 
 def truth_to_msg(robot: RobotState, stamp: float, world: str, base: str) -> OdometryMsg:
-    """The true pose in the world, the true twist in base, without covariance."""
+    """Return the true pose in the frame `world` and the true twist in the frame `base` as a message.
+
+    The covariances are 0, because both are exact.
+    """
     msg = _odometry(stamp, world, base, robot.pose_in_world)
     msg.twist.twist = Twist(Vector3(*robot.velocity_in_base), Vector3(*robot.angular_velocity_in_base))
     return msg
 
 
 def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
-    """Odometry message with header and pose, but without a twist."""
+    """Return an Odometry message with header and pose; its twist and its covariances are zeros."""
     msg = OdometryMsg(header=header(stamp, frame), child_frame_id=child)
     msg.pose.pose = pose_to_msg(pose)
     return msg
 
 
 def tree_to_msg(branches: Iterable[Tuple[str, str, Pose]], stamp: float) -> TFMessage:
-    """Message of transforms; each branch has the parent frame, the child frame, and the child's pose."""
+    """Return a message for /tf; each branch has the parent frame, the child frame, and the child's pose."""
     return TFMessage([transform_to_msg(pose, stamp, parent, child) for parent, child, pose in branches])
 
 
 def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TransformStamped:
-    """A pose as a transform of tf2."""
+    """Return the pose of a child frame in its parent frame as a transform of TF."""
     msg = TransformStamped(header=header(stamp, parent), child_frame_id=child)
     msg.transform.translation = Vector3(*pose_child_in_parent.position)
     msg.transform.rotation = Quaternion(*pose_child_in_parent.quat_xyzw)
@@ -237,29 +248,29 @@ def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, chil
 
 
 def pose_from_transform(msg: TransformStamped) -> Pose:
-    """The pose of the child frame in the parent frame."""
+    """Return the pose of the child frame in the parent frame."""
     t, r = msg.transform.translation, msg.transform.rotation
     return Pose((t.x, t.y, t.z), (r.x, r.y, r.z, r.w))
 
 
 def pose_to_msg(pose: Pose) -> PoseMsg:
-    """A pose in space."""
+    """Return a pose in space as a message."""
     return PoseMsg(Point(*pose.position), Quaternion(*pose.quat_xyzw))
 
 
 def pose_from_msg(msg: PoseMsg) -> Pose:
-    """A pose in space, as it was sent; its numbers are not checked."""
+    """Return the pose of a message; its numbers are not checked, so they may be NaN."""
     p, q = msg.position, msg.orientation
     return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
 
 def motion_to_msg(motion: ModelMotion) -> Tuple[PoseMsg, Twist]:
-    """A model's pose and velocity, in one frame."""
+    """Return a model's pose and velocity as two messages; both are in the frame of the motion."""
     return pose_to_msg(motion.pose), Twist(Vector3(*motion.velocity), Vector3(*motion.angular_velocity))
 
 
 def motion_from_msg(pose: PoseMsg, twist: Twist) -> ModelMotion:
-    """A model's pose and velocity, as they were sent; the numbers are not checked."""
+    """Return a model's pose and velocity from two messages; the numbers are not checked."""
     v, w = twist.linear, twist.angular
     return ModelMotion(pose_from_msg(pose), (v.x, v.y, v.z), (w.x, w.y, w.z))
 
@@ -274,7 +285,7 @@ NO_ORIENTATION = (-1.0, *[0.0] * 8)  # covariance of an IMU that does not measur
 
 
 def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
-    """An IMU sample along the axes of `frame`."""
+    """Return an IMU sample, whose numbers are along the axes of `frame`, as a message."""
     return Imu(
         header=header(sample.stamp, frame),
         orientation=Quaternion(*sample.quat_xyzw),
@@ -285,7 +296,7 @@ def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
 
 
 def imu_to_raw_msg(sample: ImuSample, frame: str) -> Imu:
-    """An IMU sample without an attitude, as drivers send it before any filter (REP 145)."""
+    """Return an IMU sample as a message without an orientation, as drivers send raw samples (REP 145)."""
     msg = imu_to_msg(sample, frame)
     msg.orientation = Quaternion()
     msg.orientation_covariance = NO_ORIENTATION
@@ -293,18 +304,20 @@ def imu_to_raw_msg(sample: ImuSample, frame: str) -> Imu:
 
 
 def mag_to_msg(sample: MagSample, frame: str) -> MagneticField:
-    """A magnetometer's reading along the axes of `frame`; its covariance is unknown."""
+    """Return a magnetometer's reading, along the axes of `frame`, as a message; its covariance is unknown."""
     return MagneticField(header=header(sample.stamp, frame), magnetic_field=Vector3(*sample.field))
 
 
 def imu_from_msg(msg: Imu) -> ImuSample:
-    """A sample of any IMU; an IMU without an orientation counts as level."""
+    """Return the sample of any IMU; an IMU that does not measure its orientation counts as level."""
     q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
     length = hypot(q.x, q.y, q.z, q.w)
     # REP 145 marks a missing orientation by a covariance of -1; some drivers send a quaternion of zeros or
-    # NaN instead
-    level = msg.orientation_covariance[0] == -1.0 or not length > 0.5
-    quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
+    # NaN instead, for which `length > 0.5` is false
+    has_orientation = msg.orientation_covariance[0] != -1.0 and length > 0.5
+    quat = (0.0, 0.0, 0.0, 1.0)
+    if has_orientation:
+        quat = (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
 
 
@@ -312,7 +325,7 @@ def imu_from_msg(msg: Imu) -> ImuSample:
 
 
 def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
-    """NavSatFix message as hector_gazebo's receiver fills it: the covariance is the square of `drift` [m]."""
+    """Return a GPS fix as a message; its variance is the square of `drift` [m], as in hector_gazebo."""
     return NavSatFix(
         header=header(fix.stamp, frame),
         status=NavSatStatus(status=NavSatStatus.STATUS_FIX),
@@ -325,5 +338,8 @@ def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
 
 
 def fix_velocity_to_msg(fix: GpsFix, frame: str) -> Vector3Stamped:
-    """Velocity message towards north, west and up; `frame` is the place of the receiver, not these axes."""
+    """Return the velocity of a GPS fix, towards north, west and up, as a message.
+
+    `frame` is the frame of the receiver, although the numbers are not along its axes.
+    """
     return Vector3Stamped(header=header(fix.stamp, frame), vector=Vector3(*fix.velocity))

@@ -1,4 +1,4 @@
-"""Node of the planar filter, if robot_localization is not installed.
+"""Node that estimates the robot's motion on the plane, if robot_localization is not installed.
 
 Stands in for ekf_localization_node of robot_localization 2.7 (Noetic) with two_d_mode, together with
 `estimation/`, the script planar_ekf and `compat/robot_localization`. No test compares the two, because Debian
@@ -38,19 +38,20 @@ QUEUE = 1000
 # [s] a message is ignored if its stamp is later than the clock by more than this. The clock may lag behind a
 # bag that is played fast, so a smaller difference is normal.
 MAX_AHEAD = 60.0
-# [s] wall time without a message after which an input is silent: ABSENCE before the first message of the
-# input, SILENCE after it. The filter gives up silent inputs only. A busy machine may delay a thread, so these
-# times are long.
+# [s] An input is silent if it has sent no message for this wall time: ABSENCE before its first message,
+# SILENCE after it. The filter waits for the readings of all inputs, but not for those of a silent input. A
+# busy machine may delay a thread, so these times are long.
 ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s] a new run has begun if the clock goes back by more than this
 REPORT_PERIOD = 5.0  # [s] time between two warnings of one kind about a topic
 # variance of z, roll, pitch and their rates, which is small because they are always 0 on the plane
 OFF_PLANE = 1e-6
+# index of the rows and columns of x, y and yaw in a (6, 6) covariance of x, y, z, roll, pitch and yaw
 PLANE = np.ix_(ON_PLANE, ON_PLANE)
 
 
 class LocalizationNode:
-    """Filters wheel odometry and IMU; publishes odometry/filtered and the transform of odom to base_link."""
+    """Filters wheel odometry and IMU; publishes odometry/filtered and the transform odom -> base_link."""
 
     def __init__(self) -> None:
         """Read the parameters, make the filter, and subscribe to its inputs.
@@ -89,7 +90,7 @@ class LocalizationNode:
         rospy.spin()
 
     def _start_filter(self) -> None:
-        """Make a new filter, forget all messages, and begin again at time 0."""
+        """Make a new filter, forget all messages, and begin at time 0."""
         self._filter = Localization(self._config)
         self._last_time = 0.0  # [s] largest ROS time at which a message has come
         # messages of each input that wait for a transform, oldest first
@@ -99,10 +100,11 @@ class LocalizationNode:
         self._heard_at: Dict[str, float] = {}
 
     def _on_message(self, msg: Any, name: str) -> None:
-        """Give a message to the filter, after earlier messages of this input that waited for a transform.
+        """Give a message to the filter, or hold it until TF has the frame of the sensor.
 
-        Up to QUEUE messages without a transform are held. A message whose stamp is more than
-        MAX_AHEAD after the clock is dropped. A clock that goes back by CLOCK_BACK starts the filter again.
+        Up to QUEUE messages of each input are held. When TF has the frame, the filter gets them before this
+        message. A message whose stamp is more than MAX_AHEAD after the clock is ignored. If the clock has
+        gone back by CLOCK_BACK, the filter starts again.
 
         Args:
             msg: Odometry or Imu.
@@ -110,7 +112,8 @@ class LocalizationNode:
         """
         stamp = msg.header.stamp.to_sec()
         heard_before = self._heard_at.get(name, 0.0)
-        # the input has just sent a message, so it is not silent while this thread waits for the lock
+        # the input has just sent a message, so it must not count as silent while this thread waits for the
+        # lock; inf is later than any time
         self._heard_at[name] = inf
         with self._lock:
             # the time is read under the lock, because a fast bag may advance by seconds while this thread
@@ -123,7 +126,8 @@ class LocalizationNode:
                 self._start_filter()  # `_last_time` is 0 after this call
             self._last_time = max(now, self._last_time)
             self._heard_at[name] = time.monotonic()
-            self._first_heard_at = self._first_heard_at or self._heard_at[name]
+            if self._first_heard_at == 0.0:  # this is the first message of any input
+                self._first_heard_at = self._heard_at[name]
             if stamp > now + MAX_AHEAD:
                 sentence = f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored"
                 self._complain(name, kind="clock", sentence=sentence)
@@ -145,18 +149,20 @@ class LocalizationNode:
                 self._ignore(name, heard_before)
 
     def _ignore(self, name: str, heard_before: float) -> None:
-        """Let an input count as heard at an earlier wall time [s], because its message is ignored.
+        """Undo that an input was heard, because its message is ignored.
 
-        So an input that sends nothing but such messages becomes silent, and the filter does not wait for it.
+        Otherwise an input that sends only such messages would never become silent, and the filter would wait
+        for it forever. `heard_before` is the wall time of its last good message [s].
         """
         # inf means that another thread takes a message of this input at the same moment
         self._heard_at[name] = heard_before if heard_before < inf else 0.0
 
     def _add(self, name: str, msg: Any, mounting: Mounting) -> bool:
-        """Give one reading to the filter, publish the estimates that are due now, and return its acceptance.
+        """Give one reading to the filter, publish new estimates, and return whether the filter accepts it.
 
-        The filter waits for readings of the other inputs. It gives up a silent input (see `_is_silent`) whose
-        last reading is older than the newest reading by PATIENCE.
+        The filter takes all readings in the order of their stamps, so it first waits for readings of the
+        other inputs. It stops waiting for a silent input (see `_is_silent`) whose last reading is older than
+        the newest reading by PATIENCE.
         """
         silent = {other for other in self._config.inputs if self._is_silent(other, time.monotonic())}
         try:
@@ -178,15 +184,16 @@ class LocalizationNode:
         return True
 
     def _is_silent(self, name: str, now: float) -> bool:
-        """Return whether an input has sent nothing usable for too long, at a wall time [s]."""
-        if name not in self._heard_at:
+        """Return whether an input has sent nothing usable for too long, at the wall time `now` [s]."""
+        if name not in self._heard_at:  # the input has never sent a message
             return now > self._first_heard_at + ABSENCE
         return now > self._heard_at[name] + SILENCE
 
     def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
-        """Return the poses of a message's frames; None, with a warning, if TF does not have one of them.
+        """Return where a sensor is mounted: the poses of its message's frames in the frames of the filter.
 
-        A message of odometry has two frames: the frame of its velocities, and the frame of its pose.
+        An IMU has one frame. A message of odometry has two: the frame of its velocities, and the frame of its
+        pose. The result is None, with a warning, if TF does not have one of them.
         """
         options, item = self._config.options, self._config.inputs[name]
         sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
@@ -207,15 +214,16 @@ class LocalizationNode:
                 self._complain(name, kind="transform", sentence=sentence)
                 return None
             poses.append(conversions.pose_from_transform(stamped))
-        return Mounting(*poses)  # a sensor without poses needs no second pose
+        # if only one pose was looked up, the second field of the record keeps its default
+        return Mounting(*poses)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        """Put the filter's pose where a message says.
+        """Set the pose of the filter to the pose in a message of RViz or of a user.
 
-        A pose that is not finite, that is not in odom, or whose stamp is in the future is ignored with a
-        warning. The filter would wait for readings of that future time, and drop all readings until then.
+        A pose is ignored with a warning if it is not finite, if it is not in odom, or if its stamp is in the
+        future. With a stamp in the future, the filter would drop all readings until that time.
         """
-        # a quaternion of zeros counts as no turn
+        # a quaternion of zeros is not valid, and counts as no turn
         place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
         pose = [place.x, place.y, yaw_from_quat(quat)]
         covariance = _square(msg.pose.covariance)[PLANE]  # (3, 3) covariance of x, y and yaw
@@ -237,19 +245,23 @@ class LocalizationNode:
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:
         """Warn of an input, at most once in REPORT_PERIOD for each kind of complaint."""
-        if abs(self._last_time - self._complained_at.get((name, kind), -inf)) >= REPORT_PERIOD:
+        last_time = self._complained_at.get((name, kind), -inf)
+        # the difference may be negative, because the clock may go back
+        if abs(self._last_time - last_time) >= REPORT_PERIOD:
             self._complained_at[name, kind] = self._last_time
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")
 
     def _report_silence(self, _event: Any) -> None:
+        """Warn of each input that has sent no message since the start, because its topic may be wrong."""
         for name in sorted(set(self._config.inputs) - set(self._heard_at)):
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: no message yet ({name})")
 
 
 def reading_from_msg(msg: Any) -> Reading:
-    """Return the reading of a nav_msgs/Odometry or sensor_msgs/Imu.
+    """Return the reading of a nav_msgs/Odometry or sensor_msgs/Imu, in the frames of the message.
 
-    By REP 145, an IMU marks a part that it does not measure with a covariance of -1; such a part is None.
+    By REP 145, an IMU marks a part that it does not measure with a covariance of -1. Such a part is None in
+    the reading.
     """
     stamp = msg.header.stamp.to_sec()
     if isinstance(msg, Odometry):
@@ -267,7 +279,8 @@ def reading_from_msg(msg: Any) -> Reading:
     has_rates = msg.angular_velocity_covariance[0] != -1.0
     has_forces = msg.linear_acceleration_covariance[0] != -1.0
     attitude = _unit(msg.orientation) if has_attitude else None
-    # linear and angular velocity; an IMU does not measure the first, so the filter does not use these zeros
+    # linear velocity [m/s] and angular velocity [rad/s]; an IMU does not measure the first, so it is zeros,
+    # which the filter does not use
     rates = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         stamp,
@@ -287,7 +300,7 @@ def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     planar = PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate))
     msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)
     msg.twist.twist.linear.y = vy
-    # part of the message, and the index of its first number in the state
+    # the state begins with x, y and yaw, and their rates begin at the index VX
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
         # (6, 6) covariance of x, y, z, roll, pitch, yaw, or of their rates. The filter estimates only x, y
         # and yaw. Their rows and columns are PLANE.
@@ -298,23 +311,29 @@ def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
 
 
 def _numbers(vector: Any) -> Vector3:
+    """Return the numbers x, y and z of a message such as Vector3 or Point."""
     return vector.x, vector.y, vector.z
 
 
 def _unit(quat: Any) -> Optional[Quaternion]:
-    """A quaternion at length 1; None if it is much shorter, such as the zeros of an unknown attitude."""
+    """Return a Quaternion message, scaled to length 1; None for zeros, which mean an unknown orientation."""
     length = hypot(quat.x, quat.y, quat.z, quat.w)
-    return None if length < 0.5 else (quat.x / length, quat.y / length, quat.z / length, quat.w / length)
+    if length < 0.5:
+        return None
+    return quat.x / length, quat.y / length, quat.z / length, quat.w / length
 
 
 def _square(numbers: Sequence[float]) -> np.ndarray:
-    """Square matrix of numbers that are given row by row."""
+    """Return a square matrix; messages give its numbers row by row."""
     side = isqrt(len(numbers))
     return np.array(numbers).reshape(side, side)
 
 
 def _covariance_of_angles(numbers: Sequence[float]) -> np.ndarray:
-    """Covariance (6, 6) of a pose or twist; the nine `numbers` are for its angles or rates, the rest is 0."""
+    """Return the covariance (6, 6) of a pose or twist, from the nine numbers for its angles or their rates.
+
+    The part for the position or the linear velocity is 0.
+    """
     covariance = np.zeros((6, 6))
     covariance[3:, 3:] = _square(numbers)
     return covariance
