@@ -130,7 +130,8 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
     The second picture shows the moment of `cause`, the first item that lost points. Without such a moment, it
     shows the middle of the first run. In exercise 4 there is only one picture, of the estimated path.
     """
-    first, estimate = recordings[0], recordings[0].estimate
+    first = recordings[0]
+    estimate = first.estimate
     if estimate is None and not len(first.times):
         return
     # imported only here, because matplotlib takes long to load, and other reports do not need it
@@ -175,7 +176,7 @@ def _write_replay(recording: Recording, title: str, folder: Path) -> None:
 
 
 def add_step_summary(results: Sequence[MarkingResult]) -> None:
-    """Append the tables to the page of the job, in GitHub Actions."""
+    """Append the tables to the page of the job in GitHub Actions; elsewhere, do nothing."""
     if os.environ.get(STEP_SUMMARY):
         with open(os.environ[STEP_SUMMARY], "a", encoding="utf-8") as file:
             file.write(to_markdown(results))
@@ -204,12 +205,14 @@ def _ends_of_logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
     logs = {"Output of the build": out / "build.log"}
     for number, folder in drive_folders(out).items():
         logs[f"Output of your nodes in run {number}"] = folder / "submission.log"
-    texts, hidden_folders = {}, [out, *map(Path, packages)]
+    texts = {}
+    hidden_folders = [out, *map(Path, packages)]
     for title, path in logs.items():
-        with suppress(UnreadableFileError):
+        with suppress(UnreadableFileError):  # a log is left out if it does not exist
             text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
             if text:
-                texts[title] = "\n".join(map(printable, hide_places(text, hidden_folders).splitlines()))
+                lines = hide_places(text, hidden_folders).splitlines()
+                texts[title] = "\n".join(printable(line) for line in lines)
     return texts
 
 

@@ -63,15 +63,12 @@ def class_page(
     ordered = sorted(results, key=lambda result: result.name.casefold())
     # names of the items, in the order in which they first occur
     columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
-    rows = [
-        Row(
-            result,
-            tuple({item.name: item for item in result.items}.get(name) for name in columns),
-            tuple(pictures.get(result.name, ())),
-            tuple((title, quote(path)) for title, path in files.get(result.name, ())),
-        )
-        for result in ordered
-    ]
+    rows = []
+    for result in ordered:
+        items = {item.name: item for item in result.items}
+        cells = tuple(items.get(name) for name in columns)  # None for an item that the student does not have
+        addresses = tuple((title, quote(path)) for title, path in files.get(result.name, ()))
+        rows.append(Row(result, cells, tuple(pictures.get(result.name, ())), addresses))
     # each student's fraction of the points, without items that are graded by hand; used for the median and
     # the histogram
     shares = [result.points / result.max_points for result in ordered if result.max_points]
@@ -110,14 +107,13 @@ def feedback_page(
     Pictures are PNGs, replays are HTML by the number of the run, and logs are texts by title.
     """
     cause = result.cause  # first item that lost points; None if no item did
-    # number of each run, its replay, and the time at which the replay begins [s]. In the run with the first
-    # fault, the replay begins shortly before the fault; otherwise, it begins at the start.
-    shown = tuple(
-        (number, replay, moment_of(cause) if cause and cause.drive == number else 0.0)
-        for number, replay in (replays or {}).items()
-    )
+    shown = []
+    for number, replay in (replays or {}).items():
+        # in the run with the first fault, the replay begins shortly before the fault
+        start = moment_of(cause) if cause and cause.drive == number else 0.0
+        shown.append((number, replay, start))
     # cells are only for the page of a class, which has a column for each item
-    row = Row(result, cells=(), pictures=tuple(pictures), replays=shown)
+    row = Row(result, cells=(), pictures=tuple(pictures), replays=tuple(shown))
     return render(
         "feedback.html", row=row, logs=logs or {}, colour_of_points=_colour_of_points, moment_of=moment_of
     )
@@ -132,17 +128,15 @@ def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
     counts = [0] * (BARS + 1)
     for share in shares:
         # 1e-9 is a tolerance for rounding; a fraction above 100 % counts in the last bar
-        counts[min(int(BARS * share + 1e-9), BARS)] += 1
-    highest = max([*counts, 1])  # at least 1, because the heights are divided by it
-    step = 100 // BARS
-    return [
-        {
-            "count": count,
-            "height": round(BAR_HEIGHT * count / highest),
-            "label": f"{step * n}-{step * (n + 1) - 1}" if n < BARS else "100",
-        }
-        for n, count in enumerate(counts)
-    ]
+        bar = min(int(BARS * share + 1e-9), BARS)
+        counts[bar] += 1
+    highest = max([*counts, 1])  # at least 1, because the heights are divided by this count
+    step = 100 // BARS  # [%] width of a bar
+    bars = []
+    for bar, count in enumerate(counts):
+        label = f"{step * bar}-{step * (bar + 1) - 1}" if bar < BARS else "100"
+        bars.append({"count": count, "height": round(BAR_HEIGHT * count / highest), "label": label})
+    return bars
 
 
 def replay_title(number: int) -> str:
@@ -156,14 +150,18 @@ def moment_of(item: Item) -> float:
 
 
 def _course_robot(results: Sequence[MarkingResult]) -> str:
-    """Return the usual robot of a class: the one of the command line, or of most submissions."""
+    """Return the usual robot of a class: the robot of the command line, or else of most submissions."""
+    # all submissions of a class are marked with the same settings
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
-    simulated = list(filter(None, (str(result.settings.get("simulated", "")) for result in results)))
-    return statistics.mode(simulated) if robot == AUTO and simulated else robot
+    # robot of each submission that had a run
+    simulated = [str(result.settings["simulated"]) for result in results if result.settings.get("simulated")]
+    if robot == AUTO and simulated:
+        return statistics.mode(simulated)
+    return robot
 
 
 def _colour_of_points(points: float, max_points: float) -> str:
-    """Return the CSS class of points: full, some or none; empty for an item without points."""
+    """Return the CSS class that colours points: full, some or none; empty for an item without points."""
     if not max_points:
         return "none" if points < 0.0 else ""  # a penalty has negative points
     if points >= max_points - 1e-9:

@@ -31,18 +31,17 @@ SCAN = "#c2185b"
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     """Return a picture of all runs, side by side."""
-    # [inches] size of the figure; the numbers below leave room for the labels and the colour bar
-    width, height = 5.2 * len(recordings) + 1.0, 5.0
+    width, height = 5.2 * len(recordings) + 1.0, 5.0  # [inches]
     figure = new_figure(width, height, layout=None)
+    # edges of all plots together, as fractions of the figure; they leave room for labels and colour bar
     edges = {"left": 0.85 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
     axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.24})[0]
     # [s] end of the longest run; all plots have the same colours for the same times
     end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
         dots = _draw_run(recording, axis, end)
-        axis.set_title(
-            plain(f"run {number}: {recording.ended.text if recording.ended else 'no run'}"), fontsize=10
-        )
+        ending = recording.ended.text if recording.ended else "no run"
+        axis.set_title(plain(f"run {number}: {ending}"), fontsize=10)
     bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
     # the colour bar is made from the dots of the last run; the dots of all runs have the same colours
     figure.colorbar(dots, cax=bar, label="simulated time [s]")
@@ -68,8 +67,9 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
         _write_label(axis, "start", (x[0], y[0]), recording.pillar, gap=18)
     start = recording.start.x, recording.start.y
     _name_pillar(axis, recording, start)
-    # about MAX_MARKERS markers, evenly distributed
-    markers = _markers_in_plot(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
+    # about MAX_MARKERS markers, evenly distributed over the run
+    every = max(1, len(recording.markers) // MAX_MARKERS)
+    markers = _markers_in_plot(recording, recording.markers)[::every]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
         times = [marker.at for marker in markers]
@@ -147,21 +147,24 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     # (K, 2) [m] points of the last scan
     points = hits_before[hits_before[:, 0] == latest][:, 1:]
     robot = load_robot(recording.robot)
-    axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
+    driven_x, driven_y, _ = recording.poses[: row + 1].T  # path up to the moment
+    axis.plot(driven_x, driven_y, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
     # position of the lidar [m], which is mounted ahead of base_link
     lidar = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
     # about MAX_RAYS lines from the lidar to the points
-    rays = [(lidar, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
+    every = max(1, len(points) // MAX_RAYS)
+    rays = [(lidar, tuple(point)) for point in points[::every]]
     axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
     axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")
     draw_robot(axis, (x, y, yaw), robot.footprint)
-    # only the last marker before the moment; empty if no marker has come yet that a picture shows
-    latest_marker = _markers_in_plot(recording, [each for each in recording.markers if each.at <= at])[-1:]
-    for marker in latest_marker:
+    markers_before = [marker for marker in recording.markers if marker.at <= at]
+    markers = _markers_in_plot(recording, markers_before)
+    if markers:
+        marker = markers[-1]
         axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
                   label=f"marker on {plain(marker.topic)}")  # fmt: skip
     _name_pillar(axis, recording, (x, y))
     axis.legend(fontsize=9)
-    absent = "" if latest_marker else "; no marker so far"
+    absent = "" if markers else "; no marker so far"
     axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
     return png(figure)

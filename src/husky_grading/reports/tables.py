@@ -11,12 +11,13 @@ from husky_highlevel_controller.result import Result, Table
 
 
 def points(item: Item) -> str:
-    """Return the points of an item as text."""
-    return f"{'-' if item.points is None else f'{item.points:g}'}/{item.max_points:g}"
+    """Return the points of an item as text, such as 12.5/20, or -/20 if the item is graded by hand."""
+    given = "-" if item.points is None else f"{item.points:g}"
+    return f"{given}/{item.max_points:g}"
 
 
 def to_result(marking: MarkingResult) -> Result:
-    """Return a marking as the result of a command: its items with their sum, its notes, and its problem."""
+    """Return a marking in the form in which every command prints its result: tables and a verdict."""
     rows = []
     for item in marking.items:
         evidence = item.evidence
@@ -29,8 +30,11 @@ def to_result(marking: MarkingResult) -> Result:
     by_hand = sum(item.max_points for item in marking.items if item.points is None)
     left = f"and up to {by_hand:g} by hand" if by_hand else ""
     total = ("total", f"{marking.points:g}/{marking.max_points:g}", left)
-    tables = [Table("", ("item", "points", "evidence"), [*rows, total])] if rows else []
-    tables += [Table("Notes", ("",), [[note] for note in marking.notes])] if marking.notes else []
+    tables = []
+    if rows:
+        tables.append(Table("", ("item", "points", "evidence"), [*rows, total]))
+    if marking.notes:
+        tables.append(Table("Notes", ("",), [[note] for note in marking.notes]))
     verdict = f"could not be marked: {marking.problem}" if marking.problem else ""
     # the graded launch file or node is named above the table, unless the title already names it
     lead = marking.what if marking.what != marking.name else ""
@@ -103,11 +107,13 @@ def to_moodle(results: Sequence[MarkingResult]) -> str:
     rows = []
     for result in results:
         if result.state is ResultState.MARKED and not result.held:
+            identifier, full_name = "", result.name
             # a folder in Moodle's archive is named after the student's name and number
-            name = MOODLE.match(result.name)
-            identifier = f"Participant {name[2]}" if name else ""
-            comments = "; ".join(f"{item.name} {points(item)}: {item.evidence}" for item in result.items)
+            match = MOODLE.match(result.name)
+            if match:
+                full_name, identifier = match[1], f"Participant {match[2]}"
             marks = [f"{result.points:g}", f"{result.max_points:g}"]
-            rows.append([identifier, name[1] if name else result.name, *marks, comments])
+            comments = "; ".join(f"{item.name} {points(item)}: {item.evidence}" for item in result.items)
+            rows.append([identifier, full_name, *marks, comments])
     header = ["Identifier", "Full name", "Grade", "Maximum Grade", "Feedback comments"]
     return Table("", header, rows).to_csv()
