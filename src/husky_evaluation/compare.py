@@ -180,7 +180,7 @@ def main(
     launch_kind: Optional[LaunchKind] = None,
     end_programs_on_signals: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run the command.
+    """Run the command `compare`; exit with 1 if B is worse than A.
 
     Args:
         arguments: words of the command line; None for those of this process.
@@ -192,7 +192,8 @@ def main(
     with exit_codes(name_as_typed("compare")):
         # setup of both contestants; the YAML file of a contestant changes some of its parameters
         base = setup_of(options.profile, options.ground, options.robot)
-        a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
+        a = contestant(options.a, base, launch_kind)
+        b = contestant(options.b, base, launch_kind)
         has_launch_file = a.starts_programs or b.starts_programs
         if has_launch_file:
             # the grader drives launch files only with the Husky, and only in Gazebo's profile

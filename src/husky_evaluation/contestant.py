@@ -232,7 +232,7 @@ def _module_from_text(source: str, folder: str, package: str) -> ModuleType:
 
 
 def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
-    """Drive a scenario, as a task for `Workers.map`.
+    """Drive a scenario with a contestant; `Workers.map` needs a task with only one argument.
 
     Raises:
         HuskyError: the function or ROS fails.

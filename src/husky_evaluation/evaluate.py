@@ -332,7 +332,7 @@ def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Print the table; exit with 1 if a figure misses its limits."""
+    """Run the command `evaluate`: print all figures, and exit with 1 if one of them misses its limits."""
     options = evaluate_options(arguments)
     with exit_codes(name_as_typed("evaluate")):
         # only a check: it raises an error if profile, ground and robot do not fit together

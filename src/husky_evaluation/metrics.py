@@ -113,7 +113,7 @@ Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]
 
 
 def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
-    """Call `run_scenario`, as a task for `Workers.map`."""
+    """Call `run_scenario` with a setup and a scenario; `Workers.map` needs a task with only one argument."""
     return run_scenario(*item)
 
 

@@ -125,8 +125,8 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
         # a mark has one value for each axis, and this grid has only one axis
         plot.axvline(values[0], color=MARKER, linestyle=line_style, label=name)
     if axis.is_geometric:
-        # matplotlib labels a logarithmic axis only at powers of ten, so every `step`-th value gets a label,
-        # which are at most 8
+        # matplotlib labels a logarithmic axis only at powers of ten, so the labels are set here: at every
+        # `step`-th value, which are at most 8 labels
         plot.set_xscale("log")
         plot.xaxis.set_minor_locator(NullLocator())
         step = len(axis.values) // 8 + 1

@@ -110,12 +110,14 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
     while True:  # the loop ends as soon as a random scene has the wanted properties
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         x, y = distance * cos(bearing), distance * sin(bearing)
-        pillar, others = _post(x, y, PILLAR_RADIUS), _clutter(rng) if clutter else []
+        pillar = _post(x, y, PILLAR_RADIUS)
+        others = _clutter(rng) if clutter else []
         # (N,) [m] ranges of the beams if all objects are there, and if only the pillar is there
         ranges, alone = _cast([pillar, *others], lidar), _cast([pillar], lidar)
         # (N,) true for the beams that hit the pillar and no nearer object; 1e-9 allows for rounding
         is_seen = np.isfinite(alone) & (ranges > alone - 1e-9)
-        if is_seen.sum() >= 3 and all(_gap((x, y), other) >= PILLAR_RADIUS + _FREE for other in others):
+        stands_free = all(_gap((x, y), other) >= PILLAR_RADIUS + _FREE for other in others)
+        if is_seen.sum() >= 3 and stands_free:
             noisy = ranges + rng.normal(0.0, lidar.noise, lidar.beams)
             return PillarScan(scan_of(noisy, lidar), (x, y, PILLAR_RADIUS))
 

@@ -221,7 +221,7 @@ def sweep_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Run the command."""
+    """Run the command `sweep`: drive at all points of the grid, and write the results into a folder."""
     options = sweep_options(arguments)
     with exit_codes(name_as_typed("sweep")):
         axes = [parse_axis(text) for text in options.axes]

@@ -335,7 +335,8 @@ def write_tuned(
         tuned: result of `tune`.
         tried: text such as "of 64 setups on 10 starts, seed 0, profile gazebo".
         out: folder for the files.
-        others: other parameters, with which all setups drove and which controller.launch does not set.
+        others: parameters that were not tuned, but differ from those that controller.launch uses; they are
+            written, too, because all setups drove with them.
         arguments: result of `launch_arguments`.
     """
     file = out / "tuned.yaml"
@@ -377,7 +378,7 @@ def tune_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Run the command."""
+    """Run the command `tune`: search for parameters, check them on fresh starts, and write them to a file."""
     options = tune_options(arguments)
     with exit_codes(name_as_typed("tune")):
         base = setup_of(options.profile, options.ground, options.robot)
@@ -395,7 +396,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             tried += f", seed {seed}, profile {options.profile}"
             computed_by = workers.summary
         result = result_of_tuning(tuned, base, objective, figures, tried, computed_by)
-        # controller.launch has the parameters of Gazebo's profile; those of the real Husky differ
+        # Without a file, controller.launch uses the parameters of Gazebo's profile. Parameters of `base` that
+        # differ from them, as for the real Husky, are also written to the file.
         launched = controller_values(setup_of(robot=options.robot))
         others = {name: value for name, value in controller_values(base).items() if value != launched[name]}
         arguments = launch_arguments(options.profile, options.ground, options.robot)

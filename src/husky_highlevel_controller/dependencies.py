@@ -55,7 +55,7 @@ def unknown_dependencies(
 
 
 def dependency_sentence(finding: UnknownDependency) -> str:
-    """Return a finding as a sentence."""
+    """Return a sentence for the user on a dependency that is not a package, with a remedy."""
     remedy = f"did you mean '{finding.suggestion}'?" if finding.suggestion else "correct it, or install it"
     return (
         f"the package.xml of '{finding.package}' depends on '{finding.dependency}', which is not a package "

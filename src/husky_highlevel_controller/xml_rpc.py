@@ -21,7 +21,7 @@ class _Transport(Transport):
         self._deadline = deadline
 
     def make_connection(self, host: Any) -> Any:
-        """Give each connection the deadline."""
+        """Make a connection on which each wait for an answer ends at the deadline."""
         connection = super().make_connection(host)
         connection.timeout = self._deadline
         return connection

@@ -139,7 +139,7 @@ def decide(
     control: ControlConfig,
     detector_config: PillarConfig,
 ) -> Tuple[ControllerState, ControlOutput]:
-    """Compute the command that answers one scan.
+    """Choose the velocity command that answers one scan, and update the memory of the controller.
 
     Args:
         controller_state: state from the previous call, ControllerState() at first.
@@ -175,6 +175,7 @@ def decide(
         close_at=_close_at(controller_state, target, stamp, control),
         base_in_odom=observation.base_in_odom,
         updated_at=stamp,
+        # the time of the last known pose in odom stays if this scan has none
         odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
         in_room=controller_state.in_room or scan.valid_count > ROOM_FRACTION * len(scan.ranges),
     )

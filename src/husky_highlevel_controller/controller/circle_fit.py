@@ -47,7 +47,7 @@ class Segment(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """Index half-way between the first and the last beam, which is the x axis of the fit."""
+        """Index half-way between the first and last beam; the x axis of the fit has this direction."""
         return 0.5 * float(self.beams[0] + self.beams[-1])
 
     @property

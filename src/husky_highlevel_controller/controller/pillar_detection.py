@@ -190,20 +190,20 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
 
 
 def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pillar]:
-    """Return the pillar that a segment shows, or None."""
+    """Return the pillar that a segment shows; None if the segment shows another object."""
     radius, tolerance = config.pillar_radius, config.radius_tolerance
     circle = fit_circle(segment, radius, config.range_noise)
-    if not (
-        # the centre of a pillar is behind its nearest beam; a centre in front of the beam means a round niche
-        # in a wall
-        circle.x > segment.near
-        and circle.residual <= config.max_residual
-        # `radius` was fitted with the expected radius as one more measurement; `free_radius` comes from the
-        # beams alone, and may be wrong by `free_slack`
-        and abs(circle.radius - radius) <= tolerance
-        and abs(circle.free_radius - radius) <= tolerance + circle.free_slack
-        and _explains_best(scan, config, segment, circle)
-    ):
+    # the centre of a pillar is behind its nearest beam; a centre in front of the beam means a round niche in
+    # a wall
+    is_behind = circle.x > segment.near
+    fits = circle.residual <= config.max_residual
+    # `circle.radius` was fitted with the expected radius as one more measurement; `circle.free_radius` comes
+    # from the beams alone, and may be wrong by `free_slack`
+    has_radius = abs(circle.radius - radius) <= tolerance
+    may_have_radius = abs(circle.free_radius - radius) <= tolerance + circle.free_slack
+    if not (is_behind and fits and has_radius and may_have_radius):
+        return None
+    if not _explains_best(scan, config, segment, circle):
         return None
     # turn the centre from the frame of the fit to the laser's frame; in the frame of the fit, x points to the
     # middle of the segment

@@ -42,7 +42,7 @@ class ClockOffset:
         self._smallest_difference, self._largest_difference = inf, -inf
 
     def add_reference(self, stamp: float) -> None:
-        """Take a stamp [s] of the reference; it may be a repeated one."""
+        """Take a stamp [s] of the reference; the same stamp may come several times."""
         if self._newest_reference is not None and stamp < self._newest_reference:
             self._message_count = 0  # time has gone back, so the next message begins a new window
         if stamp != self._newest_reference:

@@ -94,15 +94,15 @@ class Localization:
         horizon = self._horizon(self._sensors if silent is None else silent)
         due_estimates = []
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
-            # the oldest reading that waits, which may be of another sensor
-            stamp, name, reading, mounting = heapq.heappop(self._waiting_readings)
+            # the oldest reading that waits, which may be of another sensor than the new reading
+            stamp, sensor, oldest_reading, its_mounting = heapq.heappop(self._waiting_readings)
             due_estimates += self._estimates(stamp - SAME_TIME)  # estimates for the time before this reading
             # the first reading starts the filter, so the first estimate is for the next full period after
             # this reading
             if not self._ekf.started:
                 self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
             yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
-            for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
+            for measurement in self._sensors[sensor].measurements(oldest_reading, its_mounting, yaw_rate):
                 self._ekf.process(measurement)
         return due_estimates + self._estimates(horizon + SAME_TIME)
 

@@ -120,6 +120,7 @@ def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
     """Return the derivatives of `transition` by the state, (8, 8); row i is for element i of its result."""
     c, s, half = cos(state[YAW]), sin(state[YAW]), 0.5 * step * step
     ahead, left = state[[VX, VY]] * step + state[[AX, AY]] * half
+    # rows X and Y: derivatives of the new x and y by the yaw, and by the velocities and accelerations
     jacobian = np.eye(STATES)
     jacobian[X, [YAW, VX, VY, AX, AY]] = -s * ahead - c * left, c * step, -s * step, c * half, -s * half
     jacobian[Y, [YAW, VX, VY, AX, AY]] = c * ahead - s * left, s * step, c * step, s * half, c * half
@@ -141,10 +142,11 @@ def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimat
     gain = covariance @ selection.T @ np.linalg.inv(selection @ covariance @ selection.T + noise)
     innovation = values - selection @ state  # difference between measured and estimated values
     if YAW in measured:
-        # 359 degrees are 1 degree to the right, and not almost a turn to the left
+        # a difference of 359 degrees to the left is a difference of 1 degree to the right
         row = measured.index(YAW)
         innovation[row] = wrap_angle(innovation[row])
     state = state + gain @ innovation
     state[YAW] = wrap_angle(state[YAW])
     remainder = np.eye(STATES) - gain @ selection
-    return MotionEstimate(stamp, state, remainder @ covariance @ remainder.T + gain @ noise @ gain.T)
+    covariance = remainder @ covariance @ remainder.T + gain @ noise @ gain.T
+    return MotionEstimate(stamp, state, covariance)
