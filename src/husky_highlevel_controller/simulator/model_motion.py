@@ -1,11 +1,14 @@
-"""Motion of models in frames of other models, as Gazebo's services give it.
+"""Motion of models in frames of other models, as Gazebo's services take and return it.
 
 In: poses and velocities in one frame. Out: the same motion in another frame.
+
+A request to Gazebo's services get_model_state and set_model_state may name a reference frame: another model,
+which may move itself.
 """
 
 from __future__ import annotations
 
-from math import hypot, isfinite
+from math import hypot
 
 from husky_highlevel_controller.datatypes import IDENTITY, ModelMotion, Pose, Vector3
 from husky_highlevel_controller.geometry import compose, cross, inverse, minus, quat_inverse, rotate
@@ -16,17 +19,18 @@ MAX_SPEED = 100.0
 
 
 def checked_motion(motion: ModelMotion) -> ModelMotion:
-    """Return the motion with its quaternion scaled to length 1; a quaternion of zeros becomes no rotation.
+    """Return a requested motion with a unit quaternion, or refuse a motion that cannot be simulated.
 
-    Gazebo reads quaternions in this way, too.
+    As in Gazebo, a quaternion of any length is accepted, and a quaternion of zeros becomes no rotation.
 
     Raises:
         ObjectError: the pose is too far away, the model too fast, or a number is not finite.
     """
     length = hypot(*motion.pose.quat_xyzw)
-    quat = IDENTITY.quat_xyzw
-    # a length of NaN or infinity is not hidden here, so that `checked_pose` refuses the quaternion
-    if length > 0.0 or not isfinite(length):
+    if length == 0.0:
+        quat = IDENTITY.quat_xyzw
+    else:
+        # if the length is NaN or infinite, the result is not a unit quaternion, and `checked_pose` refuses it
         x, y, z, w = (value / length for value in motion.pose.quat_xyzw)
         quat = (x, y, z, w)
     for value in (*motion.velocity, *motion.angular_velocity):
@@ -36,10 +40,11 @@ def checked_motion(motion: ModelMotion) -> ModelMotion:
 
 
 def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
-    """Return a motion in the world, from a motion in a frame and the motion of this frame in the world.
+    """Return a motion in the world, from a motion in a frame, and the motion of this frame in the world.
 
-    As in Gazebo, the velocity in the frame is a velocity over the ground, along the frame's axes. So the
-    velocity of the frame is not added.
+    As in Gazebo, the velocity is not relative to the moving frame. It is a velocity in the world whose
+    components are given along the frame's axes. So it is only turned, and the velocity of the frame is not
+    added.
     """
     pose, velocity, spin = motion_in_frame
     turn = frame_in_world.pose.quat_xyzw
@@ -47,10 +52,10 @@ def in_world(motion_in_frame: ModelMotion, frame_in_world: ModelMotion) -> Model
 
 
 def seen_from(motion_in_world: ModelMotion, frame_in_world: ModelMotion) -> ModelMotion:
-    """Return a motion relative to a frame that moves, along the frame's axes.
+    """Return a motion relative to a frame that moves, with its components along the frame's axes.
 
-    As in Gazebo, the result has the difference of the two velocities. A frame that turns also seems to move
-    distant models around it, but this part of their velocity is not subtracted.
+    As in Gazebo, the velocity is the difference of the two velocities. From a frame that turns, a model that
+    stands also seems to move around the frame; this part is left out.
     """
     pose, velocity, spin = motion_in_world
     back = quat_inverse(frame_in_world.pose.quat_xyzw)
@@ -64,4 +69,5 @@ def seen_from(motion_in_world: ModelMotion, frame_in_world: ModelMotion) -> Mode
 def velocity_at(motion_in_world: ModelMotion, point_in_world: Vector3) -> Vector3:
     """Return the velocity of a point of a rigid model, in the world [m/s]."""
     arm = minus(point_in_world, motion_in_world.pose.position)
+    # v + w x arm = v - arm x w
     return minus(motion_in_world.velocity, cross(arm, motion_in_world.angular_velocity))

@@ -8,17 +8,17 @@ Measured currents of both motors together, at about 24 V (BorealTC):
     straight on, at any speed: 7.5 A on loam, 10 A on snow
     turning in place: 18 A on flooring, 23 A on loam
 
-So each side draws one current for rolling and another for the torque that drags its wheels sideways.
-`torque_per_ampere` is fitted to the 18 A on hard ground; with it, the model is within 10 % of the 23 A on
-loam.
+So the motor of each side draws a constant current for rolling, and a current in proportion to its torque. The
+torque is large in a turn, because it drags the wheels sideways over the ground. `torque_per_ampere` is fitted
+to the 18 A on hard ground; with it, the model is within 10 % of the 23 A on loam.
 
 The battery has the data sheet's 480 Wh (two sealed 12 V lead-acid batteries of 20 Ah). Its voltages and
 resistance, the electronics' current and all temperatures are plausible values, which were not measured.
 Drivers and motors become warm with the square of the current.
 
-Stands in for the battery and the motors that husky_base 0.6.10 (Noetic, repository husky_robot) reports in
-husky_msgs/HuskyStatus. No test runs the original, which needs a robot. `test_robot_profile.py` compares the
-currents with the measured ones.
+The model replaces the battery and the motors of a real Husky, whose values husky_base 0.6.10 (Noetic,
+repository husky_robot) reports in husky_msgs/HuskyStatus. No test runs the original, which needs a robot.
+`test_robot_profile.py` compares the currents with the measured ones.
 """
 
 from __future__ import annotations
@@ -54,15 +54,16 @@ class Power:
     """A battery that two motors drain."""
 
     def __init__(self, config: PowerConfig, rolling_current: float) -> None:
-        """`rolling_current`: current of both sides together, straight on [A]."""
-        self._config, self._rolling_current = config, rolling_current / 2.0
+        """`rolling_current`: current of both sides together when the robot drives straight on [A]."""
+        self._config = config
+        self._rolling_current = rolling_current / 2.0  # [A] current of one side
         self.reset()
 
     def reset(self) -> None:
         """Charge the battery as the config says, and let everything be cold."""
         self._uptime, self._charge = 0.0, self._config.charge
-        # [A^2] squared currents of the left and the right motor after a low-pass filter; they warm drivers
-        # and motors
+        # [A^2] squared currents of the (left, right) motor after a low-pass filter; the temperatures of motor
+        # and driver rise in proportion to them
         self._squared_currents = (0.0, 0.0)
 
     def update(
@@ -79,8 +80,8 @@ class Power:
         left, right = (self._current(torque, speed) for torque, speed in zip(torques, speeds))
         current = left + right + ELECTRONICS_CURRENT
         # [V] the voltage is lower if less charge is left, and if current flows through the resistance
-        open_circuit = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
-        voltage = open_circuit - RESISTANCE * current
+        open_circuit_voltage = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
+        voltage = open_circuit_voltage - RESISTANCE * current
         energy = voltage * current * duration / 3600.0  # [Wh]
         self._charge = max(self._charge - energy / self._config.capacity, 0.0)
         self._uptime += duration
@@ -108,8 +109,9 @@ class Power:
         )
 
     def _current(self, torque: float, speed: float) -> float:
-        """Return the current of one side [A]; 0 if the side stands, or if the ground turns its wheels."""
+        """Return the current of one side [A]; 0 if the side stands, or if the ground drives its wheels."""
         if abs(speed) < STANDING_SPEED:
             return 0.0
-        pushing = torque if speed > 0.0 else -torque
-        return max(self._rolling_current + pushing / self._config.torque_per_ampere, 0.0)
+        # positive if the motor drives the wheels, negative if the motor brakes them
+        driving_torque = torque if speed > 0.0 else -torque
+        return max(self._rolling_current + driving_torque / self._config.torque_per_ampere, 0.0)

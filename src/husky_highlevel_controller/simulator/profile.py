@@ -5,12 +5,13 @@ In: nothing. Out: `RobotProfile`, `Ground`.
 `SimulatorConfig` describes Gazebo's Husky. A simulation with a profile publishes the same messages as the
 real robot's drivers. config/robot_profile.yaml has the same numbers, and a test compares them.
 
-Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE). A robot that turns in place
-has an effective track of chi times its track. chi is 1 + ratio (wheelbase / track)^2, with the ratio of
-sideways to lengthwise grip (see `traction.py`); it does not depend on the strength of the grip. On flooring,
-chi was measured as 1.74, so the ratio is 0.92. On sandy loam, chi was measured as 2.13, so the ratio is 1.40:
-sunken wheels push soil aside. Both grounds have the friction of the URDF, because no measurement contradicts
-it.
+The values of the grounds come from measurements (BorealTC, LaRocque et al. 2024, arXiv 2403.16877;
+norlab-ulaval/DRIVE). In a turn in place, a robot whose wheels skid is as slow as a robot whose wheels only
+roll, but whose track (the distance between left and right wheels) is chi times as large. chi is
+1 + ratio (wheelbase / track)^2, with the ratio of sideways to lengthwise grip (see `traction.py`). It does
+not depend on the strength of the grip. On flooring, chi was measured as 1.74, so the ratio is 0.92. On sandy
+loam, chi was measured as 2.13, so the ratio is 1.40, because sunken wheels push soil aside. Both grounds have
+the friction of the URDF, because no measurement contradicts this value.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from husky_highlevel_controller.simulator.sensors.vibration import VibrationConf
 
 @dataclass(frozen=True)
 class Ground:
-    """Ground under the robot."""
+    """Ground under the robot: what it changes for the wheels, the motors and the IMU."""
 
     friction: float = number(0.05, 2.0, "friction of the wheels along the driving direction")
     lateral_grip: float = number(0.1, 10.0, "ratio of sideways to lengthwise friction")
@@ -55,10 +56,10 @@ class RobotProfile:
     surface: str = "hard"  # name of the ground, one of GROUNDS
 
     def on(self, surface: str) -> RobotProfile:
-        """The real Husky on one of GROUNDS."""
+        """Return the profile with another ground under the robot, one of GROUNDS."""
         return replace(self, surface=surface)
 
     @property
     def ground(self) -> Ground:
-        """Ground under the robot."""
+        """Values of the ground under the robot."""
         return self.soft if self.surface == "soft" else self.hard

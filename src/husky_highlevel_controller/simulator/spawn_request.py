@@ -25,11 +25,11 @@ from husky_highlevel_controller.datatypes import (
 SIZES = (0.001, 1000.0)  # [m] limits of the edges of a shape
 MASSES = (0.001, 1e5)  # [kg] limits of the mass of a movable body
 FARTHEST = 1e4  # [m] a position with a larger coordinate is refused
-ROUNDING = 1e-3  # a quaternion is refused if its length differs from 1 by more than this
+ROUNDING = 1e-3  # a quaternion is refused if its length differs from 1 by more than this margin for rounding
 
 
 class ObjectError(HuskyError):
-    """An object that cannot be made; the text names the parameter and its value."""
+    """A request for an object that cannot be made; the text names the parameter and its value."""
 
 
 def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world: Pose) -> Body:
@@ -38,7 +38,7 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
     Args:
         name: letters, digits, and any of _ - . :
         shape: box, cylinder or sphere.
-        size: edges of the box around the shape [m], such as diameter, diameter, length of a cylinder.
+        size: edges of the box around the shape [m]; for a cylinder (diameter, diameter, length).
         mass: mass [kg]; 0 for a body that never moves.
         pose_in_world: pose of the shape's centre.
 
@@ -67,9 +67,10 @@ def check_bounds(body: Body) -> None:
     if body.mass != 0.0:
         _within(body.mass, MASSES, "mass", "kg; 0 is for a body that never moves")
     for geometry in body.collisions:
-        if isinstance(geometry.shape, TriangleMesh):  # a flat mesh has the size 0 along its normal
+        if isinstance(geometry.shape, TriangleMesh):
+            # only the largest edge is checked, because a flat mesh has the size 0 along its normal
             _within(max(geometry.shape.size), SIZES, "size", "m")
-        elif not isinstance(geometry.shape, Plane):
+        elif not isinstance(geometry.shape, Plane):  # a plane is endless
             for value in geometry.shape.size:
                 _within(value, SIZES, "size", "m")
     for geometry in (*body.collisions, *body.visuals):
@@ -106,7 +107,8 @@ def _shape(shape: str, size: Vector3) -> Shape:
 
 
 def _within(value: float, limits: Sequence[float], name: str, unit: str) -> float:
-    """Return a value that is within limits. Raises ObjectError with name and unit for any other value."""
-    if not (isfinite(value) and limits[0] <= value <= limits[1]):
-        raise ObjectError(f"{name} {value} is not within {limits[0]}..{limits[1]} {unit}")
+    """Return the value if it is within limits. Raises ObjectError with name and unit if it is not."""
+    low, high = limits
+    if not (isfinite(value) and low <= value <= high):
+        raise ObjectError(f"{name} {value} is not within {low}..{high} {unit}")
     return value

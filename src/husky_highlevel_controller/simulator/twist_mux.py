@@ -2,7 +2,10 @@
 
 In: topic and time of each command. Out: whether the robot obeys the command.
 
-Stands in for the node of twist_mux 3.1 (Noetic) on the Husky and the SMB. Inputs and timeout are from
+Several nodes may send velocity commands, each on an input (topic) of its own, for example a joystick and a
+controller. The strongest input that is not silent drives the robot.
+
+This module replaces the node of twist_mux 3.1 (Noetic) on the Husky and the SMB. Inputs and timeout are from
 twist_mux.yaml of husky_control 0.6.10 and of smb_control. No test runs the original, which Debian does not
 have. `test_twist_mux.py` tests the rule that a weaker input waits until all stronger inputs were silent for
 the timeout.
@@ -20,13 +23,13 @@ class CommandMux:
 
     def __init__(self, inputs: Sequence[str]) -> None:
         """`inputs`: topics, the strongest first."""
-        self._ranks = {topic: rank for rank, topic in enumerate(inputs)}
-        self.locked = False
+        self._ranks = {topic: rank for rank, topic in enumerate(inputs)}  # 0 is the strongest
+        self.locked = False  # true while a lock, such as the emergency stop, stops the robot
         self.forget()
 
     def forget(self) -> None:
         """Treat every input as silent; a lock stays."""
-        self._last_stamps: Dict[str, float] = {}
+        self._last_stamps: Dict[str, float] = {}  # [s] time of the last command on each input
 
     def passes(self, topic: str, now: float) -> bool:
         """Note that an input has sent a command at `now` [s]; return whether the robot obeys the command."""
