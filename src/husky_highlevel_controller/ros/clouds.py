@@ -1,6 +1,6 @@
-"""Points of scans and point clouds.
+"""Conversions between scans, PointCloud2 messages and arrays of points.
 
-In: a `Scan`, a PointCloud2, points [m] in the sensor's frame. Out: points, a PointCloud2.
+In and out: a `Scan`, a PointCloud2, points [m] in the sensor's frame.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ MAX_POINTS = 5000
 
 
 def points_from_scan(scan: Scan) -> np.ndarray:
-    """End points of the beams that measured something, (N, 3) [m] in the frame of the lidar."""
+    """Return the points at which the beams of a scan have met something, (N, 3) [m] in the lidar's frame."""
     valid = scan.valid
     ranges, bearings = scan.ranges[valid], scan.bearings[valid]
     return np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros(len(ranges))])
@@ -25,7 +25,8 @@ def points_from_scan(scan: Scan) -> np.ndarray:
 def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarray:
     """Return the finite points of a cloud, (N, 3) float32 [m], evenly thinned to at most `max_points`.
 
-    There are none if the message lacks x, y or z as 32-bit floats, or is shorter than its header says.
+    The result is empty if the message does not have x, y and z as 32-bit floats, or if it has fewer bytes
+    than its other fields say. Such a message may come from any node.
     """
     no_points = np.zeros((0, 3), np.float32)
     # number of bytes from the beginning of a point to each of its fields; a cloud may have more fields than
@@ -60,7 +61,7 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
 
 
 def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
-    """Cloud of points (height, width, 3) [m]; NaN for a miss.
+    """Return points (height, width, 3) [m] as a message; a beam or pixel that has met nothing is NaN.
 
     A row has the points of one row of the depth camera's image, or of one ring of the 3D lidar.
     """

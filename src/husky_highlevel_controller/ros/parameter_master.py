@@ -1,7 +1,8 @@
 """ROS master of `./dev launch`, which also finds misspelt parameters and absent services.
 
-It lists each set parameter that its node never reads, if the node has asked in vain for a similar name. It
-also lists the services that nodes ask for and that no node offers.
+A parameter is probably misspelt if it is set below the name of a node, the node never reads it, and the node
+has asked in vain for a similar name. A service is absent if a node asks for it and no node offers it.
+
 A plain roscore keeps no list of the requests, so nothing is found with it. (rosmaster 1.15.15 logs requests
 only with --master-logger-level debug, among all other calls and answers.)
 """
@@ -35,7 +36,7 @@ class Request(NamedTuple):
 
 
 def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterator[UnreadParameter]:
-    """Yield each unread parameter below a node's name, if the node asked in vain for a similar name.
+    """Yield each parameter that is probably misspelt: its node never reads it, but asks for a similar name.
 
     Args:
         names: names of all parameters that are set.
@@ -49,23 +50,23 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         return
     read_names = {request.parameter.rstrip("/") for request, is_found in requests.items() if is_found}
     for name in names:
-        # several nodes may match, because the name of a node may be a namespace of other nodes; the longest
-        # name is the owner
+        # The owner is the node below whose name the parameter is. Several nodes may match, because the name
+        # of a node may be a namespace of other nodes. Then the node with the longest name is the owner.
         owners = [node for node in absent_by_node if name.startswith(f"{node}/")]
         owner = max(owners, key=len, default=None)
         # a node that reads a whole namespace reads all parameters in it
         is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
         if owner is None or is_read:
             continue
-        # the owner probably means the set parameter by the most similar name that it asked for in vain
-        likeness_and_absent = [(_likeness(name, absent, owner), absent) for absent in absent_by_node[owner]]
-        best, most_similar = max(likeness_and_absent)
-        if best >= MIN_LIKENESS:
+        # the name that is most like the set parameter, among the names that the owner asked for in vain
+        likeness_and_asked = [(_likeness(name, asked, owner), asked) for asked in absent_by_node[owner]]
+        greatest_likeness, most_similar = max(likeness_and_asked)
+        if greatest_likeness >= MIN_LIKENESS:
             yield UnreadParameter(owner, name, most_similar)
 
 
 def _likeness(name: str, asked: str, node: str) -> float:
-    """Return the likeness of a parameter that is set and one that a node asked for in vain, 0 to 1.
+    """Return the likeness, 0 to 1, of a parameter that is set and a parameter that a node asked for in vain.
 
     The likeness is 0 if the node asked in a namespace that is neither the namespace of the set parameter nor
     the namespace of the node.
@@ -86,7 +87,11 @@ def _likeness(name: str, asked: str, node: str) -> float:
 
 
 class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
-    """Master whose public methods are its XML-RPC methods."""
+    """ROS master that remembers the requests for parameters, and the services that were asked for in vain.
+
+    As in rosmaster, its public methods are the methods that nodes call by XML-RPC. The first value of each
+    answer is a code, which is 1 for success.
+    """
 
     def __init__(self, *arguments: Any) -> None:
         """Make a master that has had no requests."""
@@ -101,33 +106,34 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         self._services_in_vain: Dict[Tuple[str, str], None] = {}
 
     def getParam(self, caller_id: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
-        """Answer as every master, and note the request."""
+        """Answer as every master, and note that a node has read a parameter."""
         answer = super().getParam(caller_id, key)
         self._note(caller_id, key, is_found=answer[0] == 1)
         return answer
 
     def hasParam(self, caller_id: str, key: str) -> Tuple[int, str, bool]:  # noqa: N802
-        """Answer as every master, and note the request."""
+        """Answer as every master, and note that a node has asked whether a parameter is set."""
         answer = super().hasParam(caller_id, key)
         self._note(caller_id, key, is_found=bool(answer[2]))
         return answer
 
     def searchParam(self, caller_id: str, key: str) -> Tuple[int, str, str]:  # noqa: N802
-        """Answer as every master, and note the request."""
+        """Answer as every master, and note that a node has searched a parameter in all its namespaces."""
         code, message, found = super().searchParam(caller_id, key)
         self._note(caller_id, found if code == 1 else key, is_found=code == 1)
         return code, message, found
 
     def subscribeParam(self, caller_id: str, caller_api: str, key: str) -> Tuple[int, str, Any]:  # noqa: N802
-        """Answer as every master, and note the request."""
+        """Answer as every master, and note that a node has read a parameter, by rospy.get_param_cached."""
         code, message, value = super().subscribeParam(caller_id, caller_api, key)
+        # the value of a parameter that is not set is {}
         self._note(caller_id, key, is_found=value != {})
         return code, message, value
 
     def setParam(self, caller_id: str, key: str, value: Any) -> Tuple[int, str, int]:  # noqa: N802
-        """Answer as every master.
+        """Answer as every master, and note a parameter that a node sets below its own name.
 
-        A parameter that a node sets below its own name counts as read, so it is not reported as misspelt.
+        Such a parameter counts as read, because its name is not misspelt.
         """
         answer = super().setParam(caller_id, key, value)
         self._forget_unread()
@@ -136,7 +142,7 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         return answer
 
     def deleteParam(self, caller_id: str, key: str) -> Tuple[int, str, int]:  # noqa: N802
-        """Answer as every master."""
+        """Answer as every master; the list of unread parameters may change."""
         answer = super().deleteParam(caller_id, key)
         self._forget_unread()
         return answer
@@ -151,13 +157,13 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         return code, message, address
 
     def getAbsentServices(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
-        """Return the services that a node asked for and that do not exist: node, service."""
+        """Return the services that nodes asked for and that do not exist now: pairs of node and service."""
         with self._requests_lock:
             asked = list(self._services_in_vain)
         return 1, "", [[node, name] for node, name in asked if name not in self.services]
 
     def getUnreadParams(self, _caller_id: str) -> Tuple[int, str, List[List[str]]]:  # noqa: N802
-        """Return the unread parameters: node, parameter, and the parameter that the node asked for."""
+        """Return the unread parameters: node, set parameter, and the name that the node asked for in vain."""
         with self._requests_lock:
             if self._unread is None:
                 names = self.param_server.get_param_names()
@@ -165,14 +171,16 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
             return 1, "", self._unread
 
     def _forget_unread(self) -> None:
+        """Let the next `getUnreadParams` make its list again, because a parameter was set or deleted."""
         with self._requests_lock:
             self._unread = None
 
     def _note(self, caller_id: Any, key: Any, is_found: bool) -> None:
-        """Keep a node's request for a parameter; any program can send these values, so they are checked.
+        """Remember a node's request for a parameter, and whether the parameter was set.
 
-        A tool that reads the parameters of other nodes does not use them, so only the requests for its own
-        parameters count.
+        A tool, such as rqt, reads the parameters of all nodes, but this does not mean that they are used. So
+        only the requests of a tool for its own parameters count. Any program can send the values, so their
+        types are checked.
         """
         if not (isinstance(caller_id, str) and isinstance(key, str) and key):
             return
@@ -185,14 +193,15 @@ class ParameterMaster(rosmaster.master_api.ROSMasterHandler):
         # a request is stored if it is new or its answer has changed; after MAX_REQUESTS, no new requests are
         # stored
         with self._requests_lock:
-            is_news = self._requests.get(request) is not is_found
-            if is_news and (request in self._requests or len(self._requests) < MAX_REQUESTS):
+            has_changed = self._requests.get(request) is not is_found
+            if has_changed and (request in self._requests or len(self._requests) < MAX_REQUESTS):
                 self._requests[request] = is_found
                 self._unread = None  # the list of unread parameters must be made again
 
 
 def main() -> None:
     """Run the master with the arguments of rosmaster: `--core -p PORT`."""
+    # `rosmaster_main` makes its master from the class of this name
     rosmaster.master_api.ROSMasterHandler = ParameterMaster
     rosmaster_main(sys.argv)
 

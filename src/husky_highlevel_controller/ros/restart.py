@@ -1,6 +1,7 @@
-"""Start of RViz if a display answers, and a second start if it crashes, as RViz 1.14 sometimes does.
+"""Program that starts RViz if a display answers, and starts it once more if it crashes.
 
-In: the command line of RViz, which roslaunch passes to its launch-prefix. Out: the exit code of RViz.
+RViz 1.14 sometimes crashes at its start. In: the command line of RViz, because a launch file names this
+program as the launch-prefix of RViz. Out: the exit code of RViz.
 
 RViz opens a copy of its configuration file. Otherwise Ctrl+S would change the file in the checkout.
 
@@ -54,8 +55,9 @@ def display_problem(display: str) -> Optional[str]:
 
 
 def _connect_to_local_display(number: int) -> None:
-    """Connect to the socket of an X server: in the file system, or Linux's abstract one."""
+    """Connect to the X server of a display on this machine; ConnectionRefusedError if it does not answer."""
     path = f"/tmp/.X11-unix/X{number}"
+    # an X server listens on a socket in the file system, or on an abstract socket, whose name begins with \0
     for name in (path, f"\0{path}"):
         with socket.socket(socket.AF_UNIX) as connection:
             if connection.connect_ex(name) == 0:
@@ -64,7 +66,7 @@ def _connect_to_local_display(number: int) -> None:
 
 
 def run_again_after_crash(command: Sequence[str]) -> int:
-    """Run a command, and run it once more if it crashes; pass SIGINT and SIGTERM on to it.
+    """Run a command, and run it once more if it crashes; pass SIGINT and SIGTERM on to its process.
 
     Returns:
         Exit code of the last run; negative if a signal ended it.
@@ -88,8 +90,8 @@ def run_again_after_crash(command: Sequence[str]) -> int:
             process.send_signal(stopping)
         # negative number of the signal that ended the program, otherwise its exit code
         code = process.wait()
-        # the program has ended by itself, or a person ended it, or it crashed for the second time
-        if code not in CRASHES or stopping or attempt == 2:
+        has_crashed = code in CRASHES
+        if not has_crashed or stopping or attempt == 2:
             break
         name = Path(command[0]).name
         print(f"{name} crashed with {signal.Signals(-code).name}; starting it once more", file=sys.stderr)
@@ -97,14 +99,18 @@ def run_again_after_crash(command: Sequence[str]) -> int:
 
 
 def with_own_config(command: Sequence[str]) -> List[str]:
-    """The command line with a copy of its configuration file, next to the log that roslaunch names.
+    """Copy the configuration file of RViz, and return the command line with the copy in place of the file.
 
-    RViz then saves into the copy, and does not change the original. The command line stays as it is without
-    a file (`-d FILE`), without a log (`__log:=FILE`), and if the file cannot be copied.
+    So RViz saves into the copy, and does not change the original. The copy is written next to the file of the
+    log. The command line stays as it is if it has no configuration file (`-d FILE`), if it has no log
+    (`__log:=FILE`), or if the file cannot be copied.
     """
     words = list(command)
-    # file of the log, which roslaunch gives to every node; the copy of the configuration comes next to it
-    log = next((word[len(LOG) :] for word in words if word.startswith(LOG)), None)
+    log = None
+    for word in words:
+        if word.startswith(LOG):  # roslaunch gives this argument to every node
+            log = word[len(LOG) :]
+            break
     if log is None or CONFIG_OPTION not in words[:-1]:  # a -d in the last word has no file behind it
         return words
     config_index = words.index(CONFIG_OPTION) + 1
@@ -119,7 +125,7 @@ def with_own_config(command: Sequence[str]) -> List[str]:
 
 
 def main() -> None:
-    """Run the command line, if its display answers."""
+    """Run the command line in the arguments of this program, if its display answers."""
     problem = display_problem(os.environ.get("DISPLAY", ""))
     if problem:
         raise SystemExit(f"{Path(sys.argv[1]).name} is not started: {problem}")

@@ -44,9 +44,10 @@ class SharedReceiver:
         threading.Thread(target=self._run, name="receiver", daemon=True).start()
 
     def receive_loop(self, connection: TCPROSTransport, callback: MessagesCallback) -> None:
-        """Take over a connection; this method stands in for rospy's method of this name, which would wait.
+        """Take over a new connection; this method replaces rospy's method of this name.
 
-        rospy calls it in the thread that has connected. The thread ends when this method returns.
+        rospy calls this in the thread that has connected. rospy's own method would receive in that thread
+        until the connection ends. This method returns at once, so that thread ends.
         """
         sock = connection.socket
         if sock is None or connection.done:  # the connection was closed meanwhile
@@ -58,14 +59,15 @@ class SharedReceiver:
             with self._lock:
                 self._connections[sock.fileno()] = connection, callback
                 # EPOLLET keeps the order in which the messages came. Without it, a connection that has just
-                # been read is the first again when the next messages come
+                # been read would be the first again when the next messages come.
                 self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
         except Exception as error:
             _give_back(connection, callback, error)
 
     def _run(self) -> None:
-        """Receive until the node is shut down."""
+        """Wait for data, and deliver the messages, until the node is shut down."""
         while not rospy.core.is_shutdown():
+            # each number is the file descriptor of a socket on which data have come
             for number, _ in self._epoll.poll(SHUTDOWN_POLL_PERIOD):
                 entry = self._connections[number]
                 try:
@@ -80,7 +82,9 @@ class SharedReceiver:
 
 
 def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
-    """Read all data that a socket has, and call the callback for the messages that are complete.
+    """Read all data that have come on a connection, and call the callback for the complete messages.
+
+    The first part of a message that is not complete stays in the buffer of the connection.
 
     Raises:
         TransportTerminated: the publisher has closed the connection.
@@ -115,12 +119,13 @@ def _deliver(connection: TCPROSTransport, callback: MessagesCallback) -> None:
 
 
 def _give_back(connection: TCPROSTransport, callback: MessagesCallback, error: Exception) -> None:
-    """Let rospy handle an error of a connection in a thread: rospy closes it, or connects again."""
+    """Give a connection with an error back to rospy, which closes it or connects again, in a new thread."""
     sock = connection.socket
     if sock is None or connection.done:  # another thread has closed the connection
         return
     # rospy's loop closes the connection if the publisher has ended it. After any other error, the socket
-    # becomes None, so that the loop connects again. The buffer may have the rest of a broken message.
+    # becomes None here, so that the loop connects again. Then the buffer must be empty, because it may have
+    # the rest of a broken message.
     if not isinstance(error, TransportTerminated):
         rospy.core.logerr(f"{connection.name}: {error}; connecting to the publisher again")
         sock.close()
@@ -128,10 +133,11 @@ def _give_back(connection: TCPROSTransport, callback: MessagesCallback, error: E
     threading.Thread(target=_RECEIVE_LOOP, args=(connection, callback), daemon=True).start()
 
 
-_RECEIVE_LOOP = TCPROSTransport.receive_loop
+_RECEIVE_LOOP = TCPROSTransport.receive_loop  # rospy's own method, before it is replaced
 
 
 def receive_in_one_thread() -> None:
     """Let one thread receive all topics of this process; call it before the first subscriber is made."""
     receiver = SharedReceiver()
+    # a function, not the method itself, because a method of another object would not get the connection
     TCPROSTransport.receive_loop = lambda connection, callback: receiver.receive_loop(connection, callback)

@@ -38,15 +38,17 @@ HEADER_TIMEOUT = 10.0  # [s] a connection is closed if no byte of its header has
 class PromptConnection(QueuedConnection):
     """Connection to a subscriber that sends each message at once, in the thread that publishes it.
 
-    If the socket has no room, the rest and all later messages go through rospy's queue and its thread.
+    If the subscriber is busy and the socket has no room, the rest of the message is sent by the thread of the
+    connection (`_run`). Later messages wait in rospy's queue until this thread has sent all earlier ones.
     """
 
-    _queue: List[bytes]
+    _queue: List[bytes]  # messages that wait; this and `_lock` are attributes of rospy's class
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         """Make a connection with an empty queue."""
         self._write_lock = threading.Lock()  # held by the thread that writes to the socket
         self._unsent = b""  # rest of a message of which only the first part was sent
+        # must come last, because rospy's constructor starts the thread, which uses the attributes above
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
@@ -61,9 +63,9 @@ class PromptConnection(QueuedConnection):
         return bool(super().write_data(data))
 
     def _send(self, data: bytes) -> bool:
-        """Send as much as the socket has room for, and leave the rest to the thread, which runs `_run`.
+        """Send as much of a message as the socket has room for, and leave the rest to the thread of `_run`.
 
-        The caller holds `_write_lock`.
+        The caller holds `_write_lock`. The result is always true, as in `write_data`.
         """
         connection = self._connection
         try:
@@ -83,28 +85,33 @@ class PromptConnection(QueuedConnection):
         return True
 
     def _run(self) -> None:
-        """Write the rest of a message, and the queued messages; rospy starts this thread."""
+        """Send what `write_data` could not send at once; rospy runs this in a thread of the connection.
+
+        This thread may wait for the subscriber, because it does not delay the publisher.
+        """
         while not self._connection.done:
             with self._lock:
+                # wait until there is something to send; `_cond_data_available` releases `_lock` meanwhile
                 while not self._queue and not self._unsent and not self._connection.done:
                     self._cond_data_available.wait()
             # while this lock is held, no later message can be written before the messages in the queue
             with self._write_lock:
                 with self._lock:
-                    unsent, queue = self._unsent, self._queue
+                    waiting = self._queue
+                    if self._unsent:  # this must come first, because it is the rest of an older message
+                        waiting = [self._unsent, *waiting]
                     self._unsent, self._queue = b"", []
-                # `unsent` comes first, because it is the rest of an older message
-                for data in [unsent, *queue] if unsent else queue:
+                for data in waiting:
                     try:
                         self._connection.write_data(data)
                     except Exception as error:
-                        # rospy raises this error when a later message is published
                         with self._lock:
+                            # rospy raises this error when a later message is published
                             self._error = error
 
 
 def _read_header(sock: socket.socket, buffer: Any, size: int) -> Any:
-    """Read the header of a connection as rospy does, but with a deadline."""
+    """Read the header of a new connection as rospy does, but raise an error after HEADER_TIMEOUT."""
     sock.settimeout(HEADER_TIMEOUT)
     header = _READ_HEADER(sock, buffer, size)
     sock.settimeout(None)
@@ -112,7 +119,7 @@ def _read_header(sock: socket.socket, buffer: Any, size: int) -> Any:
 
 
 def _accept(server: tcpros_base.TCPROSServer, sock: socket.socket, address: Any) -> None:
-    """Serve a connection in a thread of its own."""
+    """Serve a new connection in a thread of its own, so that a peer that sends nothing delays no other."""
     threading.Thread(target=_SERVE, args=(server, sock, address), name="accepted", daemon=True).start()
 
 
@@ -124,6 +131,7 @@ def _start(node: XmlRpcNode) -> None:
         time.sleep(REGISTRATION_POLL_PERIOD)
 
 
+# rospy's own functions, which the functions above call
 _READ_HEADER, _SERVE = tcpros_base.read_ros_handshake_header, tcpros_base.TCPROSServer._tcp_server_callback
 _START = XmlRpcNode.start
 

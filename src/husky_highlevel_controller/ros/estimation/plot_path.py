@@ -25,7 +25,7 @@ Points = List[Tuple[float, float]]
 
 
 def paths_of_bag(file: Path) -> Dict[str, Points]:
-    """Positions [m] of every topic of odometry in a bag.
+    """Return the positions x, y [m] of each topic of odometry in a bag, by the name of the topic.
 
     Raises:
         HuskyError: the bag cannot be read, or has no such topic.
@@ -35,8 +35,10 @@ def paths_of_bag(file: Path) -> Dict[str, Points]:
         with rosbag.Bag(str(file)) as bag:
             kinds = {topic: info.msg_type for topic, info in bag.get_type_and_topic_info().topics.items()}
             topics = [topic for topic, kind in kinds.items() if kind == KIND]
-            for topic, msg, _ in bag.read_messages(topics=topics) if topics else ():
-                paths.setdefault(topic, []).append(_place(msg))
+            # without this test, `read_messages` would read all topics, because the list is empty
+            if topics:
+                for topic, msg, _ in bag.read_messages(topics=topics):
+                    paths.setdefault(topic, []).append(_position(msg))
     except Exception as error:  # rosbag may raise any error if a bag is damaged
         raise HuskyError(f"{file}: {error}") from None
     if not paths:
@@ -45,7 +47,7 @@ def paths_of_bag(file: Path) -> Dict[str, Points]:
 
 
 def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
-    """Positions [m] that are published until Ctrl-C.
+    """Return the positions x, y [m] that are published on topics of odometry until Ctrl-C, by topic.
 
     Raises:
         HuskyError: there is no ROS master.
@@ -56,7 +58,7 @@ def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
     rospy.init_node("plot_path", anonymous=True, disable_signals=True)
     for topic in topics:
         # rospy calls the function with each message and with the path of the topic
-        rospy.Subscriber(topic, Odometry, lambda msg, path: path.append(_place(msg)), paths[topic])
+        rospy.Subscriber(topic, Odometry, lambda msg, path: path.append(_position(msg)), paths[topic])
     print(f"listening to {', '.join(topics)}: Ctrl-C draws", flush=True)
     try:
         threading.Event().wait()  # only Ctrl-C ends this wait
@@ -65,7 +67,8 @@ def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
     return paths
 
 
-def _place(msg: Odometry) -> Tuple[float, float]:
+def _position(msg: Odometry) -> Tuple[float, float]:
+    """Return x and y of the pose in a message [m]."""
     return msg.pose.pose.position.x, msg.pose.pose.position.y
 
 
@@ -85,18 +88,18 @@ def main() -> None:
         print(f"plot_path: {error}", file=sys.stderr)
         sys.exit(2)
     for name, path in paths.items():
-        # length of the path, which is the sum of the distances between neighbouring points [m]; its last
-        # point [m]
-        length, (x, y) = np.hypot(*np.diff(path, axis=0).T).sum(), path[-1]
+        steps = np.diff(path, axis=0)  # vectors from each point to the next, (N - 1, 2) [m]
+        length = np.hypot(steps[:, 0], steps[:, 1]).sum()
+        x, y = path[-1]
         print(f"{name}: {length:.2f} m, ends at x {x:.3f} m, y {y:.3f} m")
     print(options.output)
 
 
 def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
-    """Return paths (N, 2) [m] by name, from names of bags and of topics.
+    """Return the paths (N, 2) [m] of all sources by name; a source is the name of a bag or of a topic.
 
-    Paths of bags come first, so that a path that is measured now is drawn over them. A path is named by its
-    topic, and by its source, too, if another path has the same topic.
+    Paths of bags come first, so that a path that is measured now is drawn over them. The name of a path is
+    its topic. If an earlier path has the same topic, the name also says the source.
 
     Raises:
         HuskyError: a bag cannot be read, or a topic had no message.

@@ -25,7 +25,7 @@ LONG_DELAY = 0.6  # [s] a warning is logged if IMU samples wait longer than this
 
 
 class CrashStopNode:
-    """Judges every IMU sample."""
+    """Stops the controller after a collision: the IMU feels a change of speed that the wheels do not show."""
 
     def __init__(self) -> None:
         """Read the parameters, and subscribe to odometry and IMU; ConfigError for a wrong parameter."""
@@ -47,6 +47,7 @@ class CrashStopNode:
         self._guard.run()
 
     def _on_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
+        """Give the velocity of the wheels to the crash detector, which compares it with the IMU."""
         with self._detector_lock:
             self._detector.add_odometry(stamp, twist_in_base)
 
@@ -77,10 +78,11 @@ class CrashStopNode:
         self._guard.judge(stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:
-        """Rotation of the IMU in base_link; the identity if TF has no transform."""
+        """Return the rotation of the IMU in base_link; the identity if TF has no transform."""
         if frame.lstrip("/") == BASE:
             return IDENTITY.quat_xyzw
-        return (lookup_pose(self._transforms, BASE, frame) or IDENTITY).quat_xyzw
+        pose = lookup_pose(self._transforms, BASE, frame)
+        return IDENTITY.quat_xyzw if pose is None else pose.quat_xyzw
 
 
 def main() -> None:

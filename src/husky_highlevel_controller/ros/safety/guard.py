@@ -1,7 +1,7 @@
-"""Guard of the stop nodes: latest velocity, one stop of the controller for each danger.
+"""Guard: part of both stop nodes that knows the robot's velocity, and stops the controller in danger.
 
-Once stopped, the controller stands still until it is started again. The guard detects that by the robot's
-motion, and is then ready to stop it again.
+The controller is stopped only once for each danger. Then it stands still until somebody starts it again. The
+guard notices the start by the motion of the robot, and is then ready to stop the controller again.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Guard:
         on_odometry: Optional[Callable[[float, Twist2D], None]] = None,
         queue_size: int = 1,
     ) -> None:
-        """Follow odometry.
+        """Subscribe to odometry, which gives the velocity of the robot.
 
         Args:
             config: the service to call.
@@ -89,13 +89,14 @@ class Guard:
         """Subscribe to the sensor that shows dangers; `run` warns while none of its messages comes."""
 
         def receive(msg: Any) -> None:
+            """Note that the sensor works, and pass its message on."""
             self._has_sensor_message.set()
             callback(msg)
 
         self._sensor = rospy.Subscriber(topic, kind, receive, queue_size=queue_size, tcp_nodelay=True)
 
     def on_odometry(self, msg: Odometry) -> None:
-        """Take the robot's measured velocity."""
+        """Keep the robot's measured velocity, and the stamp for the comparison of clocks."""
         self._odometry = msg
         # `time_of` compares the stamps of the sensor with the stamps of odometry
         self.clocks.add_reference(msg.header.stamp.to_sec())
@@ -103,7 +104,10 @@ class Guard:
             self._odometry_callback(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
 
     def time_of(self, stamp: float, who: str, effect: str) -> float:
-        """Time of a message by odometry's clock [s]: its stamp, or the stamp of the newest odometry.
+        """Return the time of a sensor's message by odometry's clock [s].
+
+        This is the stamp of the message if the clocks of sensor and odometry agree. Otherwise the stamp would
+        not show which velocity the robot had, so it is the stamp of the newest odometry, with a warning.
 
         Args:
             stamp: stamp of the message [s].
@@ -111,31 +115,37 @@ class Guard:
             effect: end of this warning, which says how the difference is handled.
         """
         self.clocks.add(stamp, time.monotonic())
-        # the stamp is right if the clocks agree; an offset within the tolerance is exactly 0
+        # the clocks agree; an offset within the tolerance is exactly 0
         if self.clocks.seconds == 0.0 or self._odometry is None:
             return stamp
-        # a stamp of 0 is a missing stamp
-        sentence = clock_sentence(who, self.clocks.seconds, "odometry") if stamp else zero_sentence(who)
+        if stamp == 0.0:  # the driver of the sensor does not set stamps
+            sentence = zero_sentence(who)
+        else:
+            sentence = clock_sentence(who, self.clocks.seconds, "odometry")
         rospy.logwarn_throttle(REPORT_PERIOD, f"{sentence}; until then {effect}")
         newest: float = self._odometry.header.stamp.to_sec()
         return newest
 
     def twist(self, stamp: float) -> Optional[Twist2D]:
-        """Velocity of the robot at a time [s]; None if odometry is missing or not close to this time."""
+        """Return the velocity of the robot at a time [s]; None if odometry has none near this time."""
         msg = self._odometry
         if msg is None or abs(stamp - msg.header.stamp.to_sec()) > MAX_VELOCITY_AGE:
             return None
         return conversions.twist_from_msg(msg.twist.twist)
 
     def judge(self, stamp: float, danger: Optional[str]) -> None:
-        """Stop the controller if there is a `danger`, given as a text, but only once for each danger.
+        """Stop the controller in danger, but only once, until somebody has started the robot again.
 
-        The guard is active again when the robot moves. `stamp` [s] is by odometry's clock, see `time_of`.
+        Call this for every message of the sensor, also without a danger, because it notices the start.
+
+        Args:
+            stamp: time of the message by odometry's clock [s], see `time_of`.
+            danger: text that describes the danger; None if there is no danger.
         """
         twist = self.twist(stamp)
         moving = twist is None or is_moving(twist)  # a robot without odometry may be moving
-        # the latch is tripped from a stop until the robot moves again; while it is tripped, no danger stops
-        # the controller once more
+        # the latch is tripped from a stop until somebody has started the robot again; while it is tripped, no
+        # danger stops the controller
         latch, must_stop = advance_latch(self._latch, danger=danger is not None, moving=moving, stamp=stamp)
         if self._latch.tripped_at is not None and latch.tripped_at is None:
             rospy.loginfo("guard active again: the robot moves")
@@ -144,7 +154,10 @@ class Guard:
             self._stop_request.start(danger)
 
     def run(self) -> None:
-        """Wait for the service, and serve stops until the node is shut down."""
+        """Wait for the stop service, then warn while the sensor is silent, until the node is shut down.
+
+        The stops themselves are served in a thread of their own, also while this method waits.
+        """
         threading.Thread(target=self._stop_request.run, args=(rospy.is_shutdown,), daemon=True).start()
         self._registration.start()
         while not self._is_over.is_set():
@@ -166,7 +179,7 @@ class Guard:
         while not self._is_over.wait(REPORT_PERIOD):
             now, has_come = rospy.get_time(), self._has_sensor_message.is_set()
             self._has_sensor_message.clear()
-            # if simulated time is paused, the sensors are silent
+            # sensors are silent in a pause of simulated time, in which `now` does not advance
             if self._sensor is not None and not has_come and now > earlier:
                 rospy.logwarn(
                     f"guard inactive: no message on {self._sensor.resolved_name} for {REPORT_PERIOD:g} s; "
@@ -175,7 +188,7 @@ class Guard:
             earlier = now
 
     def _call(self) -> Optional[str]:
-        """Call the service. Return the reason of a failure, or None."""
+        """Stop the controller by its service, and return the reason of a failure, or None."""
         try:
             answer = rospy.ServiceProxy(self._stop_service, SetBool)(False)  # false stops the controller
         except (rospy.ServiceException, rospy.ROSException) as error:
@@ -183,6 +196,7 @@ class Guard:
         return None if answer.success else f"it answered '{answer.message}'"
 
     def _command_zero(self) -> None:
+        """Publish one zero command, with a higher priority than the controller's commands."""
         publish(self._zero_publisher, conversions.twist_to_msg(STOP))
 
     def _on_failure(self, danger: str, reason: str) -> None:

@@ -25,7 +25,7 @@ STARTING_TIME = 1.0
 
 
 class ProximityStopNode:
-    """Checks every scan for obstacles in the robot's path."""
+    """Checks every scan, and stops the controller if the robot must brake now to avoid an obstacle."""
 
     def __init__(self) -> None:
         """Read the parameters, and subscribe to odometry and scans; ConfigError for a wrong parameter."""

@@ -1,7 +1,7 @@
 """Stop request of a guard: calls the stop service until it is answered, and commands zero meanwhile.
 
-Each call of the service has a thread of its own. So a server that accepts a call and never answers blocks
-neither the callbacks of the sensors nor the next call.
+Each call of the service has a thread of its own. So if the controller accepts a call and never answers, the
+callbacks of the sensors and the next call still work.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ MAX_HUNG_CALLS = 5  # largest number of calls that may hang at the same time; th
 
 
 class StopRequest:
-    """Request to stop: at most one is pending, served by one thread."""
+    """Request to stop the controller; callbacks start it, and one thread (`run`) serves it.
+
+    At most one request is pending. Further dangers are then ignored, because the controller is being stopped.
+    """
 
     def __init__(
         self,
@@ -36,7 +39,8 @@ class StopRequest:
         """Set up without a pending stop.
 
         Args:
-            call: calls the service, and returns the reason of a failure, or None. May hang or raise.
+            call: calls the service, and returns the reason of a failure, or None. It may never return, and it
+                may raise any error.
             command_zero: publishes a zero Twist.
             on_failure: gets the danger and the reason after each failed call.
             on_success: gets the danger when the service has answered.
@@ -59,20 +63,19 @@ class StopRequest:
                 self._dangers.put_nowait(danger)
 
     def run(self, is_shutdown: Callable[[], bool]) -> None:
-        """Serve stops until the node is shut down."""
+        """Serve the requests, one after the other, until the node is shut down."""
         while not is_shutdown():
             try:
                 danger = self._dangers.get(timeout=ZERO_PERIOD)
             except queue.Empty:
                 continue
             while self.pending and not is_shutdown():
-                # an error leaves `pending` true, so the request is served again
                 with contained("the stop of the controller"):
                     self._serve(danger, is_shutdown)
                     # The next line needs no lock, because `start` changes nothing while `pending` is true. So
                     # `start` ignores a danger that comes now, but the controller has just been stopped.
                     self.pending = False
-                if self.pending:
+                if self.pending:  # an error has come before the last line, so the request is served again
                     time.sleep(ZERO_PERIOD)
 
     def _serve(self, danger: str, is_shutdown: Callable[[], bool]) -> None:
