@@ -201,7 +201,7 @@ def _source(file_or_module: str) -> Tuple[str, str]:
     try:
         path = Path(file_or_module)
         if path.suffix != ".py":
-            # a module that is not found, or that has no file, keeps or gets a path at which `read_text` fails
+            # if the module is not found, or has no file, the path is not a file, so `read_text` below fails
             spec = importlib.util.find_spec(file_or_module)
             if spec is not None:
                 path = Path(spec.origin or "")

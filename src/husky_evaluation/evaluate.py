@@ -48,7 +48,7 @@ from husky_highlevel_controller.course import PILLAR_NAME
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table
 
-TOUCHING = ControlConfig(stop_distance=0.0)  # control with which the robot drives until it touches the pillar
+TOUCHING = ControlConfig(stop_distance=0.0)  # control of a robot that drives until it touches the pillar
 
 
 HEADER = ("figure", "value", "wanted", "verdict")

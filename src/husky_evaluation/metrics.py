@@ -54,7 +54,7 @@ def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SIC
     x, y, _ = scene.pillar
     pillars = find_pillars(scene.scan, PillarConfig())
     error = min((hypot(p.x - x, p.y - y) for p in pillars), default=inf)
-    return error if error < SAME_PILLAR else inf
+    return error if error < SAME_PILLAR else inf  # a found pillar that is farther away is another object
 
 
 def false_pillars(number: int, seed: int, lidar: LidarConfig = SICK) -> int:
@@ -151,7 +151,7 @@ def time_limit(setup: Setup) -> float:
 
 
 def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
-    """Return the metrics of a rollout."""
+    """Return the metrics of a run, by the true positions of the robot and the pillar."""
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     base_x, base_y, yaw = trace.poses.T
@@ -192,8 +192,8 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
     if length < speed**2 / acceleration:  # the robot brakes before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
-    # time at full speed, plus the time that acceleration and braking cost: half of speed / acceleration for
-    # each of them
+    # at full speed, the way takes length / speed; speeding up and braking each take half of
+    # speed / acceleration more
     return length / speed + speed / acceleration
 
 

@@ -195,7 +195,7 @@ def _trace(rows: Sequence[_Row], touches: Mapping[str, float]) -> Trace:
     arrays = {}
     for name, width in COLUMNS.items():
         column = np.array([getattr(row, name) for row in rows], dtype=float)
-        # (N, width), or (N,) if the width is 0; without rows, an array has no shape of its own
+        # the shape is (N, width), or (N,) if the width is 0; it is set here, because N may be 0
         array = column.reshape((-1, width) if width else -1)
         array.setflags(write=False)
         arrays[name] = array

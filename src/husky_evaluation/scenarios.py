@@ -33,8 +33,8 @@ _FREE = 0.3
 # [rad] largest bearing of random objects to the left or right, so that they are in the Husky's view
 _SIDE = 2.3
 _THIN = 0.01  # [m] thickness of walls
-# [rad] the pillar's centre is at least this angle inside the first and last beam, if the lidar's view is
-# narrower than _SIDE
+# [rad] smallest angle between the pillar's centre and the first or last beam, if the lidar's view is narrower
+# than _SIDE
 _EDGE = 0.05
 # part of the random seed, so that the scans with a pillar and those without have different random numbers
 _WITH_PILLAR, _WITHOUT_PILLAR = 1, 2
@@ -86,7 +86,7 @@ def random_starts(count: int, seed: int) -> List[Scenario]:
 def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
     """Return a scan with these ranges; as in REP 117, a range is inf if it is too far, -inf if too close."""
     ranges = np.asarray(ranges, dtype=float)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # otherwise a comparison with nan prints a warning
         ranges = np.where(ranges >= lidar.range_max, np.inf, ranges)
         ranges = np.where(ranges <= lidar.range_min, -np.inf, ranges)
     return Scan(

@@ -212,7 +212,8 @@ def parse_axis(text: str) -> Axis:
     except ValueError as error:
         raise ConfigError(f"{name} = '{grid}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
     if kind is int:
-        values = [int(round(value)) for value in values]  # rounding may make several values equal
+        values = [int(round(value)) for value in values]
+    # the values without repetitions, because rounding may make several values equal
     different_values = tuple(dict.fromkeys(values))
     for value in different_values:
         Setup().with_values({name: value})  # only a check: it raises an error if the value is not allowed

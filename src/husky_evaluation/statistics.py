@@ -54,5 +54,6 @@ def paired_row(title: str, sides: ArrayLike, unit: str, factor: float = 1.0) -> 
         factor: factor from the unit of the values to this unit, such as 100 from m to cm.
     """
     a, b = np.asarray(sides, dtype=float)
-    mean_a, mean_b = (factor * float(side.mean()) if len(side) else nan for side in (a, b))
+    mean_a = factor * float(a.mean()) if len(a) else nan
+    mean_b = factor * float(b.mean()) if len(b) else nan
     return title, mean_a, mean_b, bootstrap(b - a).summary(unit, factor)

@@ -316,8 +316,9 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     help_text = _help_text(metadata)
     if kind is Any:
         return value
-    # YAML reads 1 as an int; for a parameter of type float, an int is accepted
-    if type(value) is not kind and not (kind is float and type(value) is int):
+    # YAML reads 1 as an int, so an int is accepted for a float
+    is_int_for_float = kind is float and type(value) is int
+    if type(value) is not kind and not is_int_for_float:
         # an error about a parameter calls the type "float", and an error about a file calls it "number"
         type_name = kind.__name__ if from_parameters else _TYPE_NAMES[kind]
         raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")

@@ -272,7 +272,7 @@ class ImuSample(NamedTuple):
     """Sample of an inertial measurement unit; on the Husky along base_link's axes."""
 
     stamp: float  # [s]
-    # orientation of the sensor; roll and pitch are true, but the heading has an arbitrary zero
+    # orientation of the sensor; roll and pitch are true, but the heading counts from an unknown direction
     quat_xyzw: Quaternion
     angular_velocity: Vector3  # [rad/s] components along the sensor's axes
     specific_force: Vector3  # [m/s^2] components along the sensor's axes; at rest 9.8 m/s^2 upwards (REP 145)

@@ -25,8 +25,12 @@ class UnknownDependency(NamedTuple):
 
 def dependencies_of(root: Any) -> List[str]:
     """Return the names of the dependencies of a package.xml, by the root of its ElementTree."""
-    names = [str(node.text or "").strip() for tag in TAGS for node in root.iter(tag)]
-    return sorted({name for name in names if name})
+    names = set()
+    for tag in TAGS:
+        for node in root.iter(tag):
+            names.add(str(node.text or "").strip())
+    names.discard("")
+    return sorted(names)
 
 
 def unknown_dependencies(

@@ -89,8 +89,8 @@ def quat_between(start: Vector3, end: Vector3) -> Quaternion:
     if along < -1.0 + 1e-9:
         axis = unit(cross(start, (1.0, 0.0, 0.0))) or (0.0, 0.0, 1.0)
         return (*axis, 0.0)
-    # with the angle a, the vector product has the length sin(a), and `length` is 2 cos(a/2); so x, y and z
-    # are divided to the length sin(a/2), and w is cos(a/2)
+    # With the angle a between the vectors, their product (x, y, z) has the length sin(a), and `length` is
+    # 2 cos(a/2). Divided by it, the product has the length sin(a/2), as a quaternion needs; w is cos(a/2).
     (x, y, z), length = cross(start, end), sqrt(2.0 + 2.0 * along)
     return (x / length, y / length, z / length, length / 2.0)
 

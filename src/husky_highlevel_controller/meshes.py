@@ -65,7 +65,7 @@ def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
     # signed volumes of the tetrahedra from each face to the lowest corner of the box, (F,)
     parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
     volume, box_volume = float(parts.sum()), float(np.prod(high - low))
-    # the signed volumes of an open mesh may add up to any number; only a plausible volume is believed
+    # the signed volumes of an open mesh may add up to any number, so only a plausible sum counts
     is_closed = _SOLID * box_volume < abs(volume) <= box_volume
     if not is_closed:
         x, y, z = ((low + high) / 2.0).tolist()

@@ -117,7 +117,7 @@ def _is_importable(module: str) -> bool:
     """Return whether Python finds a module, without loading it."""
     try:
         return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):  # a broken package
+    except (ImportError, ValueError):  # the package is broken
         return False
 
 

@@ -116,7 +116,8 @@ class Robot:
     def footprint(self) -> Footprint:
         """Return the outline of the robot from above: the hull, and a strip for the wheels of either side."""
         separation, width = self.drive.wheel_separation, self.wheels.width
-        half_strip = self.wheels.base / 2.0 + self.drive.wheel_radius  # middle to the end of a wheel
+        # [m] distance from the middle of the robot to the front end of a front wheel
+        half_strip = self.wheels.base / 2.0 + self.drive.wheel_radius
         return Footprint(
             hull=(self.hull.length / 2.0, self.hull.width / 2.0),
             wheels=(half_strip, (separation - width) / 2.0, (separation + width) / 2.0),

@@ -141,7 +141,11 @@ def joined_links(
     links: Mapping[str, ET.Element], joints: Iterable[ET.Element]
 ) -> Tuple[Tuple[str, str, Pose], ...]:
     """Return parent, child and the pose of the child in the parent for each joint, at position 0."""
-    return tuple((*ends_of(joint, links), origin_of(joint, label_of(joint))) for joint in joints)
+    joined = []
+    for joint in joints:
+        parent, child = ends_of(joint, links)
+        joined.append((parent, child, origin_of(joint, label_of(joint))))
+    return tuple(joined)
 
 
 def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
@@ -171,4 +175,5 @@ def write_origin(element: ET.Element, pose: Pose) -> None:
 
 def text_of(numbers: Sequence[float]) -> str:
     """Return numbers as the text of an attribute, with all digits."""
-    return " ".join(repr(float(number) + 0.0) for number in numbers)  # `+ 0.0` turns -0.0 into 0.0
+    # `+ 0.0` turns -0.0 into 0.0
+    return " ".join(repr(float(number) + 0.0) for number in numbers)

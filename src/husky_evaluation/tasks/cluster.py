@@ -111,7 +111,7 @@ class Cluster:
                     if isinstance(failure, KilledWorker):
                         place = f"task {number + 1} of {len(groups)}"
                         failure = HuskyError(f"every worker that did {place} ended: {failure}")
-                    yield number, failure or _unpacked(future.result())
+                    yield number, _unpacked(future.result()) if failure is None else failure
         except (CommClosedError, CancelledError, OSError) as error:
             raise HuskyError(f"--cluster {self._address}: the scheduler has gone: {error}") from None
         finally:
@@ -146,8 +146,7 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
-            # the scheduler's facts on each connected worker; the key is the worker's address; -1 asks for all
-            # workers
+            # descriptions of all connected workers, by their addresses; -1 asks for all workers
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
             self._check({address: info for address, info in infos.items() if address not in self._refused})
             # a worker that has passed the check may have left since then
@@ -174,7 +173,7 @@ class Cluster:
     def _check(self, infos: Dict[str, Dict[str, Any]]) -> None:
         """Add each new worker that answers to `_fit` or `_refused`, and print the rejected ones.
 
-        `infos` has the scheduler's facts on each worker that is not rejected, by its address.
+        `infos` has the scheduler's description of each worker that is not rejected, by the worker's address.
         """
         new = [address for address in infos if address not in self._fit]
         if not new:

@@ -82,7 +82,8 @@ def run_here(
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         raise error  # a process has ended; the `except` block below handles this
-                    yield running.pop(future), error or future.result()
+                    number = running.pop(future)
+                    yield number, future.result() if error is None else error
         except BrokenProcessPool:
             # if one process ends, the pool is broken and loses the groups of all its processes; the outer
             # loop makes another pool

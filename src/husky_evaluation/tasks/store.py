@@ -34,7 +34,7 @@ class Store:
                 # `connect` does not read the file, so an existing file of another kind causes an error here
                 self._file.execute("CREATE TABLE IF NOT EXISTS results (key TEXT PRIMARY KEY, result BLOB)")
             except sqlite3.Error:
-                self._file.close()
+                self._file.close()  # otherwise the file would stay open
                 raise
         except (sqlite3.Error, OSError) as error:
             raise HuskyError(f"{path} cannot keep results: {error}") from error

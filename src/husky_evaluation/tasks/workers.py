@@ -79,7 +79,8 @@ class Workers:
         items = list(items)
         results = dict(self.as_completed(task, items, title, chunk, starts_programs))
         ordered = [results[number] for number in range(len(items))]
-        # for `results_hash`, which does not depend on the order in which the results came
+        # the results are hashed in the order of the items, so `results_hash` does not depend on the order in
+        # which they came
         self._digest.update(fingerprint(ordered).encode())
         return ordered
 

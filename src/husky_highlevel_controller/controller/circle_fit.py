@@ -22,8 +22,8 @@ _Y_WEIGHT = 1e-3
 _X_WEIGHT = 1e-6
 # weight instead of _RADIUS_WEIGHT and _Y_WEIGHT when the radius is computed from the beams alone
 _FREE_WEIGHT = 1e-4
-# a smaller cosine of a beam's angle of incidence counts as this one; otherwise, beams that graze the circle
-# would get a very large weight
+# a smaller cosine of the angle at which a beam meets the circle counts as this one; otherwise, beams that
+# only touch the circle's edge would get a very large weight
 MIN_COSINE = 0.3
 MAX_STEPS = 6
 # [m] the fit ends with a step smaller than this, because the next step would be a thousand times smaller
@@ -155,8 +155,8 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         (x, y, r), step_length = _improved((x, y, r), products, radius)
         if step_length < _SETTLED:
             break
-    # radius by the beams alone, without the prior, and its possible error `free_slack`; `products` and
-    # `error` belong to the circle before the last step
+    # Radius by the beams alone, without the expected radius, and its possible error `free_slack`. `products`
+    # and `error` belong to the circle before the last step, so the change is added to `last_radius`.
     free_change, free_slack = _free_radius(products, len(error), noise)
     residual = sqrt(float(error @ error) / len(error))
     sum_squared_error = products[3][3]  # sum_i w_i e_i^2

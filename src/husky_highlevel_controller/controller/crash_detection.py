@@ -40,8 +40,8 @@ LEVELLING_TIME = 2.0
 # [m/s^2] the accelerometer corrects the direction of gravity less if the measured force differs from gravity
 # by more than this, because such a force is a shock
 LEVELLING_FORCE = 20.0
-# [s] odometry may come this much later than IMU samples, so with each sample a change of velocity is judged
-# that ended this long before the sample
+# [s] Odometry may come this much later than IMU samples. So with each IMU sample, the detector judges a
+# change of velocity that ended this long before the sample.
 LATENESS = 0.05
 # [s] a change of velocity is the mean velocity over the last AFTER minus the mean velocity over an earlier
 # time of length BEFORE
@@ -54,11 +54,11 @@ LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between
 PATIENCE = 2.0  # [s] IMU samples are evaluated without odometry if no odometry has come for this time
 LONGEST_WAIT = 2.5  # [s] an IMU sample that has waited this long for its odometry is evaluated without it
 LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that come later than odometry
-# [m/s^2] a shock from below also causes horizontal force, so the part of the force ahead above this limit is
-# reduced by the size of the vertical force; the vertical force is cut off at this limit
+# [m/s^2] A shock from below also causes horizontal force. So the part of the force ahead that is above this
+# limit is reduced by the size of the vertical force. The vertical force itself is cut off at this limit.
 SHOCK_FORCE = 6.0
-# [m/s] ground with this vibration or more counts as fully rough, and ground with less vibration as partly
-# rough; a real Husky A200 has 0.005 at rest, 0.03 on flooring
+# [m/s] Ground with this vibration or more counts as fully rough, and ground with less vibration as partly
+# rough. A real Husky A200 measures 0.005 at rest and 0.03 on flooring.
 ROUGH_VIBRATION = 0.013
 # vibration of the ground may change the sideways velocity this many times more than the forward velocity,
 # because the body rolls on its tyres
@@ -390,7 +390,7 @@ class CrashDetector:
                 pushed_left += left_by
         vibration, vibration_before = self._add_vibration(swung_left * swung_left + swung_up * swung_up, end)
         learning = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
-        # until `_levelling_time` reaches LEVELLING_TIME, it is the time since the first sample
+        # `_levelling_time` is the time since the first sample, as long as that is shorter than LEVELLING_TIME
         if self._levelling_time < learning:
             return None
         # A push from the side counts only as far as the robot keeps the velocity that it gained, so the
@@ -428,7 +428,7 @@ class CrashDetector:
         increment within one of these times changes only a part of that mean, so it counts partly. `age` is
         the time from the increment to the end of the change [s].
         """
-        since_begin = AFTER + self._config.window + BEFORE - age  # [s] time from the begin of the change
+        since_begin = AFTER + self._config.window + BEFORE - age  # [s] time from the beginning of the change
         return max(min(age / AFTER, since_begin / BEFORE, 1.0), 0.0)
 
     def _unexplained_loss(self, change_ahead: float, end: float) -> float:

@@ -51,8 +51,8 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-# a segment is the corner of a box and not a pillar if a corner fits better than the circle by this lead (see
-# LINE_ODDS) for each beam
+# A segment is the corner of a box and not a pillar if a corner fits better than the circle by a large lead
+# (see LINE_ODDS). The limit of the lead is this number times the number of beams.
 _CORNER_ODDS = 1.0
 # if a scan has at most this many segments, all are fitted exactly without the coarse test, because this test
 # takes as long as a few fits
@@ -143,10 +143,11 @@ def _starts_of_bodies(
         # [m] distance between the two beams at the shorter of their ranges; a range may be negative if the
         # driver's range_min is negative, and then counts as 0
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        # the formula for `depth` is largest at a spacing of one radius; a larger spacing counts as one radius
+        # `depth` grows until the spacing is one radius, so a larger spacing counts as one radius
         spacing = np.minimum(spacing, radius)
         # [m] largest difference of two ranges on one pillar. The difference is largest if one beam meets the
-        # edge of the circle. The other beam is `spacing` away, and meets the circle this much earlier.
+        # outermost point of the circle. The other beam is nearer to the circle's middle by `spacing`, and
+        # meets the circle this much earlier.
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different

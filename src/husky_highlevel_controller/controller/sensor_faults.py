@@ -14,8 +14,9 @@ WINDOW, MIN_MESSAGES = 0.5, 5
 # [s] the window in which two clocks are compared ends after this wall time at the latest, even if no
 # reference message has come
 MAX_WINDOW = 2.0
-# [s] the robot stands still if a measurement shows the lidar's clock ahead of odometry's clock by more than
-# this; 0.5 s is allowed, and the measurement may be too large by a period of odometry, up to 0.05 s
+# [s] The robot stands still if the lidar's clock is measured to be ahead of odometry's clock by more than
+# this. An offset of 0.5 s is allowed, and the measured offset may be too large by a period of odometry, up to
+# 0.05 s.
 MAX_OFFSET = 0.55
 
 

@@ -36,8 +36,8 @@ _MANY_BEAMS = 8  # a pillar with at least this many beams is accepted even at a 
 _LONGEST_PERIOD = 0.1
 # [m/sqrt(s)] odom drifts, so the standard deviation of a remembered position grows by this times sqrt(time)
 _DRIFT = 0.02
-# a pillar of a scan can be the remembered pillar if their distance is below _GATE [m] plus _GATE_FRACTION of
-# the pillar's range, plus the uncertainty of the remembered position
+# A pillar of a scan can be the remembered pillar only if it is near the remembered position. The limit of the
+# distance is _GATE [m], plus _GATE_FRACTION of the pillar's range, plus the uncertainty of the position.
 _GATE, _GATE_FRACTION = 0.5, 0.03
 # [m] a larger standard deviation of a position counts as this, which limits the distance of a match
 _LARGEST_DEVIATION = 0.3

@@ -164,7 +164,7 @@ def _is_off(key: str, value: Any) -> bool:
     """
     if key.endswith("_rejection_threshold"):
         return value is False
-    # false is a number for Python, and is equal to 0
+    # for Python, false is equal to the number 0, so false switches a feature off, too
     numbers = value if isinstance(value, list) else [value]
     return all(isinstance(number, (int, float)) and number == 0 for number in numbers)
 

@@ -33,11 +33,11 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] if the last measurement is at least this much older than the next estimate, the filter predicts
-        # this estimate
-        self._sensor_timeout = (
-            1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
-        )
+        # [s] an estimate is predicted if no measurement has come for this time before it; one period if the
+        # option is not given
+        self._sensor_timeout = 1.0 / options.frequency
+        if options.sensor_timeout is not None:
+            self._sensor_timeout = options.sensor_timeout
         self._sensors = {
             name: MotionSensor(name, item, options.gravitational_acceleration)
             for name, item in config.inputs.items()

@@ -145,7 +145,8 @@ class MotionSensor:
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
 
         if self._config.differential:
-            last, self._last_reading = self._last_reading, (reading.stamp, pose, covariance)
+            last = self._last_reading
+            self._last_reading = (reading.stamp, pose, covariance)
             if last is None:
                 return None
             last_stamp, last_pose, last_covariance = last
