@@ -39,12 +39,12 @@ class CameraConfig:
 
     @property
     def vertical_field_of_view(self) -> float:
-        """Angle from the upper edge to the lower one [rad]."""
+        """Angle from the upper edge to the lower edge of the image [rad]."""
         return 2.0 * atan(self.height / 2.0 / self.focal_length)
 
     @property
     def center(self) -> Tuple[float, float]:
-        """Pixel of the optical axis: column, row [px]; pixels are counted at their middles."""
+        """Column and row of the optical axis in the image [px]; a whole number is the middle of a pixel."""
         return (self.width - 1) / 2.0, (self.height - 1) / 2.0
 
 
@@ -57,9 +57,14 @@ class CameraSetup:
 
 
 def image_of(buffer: np.ndarray, config: CameraConfig) -> np.ndarray:
-    """Return the depths along the camera's z axis, (height, width) float32 [m], of an OpenGL depth buffer.
+    """Convert an OpenGL depth buffer to a depth image, (height, width) float32 [m].
 
-    The values of the buffer are within 0..1. A depth is NaN if there is no surface up to the far limit.
+    A depth is the distance along the camera's z axis; NaN if there is no surface up to the far limit.
+
+    Args:
+        buffer: values (height, width) within 0..1, from the near limit to the far limit; they are not
+            proportional to the depth.
+        config: limits of the camera.
     """
     near, far = config.near, config.far
     depth = far * near / (far - (far - near) * np.asarray(buffer, dtype=float))
@@ -69,8 +74,8 @@ def image_of(buffer: np.ndarray, config: CameraConfig) -> np.ndarray:
 
 def points_in_image(depth: np.ndarray, config: CameraConfig) -> np.ndarray:
     """Return the point that each pixel sees in the camera's optical frame, (height, width, 3) float32 [m]."""
-    u, v = config.center
+    center_column, center_row = config.center
     height, width = depth.shape
-    x = (np.arange(width) - u) / config.focal_length * depth
-    y = (np.arange(height) - v)[:, None] / config.focal_length * depth
+    x = (np.arange(width) - center_column) / config.focal_length * depth
+    y = (np.arange(height) - center_row)[:, None] / config.focal_length * depth
     return np.stack([x, y, depth], axis=-1).astype(np.float32)

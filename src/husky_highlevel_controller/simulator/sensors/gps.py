@@ -2,9 +2,10 @@
 
 In: the true motion of base_link. Out: a `GpsFix`.
 
-As in husky_description 0.6.10, x points east (reference heading 90 degrees) and the position's error is a
-Gauss-Markov process with a time constant of an hour (default of hector_gazebo_plugins). The velocities are
-along north, west and up. The radii of the earth are from WGS 84.
+As in husky_description 0.6.10, x of the world points east (reference heading 90 degrees), and the velocities
+are along north, west and up. The error of the position is a Gauss-Markov process: a random walk that is
+pulled back to 0, with a time constant of an hour (default of hector_gazebo_plugins). The radii of the earth
+are from WGS 84.
 """
 
 from __future__ import annotations
@@ -38,12 +39,13 @@ class Gps:
         """Make a receiver; `period` is the time from sample to sample [s]."""
         self._config = config
         self._kept_fraction = exp(-period / DRIFT_TIME)  # fraction of the last error in the next error
-        # [m] radii of the earth for motion to the north and to the east, see `sample`
+        # The earth is an ellipsoid, so motion to the north and motion to the east are on circles of different
+        # radii [m]. `sample` computes latitude and longitude with these radii.
         latitude = radians(config.latitude)
-        eccentricity2 = FLATTENING * (2.0 - FLATTENING)
-        curvature = 1.0 - eccentricity2 * sin(latitude) ** 2
-        self._north_radius = EQUATORIAL_RADIUS * (1.0 - eccentricity2) / curvature**1.5
-        self._east_radius = EQUATORIAL_RADIUS * cos(latitude) / sqrt(curvature)
+        eccentricity_squared = FLATTENING * (2.0 - FLATTENING)
+        term = 1.0 - eccentricity_squared * sin(latitude) ** 2  # a term of both formulas of WGS 84
+        self._north_radius = EQUATORIAL_RADIUS * (1.0 - eccentricity_squared) / term**1.5
+        self._east_radius = EQUATORIAL_RADIUS * cos(latitude) / sqrt(term)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Restart with errors from `rng`."""
@@ -52,11 +54,13 @@ class Gps:
 
     def sample(self, state: RobotState, stamp: float) -> GpsFix:
         """Return the fix at `stamp` [s], one period after the last fix."""
-        # each new error is a part of the last error plus a random part, so that the standard deviation stays
-        # `drift`
-        new_part = self._config.drift * sqrt(1.0 - self._kept_fraction**2)
+        # each new error is a fraction of the last error plus a random part, whose size is such that the
+        # standard deviation of the error stays `drift`
+        random_size = self._config.drift * sqrt(1.0 - self._kept_fraction**2)
         draws = self._rng.standard_normal(3).tolist()
-        self._error = [self._kept_fraction * old + new_part * draw for old, draw in zip(self._error, draws)]
+        self._error = [
+            self._kept_fraction * last + random_size * draw for last, draw in zip(self._error, draws)
+        ]
         east, north, up = (true + error for true, error in zip(state.pose_in_world.position, self._error))
         vx, vy, vz = rotate(state.pose_in_world.quat_xyzw, state.velocity_in_base)
         return GpsFix(

@@ -2,9 +2,12 @@
 
 In: the true motion of base_link, gravity, a random generator. Out: an `ImuSample`, a `MagSample`.
 
+Specific force is what an accelerometer measures: the acceleration minus gravity. At rest it is 9.8 m/s^2
+upwards.
+
 The Husky's plugin measures at base_link's origin, and its messages name that frame, although its imu_link is
-0.19 m further ahead. The SMB's plugin measures at its imu_link, where turning adds the centripetal
-acceleration.
+0.19 m further ahead. The SMB's plugin measures at its imu_link. There the centripetal acceleration of a turn
+is added.
 
 The magnetic field is the field at 49.9 N 8.9 E, the place of the world (IGRF, rounded): 20.4 uT north, 1.3 uT
 east, 44.7 uT down. The world's x points east, as for the satellite receiver. The robot's own steel and
@@ -37,8 +40,8 @@ class ImuConfig:
 class Imu:
     """An IMU on base_link, along base_link's axes.
 
-    The specific force is the mean over a period, as if an accelerometer integrates from sample to sample. So
-    even a knock of a millisecond is in one sample, and only in one.
+    The specific force is the mean from the last sample to this sample, and comes from the change of the
+    velocity. So even a knock of a millisecond has an effect, on exactly one sample.
     """
 
     def __init__(
@@ -48,7 +51,14 @@ class Imu:
         gravity_in_world: Vector3,
         position_in_base: Vector3 = (0.0, 0.0, 0.0),
     ) -> None:
-        """Make an IMU; `period` is the time from sample to sample [s]."""
+        """Make an IMU.
+
+        Args:
+            config: noise.
+            period: time from sample to sample [s].
+            gravity_in_world: acceleration of gravity [m/s^2].
+            position_in_base: place of the IMU in base_link [m].
+        """
         self._config, self._period, self._gravity_in_world = config, period, gravity_in_world
         self._position_in_base = position_in_base
 
@@ -65,11 +75,12 @@ class Imu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """Return the sample at `stamp` [s], one period after the last sample."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
-        turning = cross(state.angular_velocity_in_base, self._position_in_base)
         # velocity of the IMU: v + w x r; `minus` with the factor -1 adds
-        velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))
-        # the specific force is computed in the world's frame, where gravity is constant and where old and new
-        # velocities can be subtracted
+        velocity_by_turning = cross(state.angular_velocity_in_base, self._position_in_base)
+        velocity_in_base = minus(state.velocity_in_base, velocity_by_turning, -1.0)
+        velocity_in_world = rotate(attitude, velocity_in_base)
+        # The specific force is computed along the axes of the world, because the axes of base_link may have
+        # turned since the last sample.
         force_in_world = [
             (now - before) / self._period - gravity
             for before, now, gravity in zip(

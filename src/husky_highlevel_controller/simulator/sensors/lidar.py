@@ -42,7 +42,14 @@ class Lidar:
     """A planar lidar on base_link."""
 
     def __init__(self, config: LidarConfig, cast_rays: CastRays, frame: str, pose_in_base: Pose) -> None:
-        """Make a lidar at a pose in base_link; `frame` is the frame of its scans."""
+        """Make a lidar.
+
+        Args:
+            config: beams, range and noise.
+            cast_rays: measures true distances along beams.
+            frame: name of the frame of the scans.
+            pose_in_base: pose of the lidar in base_link.
+        """
         self._config, self._cast_rays = config, cast_rays
         self._frame, self._pose_in_base = frame, pose_in_base
         self._beams = even_beams(-config.angle_max, config.angle_max, config.beams)
@@ -52,10 +59,10 @@ class Lidar:
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> Scan:
-        """Return the scan at one instant.
+        """Return the scan; all beams measure at the same time, `stamp` [s].
 
-        A miss is +inf, and a range that is too short is -inf, both without noise (REP 117). If `hides_near`
-        is set, a range that is too short is +inf, as in pointcloud_to_laserscan.
+        A beam that meets nothing has the range +inf, and a beam that meets a too near body has -inf (REP
+        117). If `hides_near` is set, it has +inf, as in pointcloud_to_laserscan.
         """
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
@@ -65,12 +72,20 @@ class Lidar:
         # depend on the other beams
         noisy = self._rng.normal(0.0, config.noise, len(ranges))
         noisy += ranges
-        # noise never makes a valid range invalid; the true distance decides which ranges are not valid
+        # The true distance decides whether a range is valid, and noise does not change this. So noisy ranges
+        # are first limited to the valid range, and then invalid ones are set.
         np.maximum(noisy, config.range_min, out=noisy)
         np.minimum(noisy, config.range_max, out=noisy)
         noisy[ranges >= config.range_max] = np.inf
-        if ranges.min() <= config.range_min:  # this is seldom, so most scans need no mask
+        if ranges.min() <= config.range_min:  # this saves time, because a too near body is seldom
             noisy[ranges <= config.range_min] = np.inf if config.hides_near else -np.inf
         noisy.setflags(write=False)
-        angles, limits = (-config.angle_max, config.angle_max), (config.range_min, config.range_max)
-        return Scan(stamp, self._frame, *angles, *limits, noisy)
+        return Scan(
+            stamp,
+            self._frame,
+            angle_min=-config.angle_max,
+            angle_max=config.angle_max,
+            range_min=config.range_min,
+            range_max=config.range_max,
+            ranges=noisy,
+        )

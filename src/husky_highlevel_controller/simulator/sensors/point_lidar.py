@@ -2,8 +2,9 @@
 
 In: the robot's true pose, a function that casts rays, a random generator. Out: points in the lidar's frame.
 
-The beams of two opposite columns lie in one upright plane. So the ray caster of the planar lidar measures
-both columns in one cast.
+A ring has the beams of one elevation (angle above the horizon), and a column has the beams of one azimuth
+(direction seen from above). The beams of two opposite columns lie in one upright plane. So the ray caster of
+the planar lidar measures both columns in one cast.
 """
 
 from __future__ import annotations
@@ -51,27 +52,28 @@ class PointLidar:
             pose_in_base: pose of the lidar in base_link.
         """
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
-        # Each upright plane contains a column of beams in the first half turn, and the opposite column. The x
-        # axis of the plane's frame points along the azimuth of the first column, and its y axis upwards.
+        # 1. the upright planes, one for each column of the first half turn. The x axis of a plane's frame
+        # points along the azimuth of this column, and its y axis upwards. The opposite column is also in it.
         half = config.columns // 2
         azimuths = 2.0 * pi / config.columns * np.arange(half)
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # angles of the beams in a plane, within +-pi: first the elevations of the column, then the opposite
-        # column, where the elevation e has the angle pi - e if e is positive, and otherwise -pi - e
+        # 2. the angles of the beams in a plane, within -pi to pi: first of the column, whose angles are its
+        # elevations, then of the opposite column, whose angles are pi minus its elevations
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
-        bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
-        self._order = np.argsort(bearings)  # ray casting needs ascending angles
-        self._beams = beams_at(bearings[self._order])
-        # unit vectors of all beams in the lidar's frame, (rings, columns, 3)
+        opposite_angles = np.where(elevations > 0.0, pi, -pi) - elevations  # -pi is the same direction as pi
+        angles = np.append(elevations, opposite_angles)  # (2 rings,)
+        self._order = np.argsort(angles)  # ray casting needs ascending angles
+        self._beams = beams_at(angles[self._order])
+        # 3. the unit vectors of all beams in the lidar's frame, (rings, columns, 3)
         all_azimuths = np.append(azimuths, azimuths + pi)
-        horizontal = np.cos(elevations)[:, None]
+        horizontal, vertical = np.cos(elevations)[:, None], np.sin(elevations)[:, None]
         self._directions = np.stack(
             [
                 horizontal * np.cos(all_azimuths),
                 horizontal * np.sin(all_azimuths),
-                np.sin(elevations)[:, None] * np.ones(2 * half),
+                vertical * np.ones(config.columns),
             ],
             axis=-1,
         )
@@ -81,21 +83,22 @@ class PointLidar:
         self._rng = rng
 
     def sample(self, state: RobotState) -> np.ndarray:
-        """Return the points (rings, columns, 3) [m] now, lowest ring first; NaN for beams that meet nothing.
+        """Return the points that the lidar measures now, in its frame, (rings, columns, 3) [m].
 
-        One cast measures a column of beams and the column on the opposite side, because both are in one
-        upright plane. So there are half as many casts as columns.
+        The lowest ring comes first. A point is NaN if its beam meets nothing.
         """
         config, rings = self._config, self._config.rings
-        pose = compose(state.pose_in_world, self._pose_in_base)
-        # For each plane, this array has the ranges of both columns of beams below one another: in the first
-        # half of the rows those of the first half turn, in the second half those of the opposite column.
-        ranges = np.empty((2 * rings, len(self._planes)))
+        pose_lidar_in_world = compose(state.pose_in_world, self._pose_in_base)
+        # Ranges with a column for each plane: the first half of the rows is a column of beams, and the second
+        # half is the opposite column.
+        ranges_of_planes = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
-            # the beams are cast in the order of their angles, and `_order` puts their ranges back in place
-            ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
-        # the opposite columns are the second half turn, so they come behind the first half
-        ranges = np.hstack([ranges[:rings], ranges[rings:]])
+            pose_plane_in_world = compose(pose_lidar_in_world, plane)
+            sorted_ranges = self._cast_rays(pose_plane_in_world, self._beams, config.range_max)
+            # the beams are sorted by their angles; `_order` puts their ranges back in the order of the rows
+            ranges_of_planes[self._order, column] = sorted_ranges
+        # the opposite columns are the second half turn, so they come behind the columns of the first half
+        ranges = np.hstack([ranges_of_planes[:rings], ranges_of_planes[rings:]])  # (rings, columns)
         # the true range decides whether there is a point, and then noise is added
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan
         ranges += self._rng.normal(0.0, config.noise, ranges.shape)

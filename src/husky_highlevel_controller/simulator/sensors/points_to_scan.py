@@ -1,8 +1,8 @@
 """Planar scan of a point cloud: the nearest point in each direction.
 
-Stands in for pointcloud_to_laserscan 1.4 (Noetic), together with `ros/simulator/points_to_scan.py`, the
-script points_to_scan and `compat/pointcloud_to_laserscan`. `test_points_to_scan.py` compares the ranges with
-the original's rules, point by point. No test runs the original, which Debian does not have.
+This module replaces pointcloud_to_laserscan 1.4 (Noetic), together with `ros/simulator/points_to_scan.py`,
+the script points_to_scan and `compat/pointcloud_to_laserscan`. `test_points_to_scan.py` compares the ranges
+with the original's rules, point by point. No test runs the original, which Debian does not have.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 
 from husky_highlevel_controller.config import number, setting
 
-FAR = 1e6  # [m] larger than any coordinate of a point, so it limits nothing
-MAX_DIRECTIONS = 100_000
+FAR = 1e6  # [m] larger than any coordinate of a point, so a limit of this size has no effect
+MAX_DIRECTIONS = 100_000  # more directions in a scan are refused
 
 
 def _number(default: Any, help_text: str, minimum: float = -FAR) -> Any:
+    """Return a numeric field of a config; its limits are wide, because the original has none."""
     return number(minimum, FAR, help_text, default=default)
 
 
@@ -63,15 +64,15 @@ class FlattenConfig:
 def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
     """Return all parameters of a FlattenConfig, with defaults for missing values.
 
-    A text instead of a number becomes the default, too: an argument that roslaunch has not replaced, such as
-    `$(arg min)`.
+    A text instead of a number becomes the default, too. Such a text is an argument that roslaunch has not
+    replaced, for example `$(arg min)`.
     """
-    defaults = asdict(FlattenConfig())
-    values = {name: given.get(name, default) for name, default in defaults.items()}
-    return {
-        name: defaults[name] if isinstance(value, str) and not isinstance(defaults[name], str) else value
-        for name, value in values.items()
-    }
+    values: Dict[str, Any] = {}
+    for name, default in asdict(FlattenConfig()).items():
+        value = given.get(name, default)
+        is_text_for_number = isinstance(value, str) and not isinstance(default, str)
+        values[name] = default if is_text_for_number else value
+    return values
 
 
 def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
@@ -80,8 +81,9 @@ def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
     `points` are (N, 3) [m] in the scan's frame.
     """
     count = config.directions
-    # value of a direction without a point: inf, or a range that is too long to be valid
-    ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)
+    # range of a direction without a point: inf, or a range that is too long to be valid
+    no_point = np.inf if config.use_inf else config.range_max + config.inf_epsilon
+    ranges = np.full(count, no_point)
     x, y, z = points.T
     distance, angle = np.hypot(x, y), np.arctan2(y, x)
     inside = (z >= config.min_height) & (z <= config.max_height)
@@ -89,6 +91,7 @@ def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
     inside &= (angle >= config.angle_min) & (angle <= config.angle_max)
     # for each point inside, index in `ranges` of the direction in which the point lies
     index = ((angle[inside] - config.angle_min) / config.angle_increment).astype(int)
-    # the nearest point counts; an angle at the very end belongs to the last direction
-    np.minimum.at(ranges, np.minimum(index, count - 1), distance[inside])
+    index = np.minimum(index, count - 1)  # an angle of exactly `angle_max` belongs to the last direction
+    # the nearest point in each direction counts; without `at`, only one of its points would count
+    np.minimum.at(ranges, index, distance[inside])
     return ranges

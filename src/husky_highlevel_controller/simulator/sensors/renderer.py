@@ -29,25 +29,36 @@ class RenderRequest(NamedTuple):
 
 
 class Renderer:
-    """A process that renders one image at a time; methods raise OSError or EOFError after it has died."""
+    """Another process that renders depth images, one at a time.
+
+    If this process has died, the methods raise OSError or EOFError.
+    """
 
     def __init__(self, config: CameraConfig) -> None:
         """Start the process, and send it the camera's configuration."""
         self._pipe, process_end = Pipe()
-        # multiprocessing would run the simulator's main script again in the new process, so it is not used
+        # the new process runs this module as a program; multiprocessing.Process is not used, because it would
+        # load the simulator's main script in the new process
         command = [sys.executable, "-m", __name__, str(process_end.fileno())]
         self._process = subprocess.Popen(command, pass_fds=[process_end.fileno()])
         process_end.close()  # the new process has its own copy of this end of the pipe
         self._pipe.send(config)
-        self._bodies: Dict[str, Body] = {}  # bodies that the process knows
+        self._bodies: Dict[str, Body] = {}  # bodies that were sent to the process
         self.busy = False  # true from the start of an image until `take` returns it
 
     def start(self, bodies: Mapping[str, Body], poses: Mapping[str, Pose], camera: Pose) -> None:
-        """Begin to render an image; `busy` must be false."""
-        changed = self._bodies != bodies
-        if changed:
+        """Begin to render an image; `busy` must be false.
+
+        Args:
+            bodies: bodies of the world.
+            poses: poses in the world of the bodies that may have moved.
+            camera: pose of the camera's optical frame in the world.
+        """
+        changed_bodies: Optional[Mapping[str, Body]] = None
+        if self._bodies != bodies:
             self._bodies = dict(bodies)
-        self._pipe.send(RenderRequest(self._bodies if changed else None, poses, camera))
+            changed_bodies = self._bodies
+        self._pipe.send(RenderRequest(changed_bodies, poses, camera))
         self.busy = True
 
     def take(self, timeout: Optional[float] = 0.0) -> Optional[np.ndarray]:
@@ -65,10 +76,10 @@ class Renderer:
 
 
 def _serve_requests(pipe: Connection) -> None:
-    """Render in the new process: read the camera's configuration, then serve requests.
+    """Main function of the new process: read the camera's configuration, then render an image per request.
 
-    The function ends when the pipe closes. The Bullet world here only contains shapes, and its physics never
-    steps. Changed bodies are removed and added again, and all other bodies are only moved.
+    The function ends when the pipe closes. It has a Bullet world of its own, which only contains shapes, and
+    whose physics never steps. Changed bodies are removed and added again. All other bodies are only moved.
     """
     # Ctrl-C is ignored, because this process ends when the simulator closes the pipe
     signal.signal(signal.SIGINT, signal.SIG_IGN)

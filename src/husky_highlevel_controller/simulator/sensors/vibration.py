@@ -2,9 +2,10 @@
 
 In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
 
-Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz; the mean of each two
-samples is used. The table gives, for a ground and a mean wheel speed v, the standard deviations of ax, ay and
-az [m/s^2], and of the rates [rad/s]: medians over the seconds of steady driving.
+The values were measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877) at 100 Hz; the
+mean of each two samples is used. For a ground and a mean wheel speed v, this table has the standard
+deviations of ax, ay and az [m/s^2], and of the rates [rad/s]. Each is the median over the seconds of steady
+driving.
 
     flooring 0.11 m/s: 0.5 0.5 0.2, 0.01      ice 0.30 m/s: 0.9 0.6 0.3, 0.01
     flooring 0.28 m/s: 0.9 0.8 0.4, 0.02      ice 0.60 m/s: 1.1 1.3 0.45, 0.02
@@ -12,10 +13,10 @@ az [m/s^2], and of the rates [rad/s]: medians over the seconds of steady driving
     asphalt 0.57 m/s: 2.0 1.8 0.7, 0.03       snow 0.12, 0.28 m/s: 2.1, 1.1 2.0, 0.7 1.0, 0.3, 0.03
 
 On hard ground, the vibration is about proportional to v up to 0.6 m/s, the fastest measured speed. On soft
-ground, it does not grow above 0.3 m/s. Nothing is known about faster robots, so here it stays constant.
-Samples have the correlation 0.15 after one period of 50 Hz and -0.4 after two, as an autoregressive process
-of second order. The measured peaks, 6 to 8 standard deviations, fit Student's distribution with 7 degrees of
-freedom.
+ground, the vibration does not grow above 0.3 m/s. Nothing is known about faster robots, so here the vibration
+stays constant above these speeds. The measured samples have the correlation 0.15 after one period of 50 Hz
+and -0.4 after two periods. An autoregressive process of second order gives such noise. The measured peaks, 6
+to 8 standard deviations, fit Student's distribution with 7 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -34,8 +35,9 @@ from husky_highlevel_controller.simulator.sensors.imu import Imu
 CORRELATION_1, CORRELATION_2 = 0.15, -0.40
 # parameter of Student's distribution; with 7, a sample reaches 8 standard deviations once in 5 minutes
 DEGREES_OF_FREEDOM = 7
-# factors of noise x[n] = LAST x[n-1] + BEFORE_LAST x[n-2] + RANDOM draw that has these correlations and
-# variance 1 (Yule-Walker equations)
+# The noise is x[n] = LAST x[n-1] + BEFORE_LAST x[n-2] + RANDOM draw[n]. These factors give the noise the
+# correlations above and the variance 1 (Yule-Walker equations). A draw from Student's distribution has the
+# variance DEGREES_OF_FREEDOM / (DEGREES_OF_FREEDOM - 2).
 LAST = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
 BEFORE_LAST = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
 RANDOM = sqrt(
@@ -87,11 +89,12 @@ class VibratingImu:
             for last, before, draw in zip(self._last_noise, self._noise_before_last, draws)
         ]
         self._last_noise, self._noise_before_last = noise, self._last_noise
-        # the vibration grows with the mean of |linear - turning| (left wheels) and |linear + turning| (right
-        # wheels), which is equal to the larger of |linear| and |turning|
+        # The speed of the left wheels is linear - turning, and that of the right wheels linear + turning. The
+        # vibration grows with the mean of their absolute values, which is the larger of |linear| and
+        # |turning|.
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
-        wheel_speed = max(abs(linear), abs(turning))
-        speed = min(wheel_speed, self._saturation_speed)
+        mean_wheel_speed = max(abs(linear), abs(turning))
+        speed = min(mean_wheel_speed, self._saturation_speed)
         dfx, dfy, dfz, dwx, dwy, dwz = (
             speed * scale * value for scale, value in zip(self._noise_per_speed, noise)
         )
