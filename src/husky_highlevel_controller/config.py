@@ -135,7 +135,9 @@ def to_plain(value: Any) -> Any:
         return value.value
     if isinstance(value, Path):
         return str(value)
-    return [to_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+    if isinstance(value, (list, tuple)):
+        return [to_plain(each) for each in value]
+    return value
 
 
 def to_json(record: Any, **more: Any) -> str:

@@ -45,13 +45,13 @@ def along_axes(axes: Sequence[Vector3], vector: Vector3) -> Vector3:
 
 
 def wrap_angle(angle: float) -> float:
-    """Angle of the same direction in (-pi, pi] [rad]."""
+    """Return the angle of the same direction in (-pi, pi] [rad], by adding whole turns."""
     wrapped = (angle + pi) % (2.0 * pi) - pi
     return pi if wrapped == -pi else wrapped
 
 
 def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Quaternion of fixed-axis roll, pitch, yaw [rad]."""
+    """Return the quaternion of roll, pitch and yaw [rad] about fixed axes: first x, then y, then z."""
     cr, sr = cos(roll / 2), sin(roll / 2)
     cp, sp = cos(pitch / 2), sin(pitch / 2)
     cy, sy = cos(yaw / 2), sin(yaw / 2)
@@ -64,7 +64,7 @@ def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def quat_multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The rotation `b` followed by `a` (a * b)."""
+    """Return the product a * b, which is the rotation `b` followed by the rotation `a`."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -126,13 +126,13 @@ def matrix_from_quat(quat: Quaternion) -> np.ndarray:
 
 
 def yaw_from_quat(quat: Quaternion) -> float:
-    """Heading of the turned x axis on the ground plane [rad]."""
+    """Return the yaw of a quaternion: the direction of the turned x axis, seen from above [rad]."""
     x, y, z, w = quat
     return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def rpy_from_quat(quat: Quaternion) -> Vector3:
-    """Fixed-axis roll, pitch, yaw of a unit quaternion, the inverse of `quat_from_rpy` [rad].
+    """Return roll, pitch and yaw about fixed axes of a unit quaternion [rad], as for `quat_from_rpy`.
 
     If x points straight up or down, roll and yaw turn about the same axis, so the yaw is 0.
     """

@@ -103,7 +103,10 @@ def end_if_missing(group: str = "launch") -> None:
 
 
 def main() -> None:
-    """Exit with 1 and a sentence if the group in the first argument lacks something, or print 'none'."""
+    """Run the script: exit with 1 and a sentence if a package of a group is missing, or print 'none'.
+
+    The group is the first argument that names a group.
+    """
     group = "launch"
     for word in sys.argv[1:]:
         if word in GROUPS:

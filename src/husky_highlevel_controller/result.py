@@ -71,6 +71,7 @@ class Table:
         The texts of the last column are wrapped, so that a line has at most WIDTH characters.
         """
         columns = list(zip(self.header, *self.values))
+        # for each column: whether it has a number, and the number of characters of its longest text
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
         widths = [max(len(self._text(value)) for value in column) for column in columns]
         indent = sum(widths[:-1]) + 2 * len(widths[:-1])  # position at which the last column begins
@@ -150,13 +151,16 @@ class Result:
         """Return title, lead, the tables that are not folded, and the verdict as text, wrapped at WIDTH."""
         shown = [str(table) for table in self.tables if not table.folded]
         lead, verdict = textwrap.fill(self.lead, WIDTH), textwrap.fill(self.verdict, WIDTH)
-        return "\n\n".join(filter(None, [self.title, lead, *shown, verdict]))
+        parts = [self.title, lead, *shown, verdict]
+        return "\n\n".join(part for part in parts if part)
 
     def to_markdown(self) -> str:
         """Return a section of Markdown with all parts of the result."""
-        lead, verdict = plain_markdown(self.lead), plain_markdown(self.verdict)
-        tables = [text for each in self.tables for text in (plain_markdown(each.title), each.to_markdown())]
-        return "\n\n".join(filter(None, [f"### {plain_markdown(self.title)}", lead, *tables, verdict]))
+        parts = [f"### {plain_markdown(self.title)}", plain_markdown(self.lead)]
+        for table in self.tables:
+            parts += [plain_markdown(table.title), table.to_markdown()]
+        parts.append(plain_markdown(self.verdict))
+        return "\n\n".join(part for part in parts if part)
 
 
 def plain_markdown(text: str) -> str:

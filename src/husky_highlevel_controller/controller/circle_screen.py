@@ -116,7 +116,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """
     beams, ranges, count, near, step = segments
     starts = segments.starts
-    segment_of_beam = np.repeat(np.arange(len(count)), count)
+    segment_of_beam = np.repeat(np.arange(len(count)), count)  # (B,) index of the segment of each beam
     first, last = beams[starts], beams[starts + count - 1]
     # directions and end points of all beams, (B,); each segment has its own frame, whose x axis points to the
     # middle of the segment
@@ -153,6 +153,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         np.multiply(wy, dy, out=terms[3])
         np.multiply(wy, error, out=terms[4])
         terms[5:] = wx, wy, weight, we
+        # sums of the nine products over the beams of each segment, (S,)
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re
         # `fit_step` does not use the fourth row, so the row is empty
@@ -198,7 +199,8 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
         the circle; beams of the segment itself do not count.
     """
     # the beams from index `low` to index `high` of the scan should meet the circle. Beams near its edge are
-    # left out as in the exact test, and _MARGIN makes the circle still smaller.
+    # left out as in the exact test, and _MARGIN makes the circle still smaller. `[:, None]` makes an array
+    # (S,) into a column (S, 1), so that it can be combined with S rows of beams.
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
     inner_radius = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
     half_width = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0)) / step

@@ -111,7 +111,7 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
     braking = min(config.braking, drive.max_linear_acceleration)
     angular_braking = drive.max_angular_acceleration
     braking_time = max(abs(twist.linear) / braking, abs(twist.angular) / angular_braking)
-    duration = (config.reaction_time + braking_time) / PATH_STEPS
+    duration = (config.reaction_time + braking_time) / PATH_STEPS  # [s] time between two poses
     path, pose = [], Pose2D()
     for step in range(PATH_STEPS):
         # [s] time for which the robot has braked at the middle of this step
