@@ -25,14 +25,18 @@ STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))
 def new_figure(
     width: float, height: float, layout: Optional[Literal["constrained"]] = "constrained"
 ) -> Figure:
-    """An empty figure of a size in inches; with a layout, matplotlib draws the figure twice."""
+    """Return an empty figure of a size in inches.
+
+    With the layout "constrained", matplotlib makes room for labels. But it then draws the figure twice, so
+    None is faster.
+    """
     return Figure(figsize=(width, height), dpi=DPI, layout=layout)
 
 
 def png(figure: Figure) -> bytes:
-    """A figure as PNG."""
+    """Return the bytes of a figure as a PNG file."""
     buffer = io.BytesIO()
-    # the canvas writes the picture, because `savefig` would draw everything twice
+    # the canvas writes the picture, because `figure.savefig` would draw everything twice
     FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()
 
@@ -43,13 +47,22 @@ def plain(text: str) -> str:
 
 
 def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
-    """Prepare axes of matplotlib for a drive seen from above, with a pillar [m] in the world."""
+    """Prepare axes of matplotlib for a drive seen from above, and draw the pillar.
+
+    Args:
+        plot: axes of matplotlib.
+        pillar: x and y of the pillar in the world [m].
+        radius: radius of the pillar [m].
+    """
     plot.add_patch(Circle(pillar, radius, color=PILLAR, zorder=3))
     _axes_from_above(plot, " in the world")
 
 
 def _axes_from_above(plot: Any, frame: str) -> None:
-    """Prepare axes for x and y [m] at one scale; `frame` is added to their labels, such as " in odom"."""
+    """Prepare axes for x and y [m] at one scale.
+
+    `frame` is added to the labels of the axes, for example " in odom".
+    """
     plot.set_aspect("equal", adjustable="datalim")
     plot.margins(0.08)
     plot.grid(alpha=0.3)
@@ -86,12 +99,14 @@ def draw_paths(
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
     """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
-    # transposed rotation matrix, because each point is a row, which stands to the left of the matrix
-    rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-    # corners of the robot's outline, and of the arrow on it, as multiples of half the length and half the
-    # width
+    half_size = (footprint.half_length, footprint.half_width)
+    # the points below are rows, which are multiplied by this matrix from the left, so it is the transposed
+    # rotation matrix
+    transposed_rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
+    # corners of the outline, and of an arrow on it, as multiples of half the length and half the width
     outline = ((1, 1), (-1, 1), (-1, -1), (1, -1))
     arrow = ((0.8, 0.0), (-0.4, 0.7), (-0.1, 0.0), (-0.4, -0.7))
     for corners, color in ((outline, ROBOT), (arrow, "black")):
-        points = np.array(corners) * (footprint.half_length, footprint.half_width) @ rotation + (x, y)
-        plot.add_patch(Polygon(points, facecolor=color, edgecolor="black", linewidth=0.8, zorder=4))
+        points_in_base = np.array(corners) * half_size
+        points_in_world = points_in_base @ transposed_rotation + (x, y)
+        plot.add_patch(Polygon(points_in_world, facecolor=color, edgecolor="black", linewidth=0.8, zorder=4))

@@ -9,6 +9,7 @@ import base64
 import json
 from dataclasses import dataclass, field
 from functools import lru_cache
+from math import ceil
 from typing import Any, Dict, List
 
 import numpy as np
@@ -45,36 +46,36 @@ class Replay:
 def to_html(replay: Replay) -> str:
     """Return the HTML page of a replay of one or more poses.
 
-    The page keeps only as many poses as a smooth animation needs.
+    To keep the page small, it contains only as many poses and markers as the animation needs.
     """
     rows = _rows_to_show(replay.times)
-    # `pillars` has a row for each time, or only one row, or none
-    pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
-    # if the pillar stands still, the page needs only one position; without a pillar, the comparison gives
-    # true, too
-    stands_still = (pillars == pillars[:1]).all()
+    pillars = replay.pillars
+    if len(pillars) > 1:  # a position for each time
+        pillars = pillars[rows]
+        stands_still = (pillars == pillars[0]).all()
+        if stands_still:
+            pillars = pillars[:1]  # the page needs only one position
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
-    # marks are the markers that the controller has sent; every n-th mark is shown, so that there are at most
-    # MAX_MARKS; the division is rounded up
-    every = max(-(-len(marks) // MAX_MARKS), 1)
+    every = max(ceil(len(marks) / MAX_MARKS), 1)  # every n-th marker is shown
     data = {
         "title": replay.title,
         "summary": replay.summary,
         "times": _rounded(replay.times[rows]),
         "poses": _rounded(replay.poses[rows]),
-        "pillars": _rounded(pillars[:1] if stands_still else pillars),
+        "pillars": _rounded(pillars),
         "marks": _rounded(marks[::every]),
         "pillar": replay.pillar_radius,
         "robot": _robot(replay.robot.name),
     }
-    # titles may contain HTML, which must not become a tag
+    # The data are written into a <script> of the page. Without this replacement, a title with "</script>"
+    # would end the script.
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     return render("replay.html", data=Markup(text))
 
 
 @lru_cache(maxsize=4)
 def _robot(name: str) -> Dict[str, Any]:
-    """Sizes [m] and triangles [mm] of a robot of ROBOTS, by the names that the page's script uses."""
+    """Return sizes [m] and triangles [mm] of a robot of ROBOTS, by the names that the page's script uses."""
     robot = load_robot(name)
     body, wheel = robot_mesh(robot)
     wheels, drive, outline = robot.wheels, robot.drive, robot.footprint
@@ -83,8 +84,8 @@ def _robot(name: str) -> Dict[str, Any]:
         "height": drive.wheel_radius - wheels.height,  # [m] height of base_link above the ground
         # [m] x, y and z of the hub of the front left wheel in base_link, and radius
         "wheel": [wheels.base / 2.0, drive.wheel_separation / 2.0, wheels.height, drive.wheel_radius],
-        # [m] distance between left and right wheels from which the page computes how a turn rolls them; it is
-        # larger than the real distance, because the wheels skid
+        # [m] distance between left and right wheels, from which the page computes how far the wheels roll in
+        # a turn; it is larger than the real distance, because wheels that skid roll farther
         "track": drive.wheel_separation * drive.wheel_separation_multiplier,
         "body": _packed(body),
         "tyre": _packed(wheel),
@@ -92,19 +93,27 @@ def _robot(name: str) -> Dict[str, Any]:
 
 
 def _packed(parts: List[Part]) -> List[List[str]]:
-    """Colour and triangles of each part; triangles are 16-bit integers [mm], in base64."""
-    return [
-        [part.color, base64.b64encode(np.round(1000.0 * part.triangles).astype("<i2").tobytes()).decode()]
-        for part in parts
-    ]
+    """Return the colour and the triangles of each part, in a short form for the page.
+
+    The triangles are 16-bit integers [mm], low byte first, as base64.
+    """
+    packed = []
+    for part in parts:
+        millimetres = np.round(1000.0 * part.triangles).astype("<i2")
+        packed.append([part.color, base64.b64encode(millimetres.tobytes()).decode()])
+    return packed
 
 
 def _rows_to_show(times: np.ndarray) -> np.ndarray:
-    """The first row of each period, and the last row."""
+    """Return the indices of the poses that the page keeps: the first of each period, and the last of all."""
     period = max(PERIOD, float(times[-1] - times[0]) / MAX_POSES)
-    first_of_each = np.flatnonzero(np.diff(np.floor(times / period), prepend=-np.inf))
-    return np.unique(np.append(first_of_each, len(times) - 1))
+    period_numbers = np.floor(times / period)
+    # a row is the first of its period if the row before it has another number
+    first_of_each = np.flatnonzero(np.diff(period_numbers, prepend=-np.inf))
+    last = len(times) - 1
+    return np.unique(np.append(first_of_each, last))
 
 
 def _rounded(array: np.ndarray) -> Any:
+    """Return an array as lists for JSON, rounded to 3 digits behind the point, so that the page is small."""
     return np.round(np.asarray(array, float), 3).tolist()

@@ -20,8 +20,10 @@ BODY = (
     ("bumper.stl", BLACK, -0.48, 0.091, True),
     ("user_rail.stl", STEEL, 0.272, 0.245, False),
 )
-# [m] edge of a cubic cell; all corners in one cell become one corner, so that fewer triangles are left
+# [m] Space is divided into cubes (cells) with edges of this length. All corners in one cell become one
+# corner, so that fewer triangles are left.
 CELL = 0.012
+# a triangle in a binary STL file
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -35,7 +37,8 @@ class Part(NamedTuple):
 def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     """Return the parts of the body in base_link, and the parts of one wheel around its hub.
 
-    They are only boxes if PyBullet, which has the meshes, is not installed.
+    The meshes come from PyBullet. If PyBullet is not installed, all parts are boxes. A robot other than the
+    Husky has the Husky's tyres at its own size, and a box as its body.
     """
     radius, width, mount, hull = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount, robot.hull
     # boxes for the lidar: an upright plate behind it, its lower part and its upper part
@@ -48,10 +51,10 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     folder = mesh_folder()
     if folder is not None:
         tyre = _mesh(folder / "wheel.stl")
-        # largest |x|, |y| and |z| of the tyre, whose axle is the y axis
-        _, half_width, mesh_radius = np.abs(tyre).max(axis=(0, 1))
-        # the mesh of the Husky's tyre is scaled to the radius and the width of this robot's wheels
-        scale = (radius / mesh_radius, width / 2.0 / half_width, radius / mesh_radius)
+        # largest |x|, |y| and |z| of the mesh; the axle of the tyre is the y axis
+        _, mesh_half_width, mesh_radius = np.abs(tyre).max(axis=(0, 1))
+        # the mesh is a tyre of the Husky, and is scaled to the radius and the width of this robot's wheels
+        scale = (radius / mesh_radius, width / 2.0 / mesh_half_width, radius / mesh_radius)
         wheel.append(Part(TYRE, tyre * scale))
     if folder is None or robot.name != "husky":
         hull_box = _box((hull.length, hull.width - 2.0 * width, 0.2), (0.0, 0.0, 0.1))
@@ -65,23 +68,38 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
 
 
 def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
-    """Triangles with each corner moved to the middle of its cell, (M, 3, 3) [m], none flat or repeated."""
-    cells = np.round(triangles / cell)
-    flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
-    corners: np.ndarray = np.unique(cells[~flat], axis=0) * cell
-    return corners
+    """Return fewer triangles of about the same shape, (M, 3, 3) [m], for a page that must be small.
+
+    Each corner is moved to the middle of its cell. Triangles that become flat, or equal to another triangle,
+    are left out.
+
+    Args:
+        triangles: corners of the triangles (N, 3, 3) [m].
+        cell: edge of a cell, see CELL [m].
+    """
+    cells = np.round(triangles / cell)  # cell of each corner, in whole numbers
+    # each corner is compared with the corner before it in the triangle; a triangle with two equal corners is
+    # flat
+    is_equal_to_last = (cells == np.roll(cells, 1, axis=1)).all(axis=2)  # (N, 3)
+    is_flat = is_equal_to_last.any(axis=1)
+    coarse_triangles: np.ndarray = np.unique(cells[~is_flat], axis=0) * cell
+    return coarse_triangles
 
 
 def _mesh(path: Path) -> np.ndarray:
-    """Triangles of a binary STL file, made coarser by cells."""
+    """Return the triangles of a binary STL file, made coarser, (M, 3, 3) [m]."""
     # the file begins with 80 bytes of text and 4 bytes for the number of triangles
-    return coarser(np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float))
+    triangles = np.frombuffer(path.read_bytes(), STL, offset=84)["corners"]
+    return coarser(triangles.astype(float))
 
 
 def _box(size: Sequence[float], centre: Sequence[float]) -> np.ndarray:
-    """Triangles of a box, (12, 3, 3) [m]."""
+    """Return the triangles of a box with edges and a centre [m], (12, 3, 3) [m]."""
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    # each face has four corners, in order around the face, and becomes two triangles
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    index = [triangle for a, b, c, d in faces for triangle in ((a, b, c), (a, c, d))]
-    triangles: np.ndarray = (corners * size + centre)[index]
+    corners_of_triangles = []
+    for a, b, c, d in faces:
+        corners_of_triangles += [(a, b, c), (a, c, d)]
+    triangles: np.ndarray = (corners * size + centre)[corners_of_triangles]
     return triangles

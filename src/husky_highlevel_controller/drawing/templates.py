@@ -19,12 +19,18 @@ _OPTION = re.compile(r"(?<![\w&#;-])--?\w[\w-]*")  # pattern of a command-line o
 
 
 def render(template: str, **values: Any) -> str:
-    """Return the page of a template; it needs no other file."""
+    """Return the HTML page of a template in web/templates/; the page needs no other file."""
     return _environment().get_template(template).render(**values)
 
 
 def write_page(result: Result, folder: Path, pictures: Optional[Mapping[str, bytes]] = None) -> Path:
-    """Write index.html, with PNGs by their captions, and report.json into a folder; return the page."""
+    """Write a result as a page, index.html, and as data, report.json; return the path of the page.
+
+    Args:
+        result: the result.
+        folder: folder that gets both files.
+        pictures: PNGs of the page by their captions.
+    """
     (folder / "report.json").write_text(to_json(result), encoding="utf-8")
     page = folder / "index.html"
     page.write_text(render("report.html", result=result, pictures=pictures or {}), encoding="utf-8")
@@ -32,13 +38,16 @@ def write_page(result: Result, folder: Path, pictures: Optional[Mapping[str, byt
 
 
 def unbroken_options(text: str) -> Markup:
-    """Return a text as HTML, in which no line breaks after the hyphen of an option such as -d."""
+    """Return a text as HTML, in which a browser does not break a line inside an option such as --name."""
     return Markup(_OPTION.sub(r'<span class="unbroken">\g<0></span>', str(escape(text))))
 
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    """Return the environment of all templates, with the style and helper functions; it is made once."""
+    """Return Jinja's environment for all templates, with the style and functions that the templates use.
+
+    The environment is made once, because it keeps the compiled templates.
+    """
     folder = share_folder() / "web" / "templates"
     environment = Environment(
         loader=FileSystemLoader(str(folder)),
