@@ -134,6 +134,7 @@
       if (!event.repeat) send({ e_stop: true });
       return;
     }
+    if (event.repeat && stopButton(event.target) !== null) event.preventDefault(); // a held Enter presses the button once
     if (event.key === "Meta") releaseKeys(); // macOS sends no keyup of a letter while the Command key is down
     if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
     event.stopImmediatePropagation(); // viser would move the camera by the same keys

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from math import inf
@@ -22,6 +23,11 @@ PERIOD = 0.05
 SLOWEST = 0.1  # lowest value of the sliders for speed [m/s] and for turning [rad/s]
 # [s] the robot stops if a page sends nothing for this time; a page sends every 0.05 s while a key is held
 EXPIRY = 0.25
+# [s] a page cannot release the emergency stop sooner after it was switched on, because the second click of a
+# double click would release it
+RELEASE_AFTER = 1.0
+# names of nodes that only look at e_stop, so they do not stop a robot
+WATCHERS = re.compile(r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|husky_web)")
 
 
 def clamp_axis(value: Any) -> Optional[float]:
@@ -87,24 +93,31 @@ class Teleop:
         self.on_lock: Callable[[], None] = lambda: None
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] largest speeds of driving by hand
         self.is_locked = False  # true if any node has switched the emergency stop on
+        self._locked_at = -inf  # [s] wall time at which the emergency stop was switched on the last time
+        # value of e_stop that a new subscriber gets; None if it gets no message. The topic is not latched by
+        # rospy, which would repeat a value of this page after another node has changed it.
+        self._latched: Optional[bool] = None
         self._hold = HoldToDrive()  # decides which page drives
         # lock of `_hold`, because messages of the pages come in another thread than the one that publishes
         self._turn = threading.Lock()
         self._wake = threading.Event()  # set if there may be a command, so that the thread wakes up at once
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
-        self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
+        self._e_stop = rospy.Publisher(
+            "e_stop", Bool, queue_size=1, subscriber_listener=_TellNewSubscribers(self)
+        )
         # The page learns the state of the emergency stop from two topics. On `locked`, a simulator also tells
         # it to pages that start later. A robot with a twist_mux has no such topic, so `e_stop` is read, too.
-        for topic in ("e_stop", f"{simulator}/locked"):
-            rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
+        rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=1)
+        rospy.Subscriber(f"{simulator}/locked", Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()
 
     def on_message(self, page: int, message: Dict[str, Any]) -> None:
         """Take a page's message: {"linear": -1..1, "angular": -1..1} or {"e_stop": bool}."""
-        if isinstance(message.get("e_stop"), bool):
-            self.lock(message["e_stop"])
-            if message["e_stop"]:
-                self.on_lock()
+        if message.get("e_stop") is True:
+            self._switch(True)
+            self.on_lock()
+        elif message.get("e_stop") is False and time.monotonic() - self._locked_at >= RELEASE_AFTER:
+            self._switch(False)
         linear, angular = clamp_axis(message.get("linear")), clamp_axis(message.get("angular"))
         if linear is not None and angular is not None:
             twist = Twist2D(linear * self.max_linear, angular * self.max_angular)
@@ -125,16 +138,38 @@ class Teleop:
 
     @property
     def has_listener(self) -> bool:
-        """Return whether another node subscribes to the emergency stop."""
-        return self._e_stop.get_num_connections() > 1  # this node does
+        """Return whether a node subscribes to the emergency stop that may obey it."""
+        return any(not WATCHERS.match(link.endpoint_id) for link in self._e_stop.impl.connections)
 
-    def lock(self, locked: bool) -> None:
+    @property
+    def latched(self) -> Optional[bool]:
+        """Return the value of e_stop that a node gets if it subscribes now; None if it gets no message.
+
+        A stop is told, whoever has sent it. A release is told only if this page has sent it and no other node
+        has sent a value since, because the stop of another node must not be released.
+        """
+        return self._latched
+
+    def _switch(self, on: bool) -> None:
         """Switch the emergency stop on or off."""
-        self.is_locked = locked
-        publish(self._e_stop, Bool(locked))
+        self._keep(on)
+        self._latched = on
+        publish(self._e_stop, Bool(on))
+
+    def _keep(self, is_locked: bool) -> None:
+        """Keep the state of the emergency stop, and the time at which it was switched on."""
+        if is_locked and not self.is_locked:
+            self._locked_at = time.monotonic()
+        self.is_locked = is_locked
+
+    def _on_e_stop(self, msg: Bool) -> None:
+        """Take in a value of e_stop, which comes back if this page has sent it."""
+        if msg._connection_header["callerid"] != rospy.get_name():
+            self._latched = True if msg.data else None
+        self._keep(msg.data)
 
     def _on_locked(self, msg: Bool) -> None:
-        self.is_locked = msg.data
+        self._keep(msg.data)
 
     def _run(self) -> None:
         """Publish the commands of the page that drives, every PERIOD, and sleep while none drives."""
@@ -154,3 +189,16 @@ class Teleop:
                 time.sleep(PERIOD)
             else:
                 self._wake.wait(1.0)  # [s] longest wait, so that this thread notices the end of the node
+
+
+class _TellNewSubscribers(rospy.SubscribeListener):
+    """Tells the state of the emergency stop to each node that subscribes to e_stop."""
+
+    def __init__(self, teleop: Teleop) -> None:
+        super().__init__()
+        self._teleop = teleop
+
+    def peer_subscribe(self, _topic: str, _publish: Any, publish_to_peer: Callable[[Bool], None]) -> None:
+        """Answer the subscription of a node; rospy calls this in the thread of the connection."""
+        if self._teleop.latched is not None:
+            publish_to_peer(Bool(self._teleop.latched))

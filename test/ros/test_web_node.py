@@ -4,6 +4,7 @@ import json
 import re
 import socket
 import threading
+import time
 from contextlib import contextmanager, suppress
 from unittest.mock import Mock
 from urllib.error import HTTPError
@@ -23,6 +24,7 @@ from husky_web import actions, node
 from husky_web.node import WebConfig, WebNode
 from husky_web.page_server import MAX_PAGES
 from husky_web.state_bar import Figures, RobotStatus, StateBar, e_stop_html, state_html
+from husky_web.teleop import RELEASE_AFTER
 
 ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
 VISER = f"viser-v{viser.__version__}"
@@ -90,6 +92,7 @@ def test_after_an_emergency_stop_in_a_namespace_the_controller_stays_stopped(ros
     with connect(f"{address.replace('http', 'ws', 1)}/drive") as drive:
         for is_pressed in (True, False):
             drive.send(json.dumps({"e_stop": is_pressed}))
+            time.sleep(RELEASE_AFTER)
         wait_until(lambda: 'value: "stopped"' in ros.echo("/diagnostics"), "the controller is stopped")
     subscriptions = ros.subscriptions("/robot1/husky_web")
     assert {f"/robot1/husky_simulator/{topic}" for topic in ("paused", "locked")} <= subscriptions
