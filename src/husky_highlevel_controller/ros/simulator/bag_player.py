@@ -1,7 +1,7 @@
-"""Player of exercise 4's drive: publishes the messages of its bag while they are simulated, without a file.
+"""Plays the drive of exercise 4 to a student's filter, as `rosbag play` would, but without a bag file.
 
-In: `ROBOT SEED PACE SECONDS`. Out: /clock, the bag's topics, and the true poses by `TruthLog`, whose reader
-lets time begin.
+The messages are published while they are simulated. In: the arguments `ROBOT SEED PACE SECONDS`. Out: /clock,
+the topics of the bag, and the true poses by `TruthLog`, whose reader (the grader) lets time begin.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class BagPlayer:
         self._publishers: Dict[str, Any] = {}
 
     def run(self) -> None:
-        """Play at the pace, then stay until shutdown, because latched messages would end with the node.
+        """Play the drive, then wait for the shutdown, because latched messages would end with the node.
 
         FIRST_MESSAGES messages are made before time begins, so that every topic is advertised by then.
         """
@@ -53,15 +53,17 @@ class BagPlayer:
         publish(clock, Clock(time_to_msg(now)))
         # wait until the reader of the true poses lets simulated time begin
         self._truth.wait_to_begin(meanwhile=lambda: None)
-        begun = time.monotonic()  # [s] wall time that belongs to simulated time 0; each delay makes it later
+        # [s] wall time that belongs to simulated time 0; it becomes later when the player is late
+        begun = time.monotonic()
         for snapshot, topic, msg in chain(first_messages, self._messages):
             if snapshot.stamp > now:
                 now = snapshot.stamp
                 lead = begun + now / self._pace - time.monotonic()  # [s] wall time until this message is due
                 time.sleep(max(0.0, lead))
-                # after a delay, the player does not catch up, because a filter cannot follow many messages at
-                # once
-                begun -= min(0.0, lead)
+                if lead < 0.0:
+                    # the player is late and does not catch up, because a filter cannot follow many messages
+                    # at once
+                    begun -= lead
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return

@@ -25,19 +25,19 @@ DRIVER_TEMPERATURE, MOTOR_TEMPERATURE = (50.0, 60.0), (65.0, 80.0)  # [deg C]
 LOW_CHARGE = (0.3, 0.2)  # fractions of a full battery
 SAFETY_FIELDS = ("timeout", "lockout", "e_stop", "ros_pause", "no_battery", "current_limit")
 
-Level = Tuple[int, str]
+Level = Tuple[int, str]  # level of a diagnostic, and the sentence for it
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 class BaseStatus:
-    """Publishes the base's state."""
+    """Publishes the state of the simulated base, once per simulated second."""
 
     def __init__(self, control_rate: float) -> None:
-        """`control_rate`: rate of the base's control loop [Hz]."""
+        """Advertise the topics; `control_rate` is the rate of the base's control loop [Hz]."""
         self._control_rate = control_rate
         self._status = rospy.Publisher("status", HuskyStatus, queue_size=10)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
-        self._published_at: Optional[float] = None
+        self._published_at: Optional[float] = None  # [s] stamp of the last messages
 
     def update(self, power: PowerState, e_stop: bool, stamp: float) -> None:
         """Publish status and diagnostics if they are due at `stamp` [s]. Call it several times a second."""
@@ -51,7 +51,7 @@ class BaseStatus:
 
 
 def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
-    """Message of the base's state at `stamp` [s]; all its faults are false, except perhaps `e_stop`."""
+    """Return the state of the base at `stamp` [s] as a message; except `e_stop`, all its faults are false."""
     left, right = 0, 1  # index of the left side, and of the right side, in each pair of `power`
     return HuskyStatus(
         header=conversions.header(stamp, ""),
@@ -74,15 +74,15 @@ def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: f
 
 
 def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
-    """Diagnostics as husky_base makes them: system, power, safety and software."""
-    low_charge = _low(status.charge_estimate, LOW_CHARGE)
+    """Return the four diagnostics of husky_base: system, power, safety and software."""
+    charge_level = _level_if_low(status.charge_estimate, LOW_CHARGE)
     array = DiagnosticArray(header=status.header)
     # `_fields` chooses the fields of the status by the last word of their names
     array.status = [
         _diagnostic("system_status", _system_level(status), _fields(status, "voltage", "current", "temp")),
         _diagnostic(
             "power_status",
-            (low_charge, "low charge" if low_charge > OK else "power OK"),
+            (charge_level, "low charge" if charge_level > OK else "power OK"),
             _fields(status, "estimate"),  # capacity and charge
         ),
         _diagnostic(
@@ -100,29 +100,33 @@ def _system_level(status: HuskyStatus) -> Level:
     driver = max(status.left_driver_temp, status.right_driver_temp)
     motor = max(status.left_motor_temp, status.right_motor_temp)
     levels = [
-        (_low(status.battery_voltage, LOW_VOLTAGE), "battery voltage too low"),
-        (_high(status.battery_voltage, HIGH_VOLTAGE), "battery voltage too high"),
-        (_high(driver, DRIVER_TEMPERATURE), "motor drivers too hot"),
-        (_high(motor, MOTOR_TEMPERATURE), "motors too hot"),
+        (_level_if_low(status.battery_voltage, LOW_VOLTAGE), "battery voltage too low"),
+        (_level_if_high(status.battery_voltage, HIGH_VOLTAGE), "battery voltage too high"),
+        (_level_if_high(driver, DRIVER_TEMPERATURE), "motor drivers too hot"),
+        (_level_if_high(motor, MOTOR_TEMPERATURE), "motors too hot"),
     ]
     worst = max(levels, key=lambda level: level[0])
     return worst if worst[0] > OK else (OK, "system OK")
 
 
-def _high(value: float, limits: Sequence[float]) -> int:
-    # the number of exceeded limits is the level of the diagnostic: 0 is OK, 1 is WARN, 2 is ERROR
+def _level_if_high(value: float, limits: Sequence[float]) -> int:
+    """Return the level of a value that should be small; `limits` are those for a warning and for an error."""
+    # the number of exceeded limits is the level: 0 is OK, 1 is WARN, 2 is ERROR
     return sum(value > limit for limit in limits)
 
 
-def _low(value: float, limits: Sequence[float]) -> int:
+def _level_if_low(value: float, limits: Sequence[float]) -> int:
+    """Return the level of a value that should be large; `limits` are those for a warning and for an error."""
     return sum(value < limit for limit in limits)
 
 
 def _fields(status: HuskyStatus, *kinds: str) -> List[Tuple[str, Any]]:
+    """Return names and values of the fields whose last word is one of `kinds`, such as left_motor_temp."""
     names = [name for name in status.__slots__ if name.rsplit("_", 1)[-1] in kinds]
     return [(name, getattr(status, name)) for name in names]
 
 
 def _diagnostic(name: str, level: Level, values: Sequence[Tuple[str, Any]]) -> DiagnosticStatus:
+    """Return a diagnostic of the base: its name, its level with a sentence, and its values by name."""
     pairs = [KeyValue(key.replace("_", " "), str(value)) for key, value in values]
     return DiagnosticStatus(level[0], f"{HARDWARE}: {name}", level[1], HARDWARE, pairs)

@@ -1,4 +1,4 @@
-"""Inputs of the simulator: velocity commands by priority, and the emergency stop."""
+"""Inputs of the simulator: velocity commands, which topic has priority, and the emergency stop."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ QUEUE = 1000
 
 
 class Commands:
-    """Collects commands in callbacks; the simulation's thread takes them."""
+    """Collects velocity commands, and decides which of them the robot obeys.
+
+    rospy's callbacks collect the commands. The simulation's thread takes them before each physics step.
+    """
 
     def __init__(self, robot: Robot, lockstep: Lockstep, lead_limit: LeadLimit, findings: Findings) -> None:
         """Subscribe to every velocity topic of the robot and to e_stop.
@@ -81,11 +84,15 @@ class Commands:
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
-        """Return the topic and the twist of each new command to obey, oldest first.
+        """Return the topic and the twist of each new command that the robot must obey, oldest first.
 
-        The mux drops a command while an input of higher priority is active, and all commands during an
-        emergency stop. An input stays active for some time after its last command, and the mux takes `stamp`
-        [s] as the time of these commands. After a call of `refuse`, no command is obeyed.
+        A command is dropped in these cases:
+
+        - A topic of higher priority is active, which means that it had a command a short time ago.
+        - The emergency stop is on.
+        - `refuse` was called.
+
+        `stamp` is the present simulated time, which counts as the time of all these commands [s].
         """
         obeyed: List[Tuple[str, Twist2D]] = []
         if self._is_refusing:
@@ -96,15 +103,13 @@ class Commands:
             twist = conversions.twist_from_msg(msg)
             # topic of higher priority that blocks this command; None if no topic blocks it
             blocking_topic: Optional[str] = None
-            # a command on the output topic of the mux has bypassed the mux, so only the emergency stop can
-            # reject it
             if topic == self._direct_topic:
+                # this command has bypassed the mux, so only the emergency stop can reject it
                 if not self._mux.locked:
                     obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
                 obeyed.append((topic, twist))
-                # this node itself is the first subscriber; a message is published only for further
-                # subscribers
+                # this node itself is one of the subscribers of this topic, and does not need the message
                 if self._passed_publisher.get_num_connections() > 1:
                     publish(self._passed_publisher, msg)
             else:
@@ -115,10 +120,10 @@ class Commands:
     def _notice_habits(
         self, stamp: float, topic: str, msg: Twist, twist: Twist2D, blocking_topic: Optional[str]
     ) -> None:
-        """Log each habit of a command's sender, such as commands that come too slowly, once.
+        """Log each habit of a command's sender once, such as commands that come too slowly; note the driver.
 
-        The sender of a command becomes the driver if the command is not zero and no topic of higher priority
-        blocks it. This also holds for a command that only the emergency stop rejects.
+        The driver is the node that drives the robot: the last sender of a command that is not zero and that
+        no topic of higher priority blocks, even if the emergency stop rejects it.
 
         Args:
             stamp: simulated time at which the command is taken [s].
@@ -139,12 +144,11 @@ class Commands:
                 self._findings.tell(sender, sentence)
 
     def has_sender(self) -> bool:
-        """Return whether a controller is connected."""
+        """Return whether a controller, which can send commands, is connected to this node."""
+        if self._main_subscriber.get_num_connections() > 0:
+            return True
         # one connection of the direct topic is this node's own publisher
-        return (
-            self._main_subscriber.get_num_connections() > 0
-            or self._direct_subscriber.get_num_connections() > 1
-        )
+        return self._direct_subscriber.get_num_connections() > 1
 
     @property
     def e_stop_is_on(self) -> bool:
@@ -156,23 +160,22 @@ class Commands:
         self._is_refusing = True
 
     def forget_commands(self) -> None:
-        """Drop waiting commands, and treat every input as silent; the emergency stop stays."""
+        """Drop waiting commands, and let no input be active; the emergency stop stays as it is."""
         self._arrived.clear()
         self._mux.forget()
 
     def _on_twist(self, topic: str, msg: Twist) -> None:
-        """Queue a command for `take`, and report it to lockstep.
+        """Queue a command for `take`, and tell lockstep that it has come; rospy calls this for each command.
 
-        The node's own messages are ignored. In lockstep each scan gets one command, and further ones are
-        dropped.
+        In lockstep, only the first command of a topic after each scan is obeyed, so that a run is repeatable.
         """
         sender = msg._connection_header["callerid"]  # name of the node that sent the command
         if topic == self._direct_topic and sender == rospy.get_name():
             return  # this node has published the command itself, in `take`, so the command is ignored here
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            # the first additional command causes no warning, because it may be the stop that a controller
-            # sends when it ends
+            # a sender's first command too many causes no warning, because it may be the stop that a
+            # controller sends when it ends
             if sender not in self._double_senders:
                 self._double_senders.add(sender)
                 return
@@ -190,6 +193,7 @@ class Commands:
     def _warn_of_two_senders(self, topic: str, sender: str) -> None:
         """Warn if two nodes send on one topic within TIMEOUT, because the robot obeys both in turn."""
         now = rospy.get_time()
+        # before the first command on a topic, its sender counts as the last sender, so there is no warning
         last_sender, sent_at = self._senders.get(topic, (sender, now))
         self._senders[topic] = sender, now
         if last_sender != sender and now - sent_at <= TIMEOUT:
@@ -200,7 +204,7 @@ class Commands:
             )
 
     def _on_e_stop(self, msg: Bool) -> None:
-        """Lock or release the commands, and log and publish the change."""
+        """Switch the emergency stop on or off, and log and publish a change."""
         if msg.data != self._mux.locked:
             rospy.logwarn(
                 "e_stop: locked, ignoring commands" if msg.data else "e_stop: released, accepting commands"
@@ -210,5 +214,5 @@ class Commands:
 
 
 def may_stand(node: str) -> bool:
-    """Return whether a node may hold the robot with zero commands on purpose."""
+    """Return whether a node may stop the robot on purpose, so that its zero commands cause no warning."""
     return bool(TOOLS.match(node)) or node.rsplit("/", 1)[-1] in OUR_NODES

@@ -77,16 +77,28 @@ class GazeboServices:
             publish_if_subscribed(self._states_publisher, self._states_to_msg)
 
     def _states_to_msg(self) -> ModelStates:
-        """Message with the names, poses and velocities of all models in the world."""
-        models = self._simulation.models
-        states = [conversions.motion_to_msg(self._simulation.motion_of(model)) for model in models]
-        return ModelStates(self._names(), [pose for pose, _ in states], [twist for _, twist in states])
+        """Return a message with the names, true poses and true velocities of all models in the world."""
+        poses, twists = [], []
+        for model in self._simulation.models:
+            pose, twist = conversions.motion_to_msg(self._simulation.motion_of(model))
+            poses.append(pose)
+            twists.append(twist)
+        return ModelStates(self._names(), poses, twists)
 
     def _names(self) -> list:
+        """Return the names of all models; in them, the robot has its name for Gazebo's clients."""
         return [self._robot_name if model == ROBOT else model for model in self._simulation.models]
 
     def _model_name(self, name: str, field: str) -> str:
-        """Name of a model in the simulation; ObjectError if the simulation has no such model."""
+        """Return the name that the simulation has for a model of a request.
+
+        Args:
+            name: name of the model in the request.
+            field: field of the request that has the name, for the error.
+
+        Raises:
+            ObjectError: the simulation has no such model.
+        """
         if name in (self._robot_name, *NAMES_OF_ROBOT):
             return ROBOT
         if name not in self._simulation.models:
@@ -139,10 +151,14 @@ class GazeboServices:
         return f"'{request.model_name}' was deleted"
 
     def _ask_simulation(self, read: Any, data: str) -> Tuple[Any, str]:
-        """Call `read` in the simulation's thread. Return its result and a sentence, or None and the reason.
+        """Read something in the simulation's thread, and tell the recorder of a graded run about it.
 
-        `data` says what is read, and is the subject of the sentence. The program that records a graded run
-        gets this sentence, too.
+        Args:
+            read: function that reads; it raises HuskyError if the request is not valid.
+            data: text that says what is read, for the sentence "... was read".
+
+        Returns:
+            The result of `read` and this sentence, or None and the reason of the error.
         """
         try:
             result = self._calls.call(read)
@@ -156,7 +172,7 @@ class GazeboServices:
         """Answer with the pose and velocity of a model in the frame of another one, or of the world."""
 
         def read() -> Tuple[float, ModelMotion]:
-            """Simulated time [s], and the motion in the requested frame."""
+            """Return the simulated time [s], and the motion in the requested frame."""
             motion = self._simulation.motion_of(self._model_name(request.model_name, "model_name"))
             frame = self._frame_motion(request.relative_entity_name, "relative_entity_name")
             return self._simulation.stamp, seen_from(motion, frame)
@@ -172,6 +188,7 @@ class GazeboServices:
         )
 
     def _on_get_properties(self, _request: Any) -> GetWorldPropertiesResponse:
+        """Answer with the simulated time and the names of all models."""
         stamp, names = self._calls.call(lambda: (self._simulation.stamp, self._names()))
         return GetWorldPropertiesResponse(
             sim_time=stamp,

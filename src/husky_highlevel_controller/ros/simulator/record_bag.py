@@ -47,13 +47,22 @@ TRUTH_TOPIC = "/ground_truth/odom"  # topic of the true path, which is in the se
 
 
 def command_at(stamp: float, yaw: float) -> Twist2D:
-    """Command of a driver who steers a figure of eight by the true heading [rad], first to the left."""
-    lap, middle = DURATION / 2.0 - STANDING_TIME, DURATION / 2.0
+    """Return the command at a time of the drive, which is a figure of eight.
+
+    The robot drives one lap to the left and one lap to the right, and stands before and after them.
+
+    Args:
+        stamp: simulated time [s].
+        yaw: true heading of the robot [rad]. The command corrects its difference from the planned heading.
+    """
     if not STANDING_TIME <= stamp < DURATION - STANDING_TIME:
         return STOP
-    rate = 2.0 * pi / lap * (1.0 if stamp < middle else -1.0)
-    planned_yaw = rate * (stamp - middle)  # [rad]; 0 in the middle of the drive, where the two laps meet
-    return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(planned_yaw - yaw))
+    middle = DURATION / 2.0  # [s] time at which the second lap begins
+    lap_time = middle - STANDING_TIME  # [s]
+    turn_direction = 1.0 if stamp < middle else -1.0
+    planned_rate = 2.0 * pi / lap_time * turn_direction  # [rad/s]
+    planned_yaw = planned_rate * (stamp - middle)  # [rad]; 0 at the end of the first lap
+    return Twist2D(SPEED, planned_rate + STEERING_GAIN * wrap_angle(planned_yaw - yaw))
 
 
 def messages_of_drive(
@@ -74,7 +83,7 @@ def messages_of_drive(
         config = replace(config, real=RobotProfile().on(ground))
     # the description has no meshes, because nothing is drawn
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
-    # each of these is the number of physics steps between two messages, or between two commands
+    # these names with `steps` are numbers of physics steps between two messages, or between two commands
     rate = config.physics_rate
     truth_steps, points_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE
     wheel_steps = rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE)
@@ -105,7 +114,8 @@ def messages_of_drive(
 def record(name: str, ground: str, seed: int, folder: Path) -> None:
     """Write both bags of a drive into a folder, which is made if it does not exist.
 
-    A recording that does not come to its end leaves no bag, because the next call refuses to replace one.
+    If the recording is interrupted, both bags are deleted. Otherwise the next call would refuse to write,
+    because it replaces no file.
 
     Raises:
         HuskyError: a file is there already, or cannot be written.
@@ -146,7 +156,8 @@ def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]])
                 "latching": str(int(topic == "/tf_static")),
             }
             stamp = conversions.time_to_msg(snapshot.stamp)
-            (truth if topic == TRUTH_TOPIC else sensors).write(topic, msg, stamp, connection_header=header)
+            bag = truth if topic == TRUTH_TOPIC else sensors
+            bag.write(topic, msg, stamp, connection_header=header)
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
-"""Displays the world in RViz as interactive markers; RViz's tools change it.
+"""Displays the bodies of the world in RViz as interactive markers, and lets RViz's tools change the world.
 
 Bodies are drawn in odom, because the Husky's TF has no frame of the world. When odom drifts, the markers are
-sent again, so that they stay at the lidar's points. A body can be dragged and deleted. *Publish Point* drops
-a box, and *2D Pose Estimate* moves the robot.
+sent again, so that they stay at the points that the lidar measures. A user can drag a body, and delete it by
+its menu. The tool *Publish Point* adds a box, and the tool *2D Pose Estimate* moves the robot.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 
 
 class _Shown(NamedTuple):
+    """Marker of a body as it was last sent."""
+
     body: Body
     # vertical direction in the frame of the body when the marker was made; the marker can be dragged only
     # perpendicular to this direction
@@ -53,7 +55,10 @@ class _Shown(NamedTuple):
 
 
 class _Server(InteractiveMarkerServer):
-    """Interactive marker server that one thread owns."""
+    """Interactive marker server that sends only when its owner calls `send`, in the thread of its owner.
+
+    The library's own server also sends from a timer, and moves markers by itself.
+    """
 
     def __init__(self, name: str, on_feedback: Callable[[InteractiveMarkerFeedback], None]) -> None:
         """Make a server whose topics begin with a name; `on_feedback` gets each action of a user."""
@@ -65,6 +70,7 @@ class _Server(InteractiveMarkerServer):
 
     @property
     def is_watched(self) -> bool:
+        """Return whether a node, such as RViz, shows the markers."""
         return bool(self.update_pub.get_num_connections())
 
     def keepAlive(self, _event: Any) -> None:  # noqa: N802
@@ -82,7 +88,10 @@ class _Server(InteractiveMarkerServer):
         self._on_feedback(feedback)
 
     def send(self) -> None:
-        """Send changes and a keep-alive. The library's timer would send none while the clock stands still."""
+        """Send the changes of markers, and a keep-alive, without which RViz warns that the server is silent.
+
+        This is also done in a pause, in which the library's timer would send nothing.
+        """
         try:
             self.applyChanges()
             super().keepAlive(None)  # `keepAlive` of this class itself sends nothing
@@ -92,7 +101,7 @@ class _Server(InteractiveMarkerServer):
 
 
 class WorldDisplay:
-    """Shows the simulation's bodies; made and updated by the thread that owns the simulation."""
+    """Shows the simulation's bodies; only the thread that owns the simulation makes and updates it."""
 
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         """Set up the markers, and subscribe to RViz's tools."""
@@ -104,15 +113,15 @@ class WorldDisplay:
         # buffer of TF, which the tools need; None until one of RViz's tools is connected
         self._transforms: Optional[tf2_ros.Buffer] = None
         self._server = _Server("~world", self._on_feedback)
-        # points that are clicked, and poses that are set for the robot, with RViz's tools
-        drop, move = partial(self._ask, self._drop_box), partial(self._ask, self._move_robot)
+        # the tool Publish Point publishes clicked points, the tool 2D Pose Estimate publishes poses
+        on_point, on_pose = partial(self._ask, self._drop_box), partial(self._ask, self._move_robot)
         self._tools = (
-            rospy.Subscriber("clicked_point", PointStamped, drop, queue_size=10),
-            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, move, queue_size=10),
+            rospy.Subscriber("clicked_point", PointStamped, on_point, queue_size=10),
+            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, on_pose, queue_size=10),
         )
 
     def update(self, stamp: float) -> None:
-        """Refresh the markers if it is time for it, at `stamp` [s]."""
+        """Refresh the markers every PERIOD of simulated time; call this after each step, at `stamp` [s]."""
         if stamp >= self._next_refresh:
             self._next_refresh = stamp + PERIOD - 1e-6  # slightly earlier, because of rounding errors
             self.refresh()
@@ -144,7 +153,8 @@ class WorldDisplay:
             self._server.erase(name)
             del self._shown_markers[name]
         for name, body in bodies.items():
-            shown, pose = self._shown_markers.get(name), self._simulation.pose_of(name)
+            shown = self._shown_markers.get(name)  # None if the body has no marker yet
+            pose = self._simulation.pose_of(name)
             if shown and shown.body is not body:
                 # the body is new and has the name of a deleted body, so it gets a marker of its own
                 shown = None
@@ -169,9 +179,10 @@ class WorldDisplay:
         x, y, z = clicked.position
         _, _, height = BOX_SIZE
         upright = Pose((x, y, z + height / 2.0))  # the pose of a box is the pose of its middle
-        geometry, number = Geometry(Box(BOX_SIZE), rgba=BOX_COLOR), 1
-        taken = {*self._simulation.bodies, *self._simulation.models}
-        while f"box_{number}" in taken:
+        geometry = Geometry(Box(BOX_SIZE), rgba=BOX_COLOR)
+        used_names = {*self._simulation.bodies, *self._simulation.models}
+        number = 1
+        while f"box_{number}" in used_names:
             number += 1
         box = Body(f"box_{number}", upright, collisions=(geometry,), visuals=(geometry,), mass=BOX_MASS)
         self._simulation.spawn([checked(box)])
@@ -192,23 +203,27 @@ class WorldDisplay:
             self._shown_markers[name] = self._shown_markers[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
-        self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # keeps its height
+        _, _, height = now.position  # a body is dragged only horizontally, so it keeps its height
+        self._simulation.move(name, now._replace(position=(x, y, height)))
         return f"'{name}' was moved"
 
     def _delete(self, feedback: InteractiveMarkerFeedback) -> str:
+        """Delete the body of a marker, and return a sentence about it."""
         self._simulation.delete(feedback.marker_name)
         return f"'{feedback.marker_name}' was deleted"
 
     def _in_world(self, msg: PoseMsg, frame: str) -> Pose:
-        """Convert a pose in a frame of TF to the world; ObjectError if the pose or the frame is not valid."""
+        """Convert a pose in a frame to the world; ObjectError if the pose or the frame is not valid."""
         pose = checked_pose(conversions.pose_from_msg(msg))
-        if frame.lstrip("/") == WORLD:  # the frame of the window of the world, which is not on /tf
+        frame = frame.lstrip("/")
+        if frame == WORLD:  # the frame of Gazebo's window, which is not on /tf
             return pose
         odom_in_world = inverse(self._simulation.pose_world_in_odom)
-        return checked_pose(compose(compose(odom_in_world, self._frame_in_odom(frame.lstrip("/"))), pose))
+        frame_in_world = compose(odom_in_world, self._frame_in_odom(frame))
+        return checked_pose(compose(frame_in_world, pose))
 
     def _frame_in_odom(self, frame: str) -> Pose:
-        """Pose of a frame in odom; ObjectError if TF does not have it."""
+        """Return the pose of a frame in odom; ObjectError if TF does not have it."""
         if frame == ODOM:
             return Pose()
         # TF is updated faster than a person can click, so the latest transform is good enough
@@ -218,7 +233,7 @@ class WorldDisplay:
         return pose
 
     def _on_feedback(self, feedback: InteractiveMarkerFeedback) -> None:
-        """Delete or move the body of a marker that a user clicked or dragged."""
+        """Delete the body of a marker if its menu was used, and move the body at the end of a drag."""
         name, event = feedback.marker_name, feedback.event_type
         if event == InteractiveMarkerFeedback.MENU_SELECT and feedback.menu_entry_id == DELETE:
             self._ask(self._delete, feedback)
@@ -231,14 +246,21 @@ class WorldDisplay:
             self._ask(self._drag, feedback)
 
     def _ask(self, work: Callable[[Any], str], msg: Any) -> None:
-        """Let the simulation's thread do some work, and log the sentence that it returns."""
+        """Let the simulation's thread call `work(msg)`, and log the sentence that it returns.
+
+        rospy calls this in other threads, which must not use the simulation.
+        """
         done, sentence = self._calls.ask(partial(work, msg))
         if done:
             rospy.loginfo(f"RViz: {sentence}")
 
 
 def _noticeable(before: Pose, after: Pose, radius: float) -> bool:
-    """Return whether a point `radius` m from the origin of a moved body moves noticeably."""
+    """Return whether a body has moved or turned so far that its marker in RViz must be moved.
+
+    A turn counts as the motion of a point at the distance `radius` [m] from the body's origin.
+    """
+    # the scalar product of two unit quaternions is the cosine of half the angle between them
     cosine_of_half_turn = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
     turn = 2.0 * acos(min(1.0, cosine_of_half_turn))
     return dist(before.position, after.position) + radius * turn > NOTICEABLE_MOVE

@@ -44,6 +44,7 @@ class WorldServices:
         return f"'{request.model_name}' was added"
 
     def _delete(self, request: srv.DeleteObjectRequest) -> str:
+        """Delete a body, and return a sentence about it."""
         self._simulation.delete(request.model_name)
         return f"'{request.model_name}' was deleted"
 
@@ -54,11 +55,12 @@ class WorldServices:
         return f"'{request.model_name}' was moved"
 
     def _in_world(self, pose: PoseMsg, frame: str) -> Pose:
+        """Convert the pose of a request to the world; ObjectError if the pose or the frame is not valid."""
         pose_in_frame = checked_pose(conversions.pose_from_msg(pose))
         return compose(self._frame_in_world(frame), pose_in_frame)
 
     def _frame_in_world(self, frame: str) -> Pose:
-        """Pose of the world's frame or of odom in the world; ObjectError for another name."""
+        """Return the pose of a request's frame in the world; ObjectError if it is neither world nor odom."""
         if frame in ("", WORLD):
             return Pose()
         if frame == ODOM:
@@ -67,9 +69,11 @@ class WorldServices:
 
     def _list(self, frame: str) -> srv.ListObjectsResponse:
         """Answer with the names of all bodies and their poses in a frame."""
-        to_frame = inverse(self._frame_in_world(frame))
-        names = list(self._simulation.bodies)
-        poses = [conversions.pose_to_msg(compose(to_frame, self._simulation.pose_of(name))) for name in names]
+        world_in_frame = inverse(self._frame_in_world(frame))
+        names, poses = list(self._simulation.bodies), []
+        for name in names:
+            pose_in_frame = compose(world_in_frame, self._simulation.pose_of(name))
+            poses.append(conversions.pose_to_msg(pose_in_frame))
         return srv.ListObjectsResponse(
             success=True, status_message=f"{len(names)} objects", model_names=names, poses=poses
         )
@@ -85,8 +89,14 @@ class WorldServices:
 
 
 def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
-    """Bodies of an SDF model or a URDF, given as text; HuskyError if it cannot be simulated."""
-    check_name(name)  # the names of the model's links may be any text, as in a world file
+    """Return the bodies of a model, given as SDF or URDF text; HuskyError if it cannot be simulated.
+
+    Args:
+        model_xml: text of the model.
+        name: name of the model in the simulation.
+        pose_in_world: pose of the model.
+    """
+    check_name(name)  # only this name is checked; the names of the model's links may be any text
     if is_urdf(model_xml):
         bodies = [parse_urdf_object(model_xml, name, pose_in_world)]
     else:
@@ -97,7 +107,7 @@ def bodies_of_xml(model_xml: str, name: str, pose_in_world: Pose) -> List[Body]:
 
 
 def _bodies_of(request: srv.SpawnObjectRequest, pose: Pose) -> List[Body]:
-    """Bodies of a request: its SDF or URDF, otherwise one body of the requested shape."""
+    """Return the bodies that a request asks for: an SDF or URDF model, or one body of a simple shape."""
     name = request.model_name
     if request.model_xml:
         return bodies_of_xml(request.model_xml, name, pose)
