@@ -65,7 +65,8 @@ def left_out(folder: Path) -> List[str]:
 
 def _is_hand_in(path: Path) -> bool:
     """Return whether an entry in a folder of a class is a submission: a folder or an archive, but no link."""
-    if path.name.startswith(".") or path.is_symlink():
+    # macOS adds the folder __MACOSX to each zip
+    if path.name.startswith(".") or path.name == "__MACOSX" or path.is_symlink():
         return False
     return path.is_dir() or (bool(suffix_of(path.name)) and path.is_file())
 

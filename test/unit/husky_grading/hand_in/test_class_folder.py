@@ -83,9 +83,10 @@ def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
     for name in ("bob.ZIP", "cid.tar.gz", "dan.7z", "marking.yaml", ".hidden/package.xml", "zip"):
         put(tmp_path / name)
     (tmp_path / "link").symlink_to(tmp_path / "ann")
+    (tmp_path / "__MACOSX").mkdir()
     os.mkfifo(tmp_path / "fifo.zip")
     assert [each.name for each in find_hand_ins(tmp_path)] == ["ann", "bob", "cid", "dan"]
-    assert left_out(tmp_path) == ["fifo.zip", "link", "marking.yaml", "zip"]
+    assert left_out(tmp_path) == ["__MACOSX", "fifo.zip", "link", "marking.yaml", "zip"]
     (one,) = find_hand_ins(tmp_path / "ann" / "one")
     assert (one.name, one.path) == ("one", tmp_path / "ann" / "one"), "a package is one, too"
 
