@@ -1,8 +1,8 @@
-"""rospy's line on a connection with a wrong type of messages, shortened to one sentence.
+"""Shortens rospy's line of the log on a connection with a wrong type of messages to one sentence.
 
-rospy 1.15.15 (tcpros_base.py) appends the whole header of the connection, with the definition of the message.
-In: a line of the log. Out: the line. This module imports only the standard library, because `./dev launch`
-uses it.
+rospy 1.15.15 (tcpros_base.py) appends the whole header of the connection, with the definition of the message,
+so the line is very long. In: a line of the log. Out: the line. This module imports only the standard library,
+because `./dev launch` uses it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import re
 
-BEGIN = "Could not process inbound connection: "
+BEGIN = "Could not process inbound connection: "  # rospy's words before the reason and the header
 _LINE = re.compile(rf"{BEGIN}(?P<reason>[^{{]*)(?P<header>\{{'.*'\}})")
 
 

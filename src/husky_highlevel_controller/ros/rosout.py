@@ -1,4 +1,4 @@
-"""Log of rospy without questions to the master.
+"""Keeps rospy from asking the master before each line of the log.
 
 rospy reads the parameter PARAMETER before each line of the log. If nobody has set the parameter, rospy's
 cache forgets the answer, so each line asks the master again (rospy 1.15.15: rosout.py, paramserver.py). Then
@@ -19,8 +19,9 @@ PARAMETER = "/rosout_disable_topics_generation"
 def remember_parameter() -> None:
     """Ask the master once for PARAMETER, and put the answer, or false, into rospy's cache.
 
-    From then on, rospy asks its cache before each line of the log, and not the master. The master still
-    notifies rospy of a change. Call it after rospy.init_node, and before the first line of the log.
+    From then on, rospy looks into its cache before each line of the log, and does not ask the master. The
+    master still notifies rospy of a change. Call this after rospy.init_node, and before the first line of the
+    log.
     """
     # rospy itself keeps only the answer of a parameter that is set, so the false is put into the cache here
     get_param_server_cache().set(PARAMETER, rospy.get_param_cached(PARAMETER, False))

@@ -27,17 +27,28 @@ QUEUE = 2  # images are large
 
 
 class DepthCamera:
-    """Starts an image when one is due, and publishes it when it is drawn; skips an image that is late."""
+    """Lets a renderer in another process draw images, and publishes each when it is drawn.
+
+    So the simulation need not wait. If an image is still being drawn when the next is due, the next is left
+    out.
+    """
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
-        """Set up; an image is due every `steps` steps, and with `wait` the simulation waits for it."""
+        """Advertise the topics, and start the renderer.
+
+        Args:
+            config: size and angle of the images.
+            pose_in_base: pose of the camera in base_link.
+            steps: number of physics steps from one image to the next.
+            wait: true if the simulation must wait for each image.
+        """
         self._config, self._pose_in_base = config, pose_in_base
         self._steps, self._waits_for_image = steps, wait
         self._image_publisher = rospy.Publisher("camera/depth/image_raw", Image, queue_size=QUEUE)
         self._info_publisher = rospy.Publisher("camera/depth/camera_info", CameraInfo, queue_size=QUEUE)
         self._points_publisher = rospy.Publisher("camera/depth/points", PointCloud2, queue_size=QUEUE)
         self._renderer = Renderer(config)
-        self._image_stamp = 0.0
+        self._image_stamp = 0.0  # [s] stamp of the image that was started last
 
     def close(self) -> None:
         """End the renderer."""
@@ -65,8 +76,8 @@ class DepthCamera:
             for topic in (self._image_publisher, self._info_publisher, self._points_publisher)
         )
         if snapshot.step % self._steps == 0 and not self._renderer.busy and is_watched:
-            # physics moves bodies with a mass, and services also move static bodies; a body without a
-            # collision shape stays where it is
+            # the renderer gets the poses of all bodies that may have moved: physics moves bodies with a mass,
+            # and services also move static bodies; but a body without a collision shape never moves
             poses = {
                 name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.collisions
             }
@@ -77,9 +88,12 @@ class DepthCamera:
                 self._publish(timeout=None)
 
     def _publish(self, timeout: Optional[float]) -> None:
-        """Publish the image that was started last, if it is drawn within a timeout [s]; None waits for it."""
+        """Publish the image that was started last, if it is drawn within a timeout [s].
+
+        With the timeout None, wait until the image is drawn.
+        """
         buffer = self._renderer.take(timeout)
-        if buffer is None:
+        if buffer is None:  # no image was started, or the image is not drawn yet
             return
         depth, header = image_of(buffer, self._config), conversions.header(self._image_stamp, CAMERA_FRAME)
         publish(self._info_publisher, camera_info_to_msg(self._config, header))
@@ -93,7 +107,7 @@ class DepthCamera:
 
 
 def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
-    """Return the geometry of the image as a message: a pinhole camera without distortion."""
+    """Return the geometry of the camera as a message: a pinhole camera without distortion."""
     f, (u, v) = config.focal_length, config.center  # focal length f and centre (u, v) of the image [pixels]
     return CameraInfo(
         header=header,

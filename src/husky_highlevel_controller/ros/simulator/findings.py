@@ -1,6 +1,7 @@
-"""Faults of other nodes that only the simulator can see, logged, and kept for `./dev doctor`.
+"""Findings: faults of other nodes that only the simulator can see.
 
-In: sentences on nodes, from any thread. Out: the log, and a parameter in the simulator's namespace.
+They are logged, and kept for `./dev doctor`. In: sentences on nodes, from any thread. Out: the log, and a
+parameter in the simulator's namespace.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ MAX_FINDINGS = 20  # largest number of findings that are kept; the oldest are dr
 
 
 class Findings:
-    """Findings since the simulator began."""
+    """Faults of other nodes that were found since the simulator started."""
 
     def __init__(self) -> None:
         """Begin without a finding."""
@@ -32,7 +33,10 @@ class Findings:
         self._is_unpublished = True
 
     def publish(self) -> None:
-        """Send new findings to the master. `GraphWatch` calls this, because the call may have to wait."""
+        """Store new findings as a parameter on the master.
+
+        Only `GraphWatch` calls this, in its thread, because a slow master would delay any other thread.
+        """
         if self._is_unpublished:
             self._is_unpublished = False
             rospy.set_param(FINDINGS, list(self._findings))

@@ -1,4 +1,4 @@
-"""Frames of other nodes' markers, because RViz silently draws nothing in a frame that TF does not have.
+"""Reports markers of other nodes in frames that TF does not have, because RViz does not draw them.
 
 In: the ROS graph, the simulator's frames. Out: a sentence for each unknown frame.
 """
@@ -42,8 +42,9 @@ class MarkerFrames:
         """Subscribe to new topics of markers, unless another node publishes frames of its own."""
         sources_of_frames = {node for topic in FRAME_TOPICS for node in graph.publishers.get(topic, ())}
         sources_of_frames.discard(rospy.get_name())
+        # the frames of any other node are not in `_frames`, so markers in them would cause false alarms
         if any(not node.endswith(ALLOWED_SOURCE) for node in sources_of_frames):
-            return  # the frames of such a node are not in `_frames`, so they would cause false alarms
+            return
         for topic, nodes in graph.publishers.items():
             kind = KINDS.get(graph.types.get(topic, ""))  # None if the topic has no markers
             has_markers_of_nodes = kind is not None and any(not TOOLS.match(node) for node in nodes)
@@ -54,8 +55,8 @@ class MarkerFrames:
     def _on_markers(self, topic: str, message: Any) -> None:
         """Report markers in unknown frames, and stop listening to a topic after MESSAGES messages."""
         node = message._connection_header["callerid"]
-        # a MarkerArray has a list of markers; a Marker has none, so it is its own list
-        for marker in getattr(message, "markers", [message]):
+        markers = message.markers if isinstance(message, MarkerArray) else [message]
+        for marker in markers:
             frame = marker.header.frame_id.lstrip("/")
             is_drawn = marker.action in (Marker.ADD, Marker.MODIFY)
             if is_drawn and frame not in self._frames and (node, frame) not in self._reported:
@@ -67,7 +68,14 @@ class MarkerFrames:
 
 
 def marker_sentence(node: str, topic: str, frame: str, frames: AbstractSet[str]) -> str:
-    """Return a sentence on a marker in an unknown frame, with the frame that is probably meant."""
+    """Return a sentence on a marker in an unknown frame, with the frame that is probably meant.
+
+    Args:
+        node: name of the node that publishes the marker.
+        topic: topic of the marker.
+        frame: frame of the marker.
+        frames: names of all frames that TF has.
+    """
     nearest = get_close_matches(frame, sorted(frames), n=1, cutoff=0.5)
     remedy = f"did you mean '{nearest[0]}'?" if nearest else "copy the header of the scan"
     return (

@@ -42,7 +42,12 @@ X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarker:
     """Return the interactive marker of a body.
 
-    In RViz a movable body can be dragged in the horizontal plane, and has a menu to delete it.
+    In RViz, a user can drag a body that has a mass in the horizontal plane, and delete it by its menu.
+
+    Args:
+        body: the body.
+        pose_in_frame: pose of the body in a level frame.
+        frame: name of this frame.
     """
     marker = InteractiveMarker(
         # the header has no stamp, so in RViz the marker moves together with its frame
@@ -70,15 +75,16 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
 
 
 def upwards(pose: Pose) -> Vector3:
-    """Unit vector that points up, in the axes of a body; `pose` is the pose of the body in a level frame."""
+    """Return the vertical unit vector, in the axes of a body; `pose` is the body's pose in a level frame."""
     return rotate(quat_inverse(pose.quat_xyzw), Z)
 
 
 def _geometry_to_msg(geometry: Geometry) -> Marker:
-    """Marker of one visual part of a body.
+    """Return the marker of one visible part of a body.
 
-    A plane, and a box that is lower than PAINT_HEIGHT, become sheets, which RViz draws without shadow. A
-    cylinder is drawn with DRAWN_RADIUS_FRACTION of its radius, inside the marker of a found pillar.
+    A plane becomes a rectangle of its size. So does a box that is lower than PAINT_HEIGHT, such as a painted
+    line. A cylinder is drawn with DRAWN_RADIUS_FRACTION of its radius, so that the controller's marker of a
+    found pillar stays visible around it.
     """
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
@@ -101,16 +107,18 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
 
 
 def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
-    """Rectangle in the x-y plane of a pose; a colour for each corner keeps RViz from shading it black."""
+    """Return the marker of a rectangle in the x-y plane of a pose; `size` is its length along x and y [m]."""
     x, y = size[0] / 2.0, size[1] / 2.0
-    corners = [(*corner, 0.0) for corner in ((-x, -y), (x, -y), (x, y), (-x, -y), (x, y), (-x, y))]
+    first, second, third, fourth = (-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)
+    corners = [first, second, third, first, third, fourth]  # two triangles
     marker = _triangles(pose, corners, rgba)
+    # RViz shades triangles of one colour, so a rectangle may look black; a colour for each corner avoids this
     marker.colors = [marker.color] * len(corners)
     return marker
 
 
 def _triangles(pose: Pose, corners: Sequence[Vector3], rgba: Rgba) -> Marker:
-    """Marker of triangles; each three successive corners [m] are one triangle."""
+    """Return the marker of triangles; each three successive corners [m] are one triangle."""
     return Marker(
         type=Marker.TRIANGLE_LIST,
         pose=conversions.pose_to_msg(pose),

@@ -1,6 +1,7 @@
-"""Check that no simulator runs on this master yet. A second one would set another time, or end the first one.
+"""Checks that no simulator runs on this ROS master yet.
 
-In: the ROS master. Out: the name of the simulator that runs already, the other publishers of /clock.
+A second simulator would publish another time on /clock, or, with the same name, end the first simulator. In:
+the ROS master. Out: the name of the simulator that runs already, and all publishers of /clock.
 
 A launch file runs this check while it is read, before its nodes start. The check comes so early because the
 master ends a running node when another node of the same name starts. This module imports only the standard
@@ -21,7 +22,14 @@ CALLER = "/one_simulator"
 
 
 def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -> List[str]:
-    """Names of the nodes that publish /clock, without killed nodes, which stay in the master's list."""
+    """Return the names of the running nodes that publish /clock.
+
+    A node that was killed stays in the list of the master, so only nodes that answer count.
+
+    Args:
+        master_uri: address of the master.
+        publishers: names of the publishers of each topic, as the master lists them.
+    """
 
     def answers(name: str) -> bool:
         node_uri = ask(master_uri, "lookupNode", CALLER, name)
@@ -31,14 +39,24 @@ def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -
 
 
 def running_simulator(master_uri: str) -> Optional[str]:
-    """Name of the simulator that runs on a master; None if there is none."""
+    """Return the name of the simulator that runs on a master; None if there is none."""
     state = ask(master_uri, "getSystemState", CALLER)
-    names = clock_publishers(master_uri, dict(state[0])) if state else []
-    return next((name for name in names if name.rsplit("/", 1)[-1] == SIMULATOR), None)
+    if not state:  # no master answers
+        return None
+    publishers = dict(state[0])
+    for name in clock_publishers(master_uri, publishers):
+        if name.rsplit("/", 1)[-1] == SIMULATOR:  # the last part of the name, without the namespace
+            return name
+    return None
 
 
 def why_not_two(name: str, master_uri: str) -> str:
-    """Reason why a second simulator does not start, and what to do, in a sentence."""
+    """Return a sentence on why a second simulator does not start, and what to do.
+
+    Args:
+        name: name of the simulator that runs.
+        master_uri: address of its master.
+    """
     return (
         f"{name} already runs on {master_uri}; end it first, "
         "or give this one a master of its own: ROS_MASTER_URI=http://localhost:11312 roslaunch ..."

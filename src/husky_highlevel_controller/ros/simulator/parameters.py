@@ -46,12 +46,12 @@ class StartConfig:
 
     @property
     def has_unlimited_speed(self) -> bool:
-        """Return whether simulated time never waits for wall time."""
+        """Return whether the simulation runs as fast as the machine can, without regard to wall time."""
         return self.real_time_factor == 0.0
 
 
 def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
-    """Return the private parameters of the node: start of the simulation, simulator, depth camera.
+    """Return the private parameters of the node as three records: start, simulator and depth camera.
 
     Raises:
         ConfigError: a parameter is missing, unknown or not allowed.
@@ -70,21 +70,26 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     values.setdefault("laser_frame", robot.lidar_mount.frame)
     start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
     config = replace(config, robot=robot)
-    for name, choices in (("profile", robot.profiles), ("ground", GROUNDS)):
-        if getattr(start, name) not in choices:
-            raise ConfigError(f"{source}{name} = '{getattr(start, name)}' is not {' or '.join(choices)}")
+    for name, value, choices in (
+        ("profile", start.profile, robot.profiles),
+        ("ground", start.ground, GROUNDS),
+    ):
+        if value not in choices:
+            raise ConfigError(f"{source}{name} = '{value}' is not {' or '.join(choices)}")
     # the profile "robot" simulates the drivers of the real robot, on the chosen ground; the other profile
     # simulates Gazebo's plugins, and then `config.real` stays None
     if start.profile == "robot":
         (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
         config = replace(config, real=real.on(start.ground))
+        # the profile "robot" has a lidar of its own, so a change of the other lidar is probably a mistake
         if config.lidar != simulator_config(robot.name).lidar:
             rospy.logwarn(f"{source}lidar has no effect with profile:=robot; set {source}robot_profile/lidar")
     return start, config, camera
 
 
 def read_robot_description() -> str:
-    """URDF text of the robot. Raises ConfigError if there is none."""
+    """Return the URDF text of the robot; ConfigError if the parameter robot_description is not set."""
+    # this finds the parameter in the namespace of the node, or in a namespace above it
     name = rospy.search_param("robot_description")
     if name is None:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Node that makes a scan of a point cloud on cloud_in, if pointcloud_to_laserscan is not installed.
+"""Node that makes a scan of each point cloud on cloud_in, if pointcloud_to_laserscan is not installed.
 
 `simulator/sensors/points_to_scan.py` names the original, and the test that compares the two.
 """
@@ -18,12 +18,15 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
-MAX_POINTS = 1_000_000
+MAX_POINTS = 1_000_000  # largest number of points of a cloud that are used; a larger cloud is thinned
 REPORT_PERIOD = 5.0  # [s] shortest time between two warnings
 
 
 class PointsToScanNode(rospy.SubscribeListener):
-    """Listens to the cloud while something listens to the scan, as the real node does."""
+    """Makes a LaserScan of each cloud; subscribes to clouds only while a node subscribes to the scans.
+
+    The original, pointcloud_to_laserscan, also subscribes only then.
+    """
 
     def __init__(self) -> None:
         """Read the parameters, and advertise the scan; ConfigError for a wrong parameter."""
@@ -40,13 +43,13 @@ class PointsToScanNode(rospy.SubscribeListener):
         rospy.spin()
 
     def peer_subscribe(self, *_: object) -> None:
-        """Called by rospy when something begins to listen to the scan."""
+        """Subscribe to the clouds when a node subscribes to the scans; rospy calls this."""
         if self._clouds is None:
             self._clouds = rospy.Subscriber("cloud_in", PointCloud2, self._on_cloud, queue_size=1)
 
     def peer_unsubscribe(self, _topic: str, listeners: int) -> None:
-        """Called by rospy when something no longer listens."""
-        if not listeners and self._clouds is not None:
+        """Unsubscribe from the clouds when the last subscriber of the scans has left; rospy calls this."""
+        if listeners == 0 and self._clouds is not None:
             self._clouds.unregister()
             self._clouds = None
 
