@@ -112,8 +112,8 @@ class Chassis:
         `update_contacts`.
         """
         robot, state, dt = self._robot, self.state, self._dt
+        # 1. force of the ground on each tyre; all positions are relative to the centre of mass
         com_x, com_y, _ = robot.com
-        # contacts of the wheels with the ground, relative to the centre of mass
         contacts = [
             WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
             for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
@@ -121,8 +121,7 @@ class Chassis:
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         downhill_x, downhill_y = self._downhill()
         velocity_of_com = (vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate)
-        # force of the ground on each tyre [N], as (forwards, to the left)
-        forces = ground_forces(
+        forces = ground_forces(  # [N] each force is (forwards, to the left)
             contacts,
             velocity=velocity_of_com,
             external=(robot.mass * downhill_x, robot.mass * downhill_y),
@@ -131,7 +130,8 @@ class Chassis:
             dt=dt,
             config=self._traction,
         )
-        # the torque of a motor [N m] balances the ground's force on the tyre, and accelerates the wheel
+        # 2. the motion of the wheels, and the torques of their motors [N m]; a torque balances the ground's
+        # force on the tyre, and accelerates the wheel
         self.torques = [
             forward * radius + inertia * (speed - last_speed) / dt
             for (forward, _), radius, inertia, speed, last_speed in zip(
@@ -140,10 +140,11 @@ class Chassis:
         ]
         self._wheel_angles = [angle + speed * dt for angle, speed in zip(self._wheel_angles, speeds)]
         self._wheel_speeds = speeds
-        # Bullet finds the contacts of a step before it moves the robot in this step. So `update_contacts`,
-        # which is called after the step, needs this pose of before the step.
+        # 3. the pose of before the step, for `update_contacts`, which is called after the step: Bullet finds
+        # the contacts of a step before it moves the robot
         self._contact_axes, self._contact_position = self._base_axes, state.pose_in_world.position
-        # forces [N] on the robot and the points at which they push [m], in base_link
+        # 4. all forces [N] on the robot, and the points at which they push [m], in base_link: of the ground
+        # on the wheels, and of friction at the contacts of the hull
         pushes = [
             ((forward, left, 0.0), footprint)
             for footprint, load, (forward, left) in zip(self._footprints, self._loads, forces)
@@ -152,7 +153,7 @@ class Chassis:
         pushes += [
             (self._hull_friction(point, normal, load), point) for point, normal, load in self._hull_contacts
         ]
-        # turn the forces and points from base_link into the world; a, b and c are base_link's axes there
+        # 5. the same forces and points in the world, where a, b and c are the axes of base_link
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._base_axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:

@@ -110,9 +110,10 @@ class Simulation:
         return equip(self._config, self._drive_config, self._robot, self._cast_rays, self._world.gravity)
 
     def _cast_rays(self, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
-        """Return the distance that each beam of a lidar travels in the present scene, (N,) [m]; inf if free.
+        """Return the distance at which each beam of a lidar meets a body now, (N,) [m].
 
-        The lidars get this method instead of a scene, because bodies move, come and go.
+        The distance is inf if a beam meets nothing up to `max_range` [m]. The lidars get this method instead
+        of a scene, because the scene changes when bodies move.
         """
         return cast_rays(self._objects.scene(), pose_laser_in_world, beams, max_range)
 

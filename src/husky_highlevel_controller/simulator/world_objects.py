@@ -201,9 +201,11 @@ class WorldObjects:
         return self._drawn_poses.get(name, body.pose_in_world)
 
     def _name_is_taken(self, name: str) -> PlacementError:
+        """Return the error for a new body whose name is taken, to be raised."""
         return PlacementError(f"a body named '{name}' exists already; choose another name")
 
     def _unknown(self, name: str) -> PlacementError:
+        """Return the error for a name that no body has, to be raised."""
         return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")
 
     def scene(self) -> RayScene:

@@ -85,6 +85,7 @@ class _Scene:
 
 
 def _sum(sizes: List[SceneSize]) -> SceneSize:
+    """Return the size of several parts together."""
     return SceneSize(nodes=sum(each.nodes for each in sizes), corners=sum(each.corners for each in sizes))
 
 

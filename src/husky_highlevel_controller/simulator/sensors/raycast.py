@@ -55,7 +55,7 @@ KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
 
 class RaySolid(NamedTuple):
-    """Solid shape of a scene, in plain numbers."""
+    """Solid shape of a scene at its pose, in plain numbers."""
 
     kind: int  # BOX, CYLINDER or SPHERE
     size: Vector3  # [m] half the edges of the box around the solid, along the solid's axes
@@ -75,11 +75,11 @@ class RayScene:
 
     solids: List[RaySolid]  # (M,)
     planes: Tuple[Tuple[Vector3, Vector3], ...]  # point and unit normal of each plane in the world
-    # the following arrays describe the same solids, with one row for each
+    # the following arrays have the fields of `RaySolid` for the same solids, with one row for each solid
     kinds: np.ndarray  # (M,)
-    sizes: np.ndarray  # (M, 3)
-    bounds: np.ndarray  # (M,)
-    positions: np.ndarray  # (M, 3)
+    sizes: np.ndarray  # (M, 3) [m]
+    bounds: np.ndarray  # (M,) [m]
+    positions: np.ndarray  # (M, 3) [m]
     axes: np.ndarray  # (M, 3, 3), an axis in each row
     meshes: List[RayMesh]
 
@@ -89,7 +89,7 @@ class RayScene:
         return len(self.solids) > MAX_ONE_BY_ONE
 
     def move(self, index: int, pose_in_world: Pose) -> None:
-        """Set the pose of a solid shape."""
+        """Set the pose of the solid shape with an index, see `make_scene`."""
         position, axes = pose_in_world.position, axes_from_quat(pose_in_world.quat_xyzw)
         if self.has_many:
             self.positions[index], self.axes[index] = position, axes
@@ -97,7 +97,7 @@ class RayScene:
             self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
 
     def move_mesh(self, index: int, pose_in_world: Pose) -> None:
-        """Set the pose of a mesh."""
+        """Set the pose of the mesh with an index, see `make_scene`."""
         axes = axes_from_quat(pose_in_world.quat_xyzw)
         self.meshes[index] = self.meshes[index]._replace(position=pose_in_world.position, axes=axes)
 
@@ -150,7 +150,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     from either side. The beams lie in the xy plane of the laser, at bearings within [-pi, pi].
     """
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
-    # Each shape below shortens the distances of the beams that meet it before any earlier shape.
+    # each shape below shortens the distances of the beams that meet this shape first
     distances = np.empty(len(beams.bearings))
     distances.fill(inf)
     # [m] upper bound of all finite distances. It saves time, because distances beyond `max_range` need to be
@@ -274,8 +274,8 @@ def _meet_many(
     # each candidate is a solid with neighbouring beams that may meet it: the first beam, and their number
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
-    # the formula of each kind of shape has the indices of the axes that it needs, and the functions `prepare`
-    # and `enter`, see the module `ray_shapes`
+    # A kind (BOX, CYLINDER or SPHERE) is the place of its formula in FORMULAS. A formula has the indices of
+    # the axes that it needs, and the functions `prepare` and `enter`, see the module `ray_shapes`.
     for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
