@@ -95,7 +95,8 @@ class DriveTab:
             server: server of the page.
             actions: queue of service calls, except stops.
             teleop: driving by hand, whose speeds the sliders set, and the emergency stop.
-            show_moving: function that returns a context; the state bar shows this name as moved meanwhile.
+            show_moving: function that takes the name of an object, and returns a context. Inside the context,
+                the state bar shows that the object is being moved.
             controller: name of the controller's node.
             simulator: name of the simulator's node.
         """
@@ -148,13 +149,13 @@ class DriveTab:
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
                     self._lights[name] = Light(item.level, item.message[:MAX_LETTERS], now, time)
                 if self._is_of_controller(name):
-                    state = next((pair.value for pair in item.values if pair.key == "state"), "")
-                    self._state = state[:MAX_LETTERS]
-                    is_started = self._state != STOPPED
-                    # the request is forgotten as soon as the state agrees with it; a state that contradicts
-                    # the request may come from a message that was sent before the service answered
+                    values = {pair.key: pair.value for pair in item.values}
+                    self._state = values.get("state", "")[:MAX_LETTERS]
+                    # The request is forgotten as soon as the state agrees with it. A state that contradicts
+                    # the request may come from a message that was sent before the service answered.
+                    agrees = self._is_start_requested is (self._state != STOPPED)
                     is_old = now - self._requested_at > STALE_STATUS
-                    if is_started is self._is_start_requested or is_old:
+                    if agrees or is_old:
                         self._is_start_requested = None
         self._mark_stale(now, time)
 
@@ -165,7 +166,8 @@ class DriveTab:
         send their diagnostics by simulated time, which may be slow or stand still.
         """
         for name, light in list(self._lights.items()):
-            # simulated time has become known, or the simulator was started again
+            # the light's age begins again at 0 if simulated time has only now become known, or has become
+            # smaller, because the simulator was started again
             if time is not None and (light.heard_time is None or time < light.heard_time):
                 light = self._lights[name] = light._replace(heard_time=time)
             simulated_seconds = inf
@@ -191,9 +193,12 @@ class DriveTab:
         lights = [(name, light.level, light.message) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
         activity, _, _ = self.activity()
-        # Start is shown if the controller is stopped, Stop if it is not stopped, and both if its state is
-        # unknown
-        self._start.options = (START if activity == STOPPED else STOP,) if activity else (START, STOP)
+        if not activity:  # the controller's state is unknown
+            self._start.options = (START, STOP)
+        elif activity == STOPPED:
+            self._start.options = (START,)
+        else:
+            self._start.options = (STOP,)
         self._time.options = (RESUME if is_paused else PAUSE, STEP)
 
     def forget(self) -> None:
@@ -237,14 +242,16 @@ class DriveTab:
 
         The state is empty if it is unknown. The level is 0 and the sentence is empty if there is no fault.
         """
-        level, sentence = next(
-            (light[:2] for name, light in self._lights.items() if self._is_of_controller(name)), (0, "")
-        )
         # a request counts even before the diagnostics show its effect, so that the page changes at once
         if self._is_start_requested is False:
             return STOPPED, 0, ""
         if self._is_start_requested and self._state == STOPPED:
             return STARTED, 0, ""
+        level, sentence = 0, ""
+        for name, light in self._lights.items():
+            if self._is_of_controller(name):
+                level, sentence = light.level, light.message
+                break
         if level == STALE_LEVEL:
             # the sentence says only that a node may have ended, so it gets the controller's name
             sentence = f"{self._controller.strip('/')}: {sentence}"
@@ -293,7 +300,8 @@ class DriveTab:
         def work() -> str:
             # the reset is the only service here that moves the robot and objects, so only the reset is shown
             # as a motion in the state bar
-            with self._show_moving("robot and world") if service.name == "reset" else nullcontext():
+            is_reset = service.name == "reset"
+            with self._show_moving("robot and world") if is_reset else nullcontext():
                 return call(full_name, service.kind, *service.arguments, timeout=service.timeout)
 
         self._actions.do(work, event.client, "Simulation")

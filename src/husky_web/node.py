@@ -87,8 +87,12 @@ class WebNode:
         (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
         # relative names get the namespace of this node here, because the page compares them with the full
         # names of nodes, topics and diagnostics
-        controller, simulator = (rospy.resolve_name(name) for name in (config.controller, config.simulator))
-        config = self._config = replace(config, controller=controller, simulator=simulator)
+        config = replace(
+            config,
+            controller=rospy.resolve_name(config.controller),
+            simulator=rospy.resolve_name(config.simulator),
+        )
+        self._config = config
         self._description = ""  # URDF of the robot that is drawn; empty before the first URDF has come
         self._log = LogBuffer()  # lines of /rosout_agg, also while no page is open
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
@@ -110,9 +114,11 @@ class WebNode:
         # `add_earlier` leaves out the lines that have come on the topic, too
         self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
-        # an address with a token is only printed in this terminal and not logged, because everybody can read
-        # the log
-        (print if has_token else rospy.loginfo)(f"open this page in a browser: {address}")
+        invitation = f"open this page in a browser: {address}"
+        if has_token:  # everybody can read the log, so the token is only printed in this terminal
+            print(invitation)
+        else:
+            rospy.loginfo(invitation)
 
     def _build(self, config: WebConfig) -> None:
         """Make the scene and the fields of the page, and connect their callbacks."""
@@ -143,7 +149,7 @@ class WebNode:
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._pages = Pages(server, self._tabs, self._log)
         self._mouse = Mouse(self._scene, self._objects, world, self._moving, self._pages.open)
-        server.scene.on_click()(self._mouse.on_ground)
+        server.scene.on_click()(self._mouse.on_ground)  # clicks beside the objects
         # a node of the scene reacts to the mouse only if the tool of a page acts on it, so `bind` updates the
         # nodes if a page chooses another tool
         self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
@@ -157,7 +163,7 @@ class WebNode:
             with server.gui.add_folder("Layers"):
                 # each box shows or hides a layer; the box of the depth points is hidden while no topic has
                 # such points
-                self._depth_box = add_layers(server.gui, self._scene.layers.__setitem__)
+                self._depth_box = add_layers(server.gui, self._scene.show_layer)
             server.gui.add_html(SOFTWARE)
             self._recorder = Recorder(server, self._actions)
 
@@ -250,7 +256,8 @@ class WebNode:
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
         self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
         # the master searches for the parameter in the namespaces of this node, from the innermost to the root
-        description = str(parameter(self._ask("searchParam", "robot_description") or "robot_description", ""))
+        full_name = self._ask("searchParam", "robot_description") or "robot_description"
+        description = str(parameter(full_name, ""))  # URDF
         if description and description != self._description:
             self._description = description
             self._scene.draw_robot(description)
@@ -264,8 +271,10 @@ class WebNode:
         If the master has restarted, the subscriptions are closed, because the new master does not have them.
         """
         was_lost = self._registration.is_lost  # true if a master has answered that it does not know this node
-        is_known = self._registration.look()  # true if the master knows this node; None if no master answers
-        published = None if is_known is None else self._ask("getPublishedTopics", "")
+        published = None
+        # `look` asks the master whether it knows this node, and returns None if no master answers
+        if self._registration.look() is not None:
+            published = self._ask("getPublishedTopics", "")
         if published is None:
             self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer at {rosgraph.get_master_uri()}")
@@ -273,9 +282,9 @@ class WebNode:
         # a new master never learns of the publishers of this node, so `is_lost` stays true until the node
         # ends, and the page asks for a restart
         is_lost = self._registration.is_lost
-        # the master may be a new one if it did not answer before, and is a new one if it does not know this
-        # node
-        if self._was_master_silent or (is_lost and not was_lost):
+        is_new = is_lost and not was_lost  # true if this master does not know this node, but the last one did
+        # a master that did not answer for a while may be a new one, too
+        if is_new or self._was_master_silent:
             self._topics.close()  # `_follow_network` opens them again
         self._is_master_gone, self._was_master_silent = is_lost, False
         return [(name, kind) for name, kind in published]
@@ -361,13 +370,17 @@ def read_rosout() -> str:
 
 
 def title(robot: str, world: str) -> str:
-    """Return the title of the page: the robot and the file of its world, as far as they are known."""
-    name = load_robot(robot).title if robot in ROBOTS else robot.replace("_", " ") or "Husky"
+    """Return the title of the page: the robot and the file of its world, as far as they are known.
+
+    `robot` is the robot's name in its URDF, and `world` is a path; both are empty if unknown.
+    """
+    name = load_robot(robot).title if robot in ROBOTS else robot.replace("_", " ")
+    name = name or "Husky"
     return f"{name} in {Path(world).stem}" if world else name
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system, because glibc would keep it."""
+    """Return freed memory to the operating system, because the C library would keep it for this process."""
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):  # malloc_trim exists only in the GNU C library
         ctypes.CDLL(None).malloc_trim(0)

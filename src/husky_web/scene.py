@@ -101,7 +101,7 @@ class Scene:
         self._controller = f"{controller}/"  # text with which the names of the controller's topics begin
         # `frames` has the poses of the TF frames, and `markers` has the newest messages of all markers
         self.frames, self.markers = Frames(), Markers()
-        # name of each layer, and true if the layer is shown; the boxes of the page change this
+        # name of each layer, and true if the layer is shown; the boxes of the page call `show_layer`
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s] stamp of the newest scan
         # [s] the robot is drawn at its pose at this time, the stamp of the drawn scan; None if the robot is
@@ -149,13 +149,14 @@ class Scene:
             rospy.logwarn(str(error))
             return
         # the base comes first, because its node is the parent of the nodes of the other frames
-        for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
+        frames = sorted(groups, key=lambda frame: frame != BASE)  # False is sorted before True
+        for frame in frames:
             # links are children of the base in the scene, so that the pose of the base moves all of them
             parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
             # slashes in the name are replaced, because viser would read each as a level of its tree of nodes
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
-            for number, visual in enumerate(visuals):
+            for number, visual in enumerate(groups[frame]):
                 with on_error_log_and_skip(f"a visual of {frame} in robot_description"):
                     self.robot_shapes += clickable(
                         add_pieces(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
@@ -188,12 +189,11 @@ class Scene:
                 self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
         with on_error_log_and_skip(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
-        newest_pose_stamp = self.frames.stamp(BASE)
-        is_scan_recent = (
-            newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
-        )
         # if there is no recent scan, for example because the lidar is off, the newest poses are drawn
-        self.moment = self.scan_stamp if is_scan_recent else None
+        self.moment = None
+        newest_pose_stamp = self.frames.stamp(BASE)
+        if newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE:
+            self.moment = self.scan_stamp
         for frame, node in self._robot.items():
             # the nodes of other frames are children of the base's node, see `draw_robot`
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
@@ -218,6 +218,10 @@ class Scene:
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()
             place(self._shadow, Pose((x, y, footprint.position[2] + SHADOW_HEIGHT)))
+
+    def show_layer(self, name: str, is_shown: bool) -> None:
+        """Show or hide a layer, for every page, from the next update on."""
+        self.layers[name] = is_shown
 
     def show_ghost(self, pose: Optional[Pose]) -> None:
         """Show the pose to which the robot would be moved, or nothing."""
@@ -264,7 +268,7 @@ class Scene:
             self._cloud.points = transform_points(pose, points_from_msg(msg)).astype(np.float32)
 
     def _update_trail(self) -> None:
-        """Add the robot's position to the trail, if it is TRAIL_STEP from the last point."""
+        """Add the robot's position to the trail, if it is at least TRAIL_STEP from the trail's last point."""
         self._trail_line.visible = self.layers["trail"]
         base = self.base
         if base is None:
@@ -280,12 +284,21 @@ class Scene:
         self._replace_trail([*self._trail[-TRAIL_POINTS:], point])
 
     def _begin_trail(self, path: Marker) -> None:
-        """Begin the trail with the controller's path, which the robot drove before a page was open."""
-        frame, points = self.frames.pose(frame_of_message(path), self.fixed_frame), points_of(path)
-        has_path = len(points) >= 2 and np.isfinite(points).all()
-        if len(self._trail) < 2 and has_path and frame is not None:
-            height = self.ground + LINE_HEIGHT
-            self._replace_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
+        """Begin the trail with the controller's path, which the robot drove before a page was open.
+
+        A trail that already has a line stays as it is.
+        """
+        if len(self._trail) >= 2:
+            return
+        points = points_of(path)
+        if len(points) < 2 or not np.isfinite(points).all():
+            return
+        frame = self.frames.pose(frame_of_message(path), self.fixed_frame)
+        if frame is None:  # the pose of the path's frame is unknown
+            return
+        height = self.ground + LINE_HEIGHT
+        positions = transform_points(frame, points).tolist()
+        self._replace_trail([(x, y, height) for x, y, _ in positions])
 
     def _replace_trail(self, trail: List[Tuple[float, float, float]]) -> None:
         """Replace the trail by these points [m] in the fixed frame, the oldest first, and draw it."""
@@ -303,8 +316,10 @@ class Scene:
         if not self.layers["plan"] or base is None or stop_point is None:
             self._plan_line.points = np.zeros((0, 2, 3), np.float32)
             return
+        # both ends are on the ground
         height = self.ground + LINE_HEIGHT
-        start, end = ((x, y, height) for x, y, _ in (stop_point, base.position))
+        start = (stop_point[0], stop_point[1], height)
+        end = (base.position[0], base.position[1], height)
         self._plan_line.points = dashes(start, end)
 
     def _stop_point(self) -> Optional[Vector3]:
@@ -313,7 +328,10 @@ class Scene:
         for (topic, namespace, _), marker in self.markers.shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
                 frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
-                stop_point = None if frame is None else compose(frame, pose_of(marker) or Pose()).position
+                stop_point = None
+                if frame is not None:
+                    # a marker whose pose has a number that is not finite counts as at the origin of its frame
+                    stop_point = compose(frame, pose_of(marker) or Pose()).position
         return stop_point
 
     def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
@@ -324,9 +342,8 @@ class Scene:
         for topic, msg in topics.take_all("markers"):
             with on_error_log_and_skip(topic):
                 for marker in markers_of(msg):
-                    # the controller's markers PATH and STATE are not drawn, because the page draws its own
-                    # trail, and the state bar shows the state; but the points of PATH are the beginning of
-                    # the trail, because the robot drove there before a page was open
+                    # The controller's markers PATH and STATE are not drawn. The page draws a trail of its own
+                    # instead, which only begins with the points of PATH. The state bar shows the state.
                     is_of_controller = topic.startswith(self._controller)
                     if is_of_controller and marker.ns == PATH:
                         self._begin_trail(marker)
@@ -352,15 +369,16 @@ class Scene:
             name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
             drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
             self._drawn[key] = drawing
+        # A marker that is not locked to its frame keeps the pose that it got when it came. An invisible node
+        # has no pose yet, for example because its frame was unknown, so it is tried again.
         if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
-            # an unlocked marker keeps the pose that it got when it came; an invisible node has no pose yet,
-            # for example because its frame was unknown, so it is tried again
             return
         drawing.placed = marker
-        # a locked marker moves with its frame, so it needs the newest pose of the frame; another marker needs
-        # the frame's pose at the marker's stamp, or the newest pose if the stamp is 0
-        stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
-        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)
+        # [s] time of the frame's pose; None for the newest pose. A locked marker moves with its frame, so it
+        # needs the newest pose. Another marker needs the pose at its stamp, if the stamp is not 0.
+        stamp = marker.header.stamp.to_sec()
+        at = None if marker.frame_locked or stamp == 0.0 else stamp
+        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, at)
         pose = pose_of(marker)
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
@@ -406,8 +424,9 @@ def trail_colors(trail: np.ndarray) -> np.ndarray:
     a screen (sRGB). So they are made linear here, otherwise the browser would draw them too bright.
     """
     steps = np.linalg.norm(np.diff(trail, axis=0), axis=1)
-    # (N,) [m] length of the trail from each point to the robot, summed from the newest point backwards
-    behind = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+    # (N,) [m] length of the trail from each point to the robot: the sum of all steps after the point
+    sums_from_the_end = np.cumsum(steps[::-1])[::-1]
+    behind = np.concatenate([sums_from_the_end, [0.0]])
     # (N, 1) 0 for the full colour, 1 for the faded one
     faded = np.clip((behind - TRAIL_NEW) / (TRAIL_OLD - TRAIL_NEW), 0.0, 1.0)[:, None]
     colors = (1.0 - faded) * TRAIL_COLOR + faded * FADED_COLOR

@@ -120,17 +120,24 @@ class Moving:
 
 
 class StopReason:
-    """Warning that came at most REASON_TIME before or after the time at which the controller stopped."""
+    """Warning that explains in the state bar why the controller has stopped.
+
+    It is the newest warning that came at most REASON_TIME before or after the stop.
+    """
 
     def __init__(self) -> None:
         self.text = ""
         self._drove_at = -inf  # [s] last time at which the controller was not stopped
 
     def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
-        """Take in the controller's state at a time [s], None if unknown, and the newest warning."""
-        # the warning is forgotten if the controller is not stopped, or if the time is unknown
-        if time is None or activity != STOPPED:
-            self.text, self._drove_at = "", -inf if time is None else time
+        """Take in the controller's state at a time [s], None if unknown, and the newest warning.
+
+        While the controller is not stopped, or the time is unknown, there is no reason.
+        """
+        if time is None:
+            self.text, self._drove_at = "", -inf
+        elif activity != STOPPED:
+            self.text, self._drove_at = "", time
         # a warning is the reason of the stop only if it came near the time of the stop
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
             self.text = warning.text
@@ -169,10 +176,12 @@ class StateBar:
         self._show(RobotStatus(is_locked=is_locked, has_listener=has_listener))
 
     def _show(self, status: RobotStatus) -> None:
+        """Show a state with the numbers that were kept last."""
         self._e_stop.content = e_stop_html(status.is_locked, status.has_listener)
         self._state.content = state_html(status, self._figures)
 
     def _on_next(self, event: Any) -> None:
+        """Call the function of the pressed button, for the page on which it was pressed."""
         action = self.on_again if event.target.value == AGAIN else self.on_elsewhere
         action(event.client)
 
@@ -182,12 +191,15 @@ def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
 
     `has_listener` is true if a node subscribes to the emergency stop.
     """
-    state = "STOPPED" if has_listener else "NOT HEARD"
-    text, style = (f"{state} &mdash; RELEASE", "locked") if is_locked else ("EMERGENCY STOP", "")
-    locks = "false" if is_locked else "true"
+    # a click on the button sends `request`: "true" switches the emergency stop on, and "false" releases it
+    if is_locked:
+        state = "STOPPED" if has_listener else "NOT HEARD"
+        text, style, request = f"{state} &mdash; RELEASE", "locked", "false"
+    else:
+        text, style, request = "EMERGENCY STOP", "", "true"
     return (
         '<div class="husky-block">'
-        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{text}</button></div>'
+        f'<button class="husky-e-stop {style}" data-husky-e-stop="{request}">{text}</button></div>'
     )
 
 
@@ -226,7 +238,8 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
     # [m] remaining distance; it is shown as 0 at the pillar, and never as a negative number
     to_go = figures.distance
     if to_go is not None:
-        to_go = 0.0 if status.activity == ARRIVED else max(0.0, to_go)
+        has_arrived = status.activity == ARRIVED
+        to_go = 0.0 if has_arrived else max(0.0, to_go)
     numbers = "".join(
         f"<div><dd>{fixed(value, digits)} <small>{unit}</small></dd><dt>{name}</dt></div>"
         for value, digits, unit, name in (
