@@ -88,17 +88,18 @@ class Camera:
     def _take_over(self, camera: Any) -> None:
         """Set `_offset` from the pose that the page has reported, if its mouse has moved the camera.
 
-        A jump is a position of the camera that this program has sent after another camera was chosen, or
-        after the robot was moved far.
-        The page reports the position of its camera late. A reported position that was sent to the page
-        before does not come from the mouse. Position and rotation of a report belong together, but its target
-        may be newer.
+        The page reports the pose of its camera late. If this program has sent the reported position before,
+        the mouse has not moved the camera. The camera jumps if another camera is chosen, or if the robot is
+        moved far; reports from before a jump do not count. Position and rotation of a report belong
+        together, but its target may be newer.
         """
         position = camera.position.tolist()
         is_sent = any(dist(position, sent) < SAME for sent in self._sent)
-        if is_sent or not self._has_jump_arrived:
+        if is_sent:
             # a jump empties `_sent`, so the page can report a position in `_sent` only after the jump
-            self._has_jump_arrived |= is_sent
+            self._has_jump_arrived = True
+            return
+        if not self._has_jump_arrived:
             return
         w, x, y, z = camera.wxyz.tolist()
         # direction from the target to the camera; a camera looks along its own z axis, so -z points back

@@ -59,7 +59,9 @@ class Frames:
         # `root` is not above `child` in the tree, so the poses of both are compared in the frame at the top
         # of the tree
         top_of_root, root_in_top = self._climb(root, stamp, stop_at=top_of_child)
-        return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
+        if top_of_root != top_of_child:
+            return None
+        return compose(inverse(root_in_top), child_in_top)
 
     def _climb(self, frame: str, stamp: Optional[float], stop_at: str) -> Tuple[str, Pose]:
         """Climb the tree from a frame to `stop_at`, or to the root if `stop_at` is not above the frame.

@@ -79,13 +79,16 @@ class LogBuffer:
 
     def add_earlier(self, lines: Iterable[Line]) -> None:
         """Put the last EARLIER lines of a file before the lines that came as messages; drop doubled lines."""
-        # the stamps in the file have six digits after the point, so stamps are rounded before they are
-        # compared
-        received = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
-        earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in received]
-        room = CAPACITY - len(self._lines)
+
+        def rounded(line: Line) -> Line:
+            """Return a line with a stamp of six digits after the point, as in the file."""
+            return line._replace(stamp=round(line.stamp, 6))
+
+        received = {rounded(line) for line in list(self._lines)}
+        earlier = [line for line in lines if rounded(line) not in received]
         # the latest of the earlier lines are kept, so that no line is missing between old and new ones
-        earlier = earlier[-min(EARLIER, room) :] if room else []
+        count = min(EARLIER, CAPACITY - len(self._lines), len(earlier))
+        earlier = earlier[len(earlier) - count :]
         self._lines.extendleft(reversed(earlier))
         self.count += len(earlier)
 

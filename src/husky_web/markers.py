@@ -66,8 +66,10 @@ def primitives(marker: Marker) -> List[Piece]:
         whole = 3 * (len(points) // 3)  # number of points that form complete triangles
         # axes (triangle, corner, coordinate); the points of a TRIANGLE_LIST are scaled, as in RViz
         corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
-        # a triangle has the colour of its first corner
-        return _by_color(corners, colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group)))
+        colors_of_first_corners = colors[:whole:3]  # a triangle has the colour of its first corner
+        return _by_color(
+            corners, colors_of_first_corners, lambda group: shapes.triangles(np.concatenate(group))
+        )
     if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
         # a copy of the shape at each point, stretched to the marker's size
         unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
@@ -128,9 +130,9 @@ def pose_of(marker: Marker) -> Optional[Pose]:
     A quaternion of zeros means no rotation, as in RViz.
     """
     position, quat = pose_from_msg(marker.pose)
-    length = sum(value * value for value in quat) ** 0.5
     if not all(isfinite(value) for value in (*position, *quat)):
         return None
+    length = sum(value * value for value in quat) ** 0.5
     if length < 1e-6:
         return Pose(position)
     x, y, z, w = (value / length for value in quat)  # a sender's quaternion may have another length than 1
@@ -149,8 +151,9 @@ def cost(marker: Marker) -> int:
 
 
 def _cost_of_colors(marker: Marker) -> int:
-    """Return the cost of a marker of which each colour becomes a solid."""
-    return SOLID_COST * max(min(len(marker.colors), MAX_COLORS), 1)
+    """Return the cost of a marker that is drawn as one solid for each of its colours."""
+    colors = min(len(marker.colors), MAX_COLORS)
+    return SOLID_COST * max(colors, 1)  # a marker without a list of colours has a single colour
 
 
 class Markers:
@@ -204,7 +207,10 @@ class Markers:
 
 
 def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
-    """Return an arrow from the marker's first point to its second, or by its scale without two points."""
+    """Return an arrow from the marker's first point to its second one.
+
+    Without two points, the arrow lies along x of the marker's frame, and its length is given by the scale.
+    """
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
         # without two points, the scale is (length, width, height); the arrow lies along x from the origin,
@@ -231,8 +237,9 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
         head_diameter=head_diameter,
     )
     # the arrow lies along x from the origin, so it is turned into its direction and moved to its start
-    turned = mesh.vertices @ matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length)).T + start
-    return [Solid(Mesh(turned.astype(np.float32), mesh.faces), _rgba(marker.color))]
+    rotation = matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length))
+    vertices = mesh.vertices @ rotation.T + start
+    return [Solid(Mesh(vertices.astype(np.float32), mesh.faces), _rgba(marker.color))]
 
 
 def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> List[Piece]:
@@ -240,10 +247,11 @@ def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> L
 
     `points` is (N, 3) [m], `colors` is (N, 4) from 0 to 1, and `width` is in m.
     """
-    starts = np.arange(0, max(len(points) - 1, 0), 2 if kind == Marker.LINE_LIST else 1)
-    if not len(starts):
+    if len(points) < 2:
         return []
-    ends = np.stack([starts, starts + 1], axis=1)
+    # each line joins the point of its index in `starts` with the next point
+    starts = np.arange(0, len(points) - 1, 2 if kind == Marker.LINE_LIST else 1)
+    ends = np.stack([starts, starts + 1], axis=1)  # (lines, 2) indices of the two points of each line
     return [Lines(points[ends], _bytes(colors[ends][..., :3]), width)]
 
 
@@ -264,12 +272,12 @@ def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
 
 def _few_colors(colors: np.ndarray) -> np.ndarray:
     """Return colours (N, 4) from 0 to 1, rounded so far that at most MAX_COLORS of them differ."""
-    few = colors
+    rounded = colors
     for steps in (31, 15, 7, 3, 1):  # numbers of steps between 0 and 1
-        if len(np.unique(few, axis=0)) <= MAX_COLORS:
+        if len(np.unique(rounded, axis=0)) <= MAX_COLORS:
             break
-        few = np.round(np.clip(colors, 0.0, 1.0) * steps) / steps
-    return few
+        rounded = np.round(np.clip(colors, 0.0, 1.0) * steps) / steps
+    return rounded
 
 
 def _colors(marker: Marker, count: int) -> np.ndarray:

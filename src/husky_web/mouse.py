@@ -90,8 +90,14 @@ class Mouse:
             self._world.put(event.client, point[0], point[1], point[2])
 
     def _on_click_object(self, key: Key, event: Any) -> None:
-        if self._tool(event) == DELETE and key in self._objects.shown and not self._objects.delete(key):
-            self._world.delete(event.client, key[1])
+        """Delete the clicked object, if the mouse of the page deletes objects."""
+        if self._tool(event) != DELETE or key not in self._objects.shown:
+            return
+        # an object without an entry *Delete* in its menu is deleted by the service of the simulator
+        was_in_menu = self._objects.delete(key)
+        if not was_in_menu:
+            _, name = key
+            self._world.delete(event.client, name)
 
     # async, because viser calls async callbacks in the order of the mouse's events
     async def _on_drag_object(self, key: Key, event: Any) -> None:
@@ -102,10 +108,12 @@ class Mouse:
         if event.phase == "start":
             w, x, y, z = shown.node.wxyz
             pose = Pose(tuple(shown.node.position), (x, y, z, w))
-            # `show` lets the page draw the object at the pose of the mouse, and `drop` sends the last pose to
-            # the server of the object
-            show = partial(self._objects.dragged.__setitem__, key)
-            drop = partial(self._objects.drop, key)
+
+            def show(pose: Pose) -> None:
+                """Draw the object at a pose in the fixed frame, from the next update on."""
+                self._objects.dragged[key] = pose
+
+            drop = partial(self._objects.drop, key)  # sends the last pose to the server of the object
             _, name = key
             self._begin(key, name, Drag(event.client.client_id, pose, show, drop))
         self._follow(key, event)
@@ -121,6 +129,7 @@ class Mouse:
         self._follow(BASE, event)
 
     def _begin(self, key: Any, name: str, drag: Drag) -> None:
+        """Keep a drag of an object or of the robot, and show its name in the state bar."""
         self._drags[key] = drag
         self._moving.begin(name)
 
@@ -143,7 +152,7 @@ class Drag:
         self.page = page
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
         self._grasp: Any = None  # [m] grasped point in the fixed frame; None before the first event
-        # true if the object follows the mouse in a level plane; false if in an upright plane
+        # true if the object follows the mouse in a level plane, and false in an upright plane
         self._is_level = True
 
     def on_event(self, event: Any) -> None:
@@ -182,7 +191,10 @@ def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float
 def point_before(
     origin: Sequence[float], direction: Sequence[float], point: Sequence[float]
 ) -> Optional[Vector3]:
-    """Return the intersection of a ray with the upright plane at a point [m] that faces the ray's origin."""
+    """Return the intersection of a ray with an upright plane [m]; None if it is behind or too far.
+
+    The plane goes through a point [m], and faces the origin of the ray.
+    """
     return _intersection(origin, direction, point, (point[0] - origin[0], point[1] - origin[1], 0.0))
 
 

@@ -86,8 +86,10 @@ class Objects:
             names = {marker.name for marker in msg.markers}
             # objects that the server no longer has are removed, and objects that are not shown yet are added;
             # the others stay, because their changes come on the other topic
-            for key in [key for key in self.shown if key[0] == update_topic and key[1] not in names]:
-                self._erase(key)
+            for key in list(self.shown):
+                shown_topic, shown_name = key
+                if shown_topic == update_topic and shown_name not in names:
+                    self._erase(key)
             for marker in msg.markers:
                 if (update_topic, marker.name) not in self.shown:
                     self._insert(update_topic, marker)
@@ -112,8 +114,10 @@ class Objects:
     def drop(self, key: Key, pose_in_fixed: Pose) -> None:
         """Report to the server that a marker was dragged to a pose in the fixed frame."""
         shown = self.shown.get(key)
-        frame = None if shown is None else self._frames.pose(shown.frame, self._fixed_frame)
-        if shown is None or frame is None:
+        if shown is None:  # the server has removed the marker during the drag
+            return
+        frame = self._frames.pose(shown.frame, self._fixed_frame)
+        if frame is None:
             return
         pose = compose(inverse(frame), pose_in_fixed)  # pose in the marker's own frame
         # two of RViz's events: the new pose, and the end of the drag
@@ -194,6 +198,7 @@ class Objects:
         self.on_new(key, self.shown[key])
 
     def _erase(self, key: Key) -> None:
+        """Remove an object from the view, if it is shown."""
         shown = self.shown.pop(key, None)
         self.dragged.pop(key, None)
         if shown is not None:

@@ -87,8 +87,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     # viser warns if a page has left before a message reaches it, but this is normal
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
     gate = Gate(hosts, token, on_message, on_leave)
-    # context manager: a server that is started inside asks the gate about each request, and has the drive
-    # channel
+    # a server that is started inside this context asks the gate about each request, and has the drive channel
     behind_gate = started_behind(gate.answer, gate.with_drive_channel)
     # the output of viser is hidden, because viser prints an address of its own, which has no token
     with behind_gate, contextlib.redirect_stdout(io.StringIO()):
@@ -105,10 +104,12 @@ def address_to_open(host: str, port_and_token: str) -> str:
         host: address that the server listens at.
         port_and_token: end of the address, such as :8080 or :8080/?token=abc.
     """
-    # with one of these hosts, the server listens on all interfaces, but a browser cannot open such an address
+    # at 0.0.0.0 or ::, the server listens on all interfaces, but a browser cannot open such an address
     loopback = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host)
     name = loopback or host
-    address = f"http://[{name}]{port_and_token}" if ":" in name else f"http://{name}{port_and_token}"
+    if ":" in name:  # an address of IPv6
+        name = f"[{name}]"
+    address = f"http://{name}{port_and_token}"
     if loopback is not None:
         # the loopback address also works for a container, because its published port is a port of this
         # machine; other machines do not know the host name of a container
@@ -166,7 +167,7 @@ def _kept_token() -> str:
 def refusal(
     headers: Mapping[str, str], path: str, hosts: Optional[Collection[str]], token: Optional[str]
 ) -> Optional[str]:
-    """Return the reason why a request is rejected, or None.
+    """Return the reason why a request must be rejected, or None if it is allowed.
 
     Args:
         headers: headers of the request.
@@ -190,7 +191,7 @@ def refusal(
 
 def _has_token(token: str, headers: Mapping[str, str], path: str) -> bool:
     """Return whether a request has the token, in the query of its path or as a cookie."""
-    tokens = [*parse_qs(urlsplit(path).query).get("token", [])]
+    tokens = list(parse_qs(urlsplit(path).query).get("token", []))
     try:
         cookie = SimpleCookie(headers.get("Cookie", "")).get(COOKIE)
     except CookieError:
@@ -203,12 +204,13 @@ def _has_token(token: str, headers: Mapping[str, str], path: str) -> bool:
 
 def page() -> bytes:
     """Return viser's page with the package's scripts and styles."""
-    html, folder = page_html().replace("<title>Viser</title>", "<title>Husky</title>"), share_folder() / "web"
+    folder = share_folder() / "web"
+    html = page_html().replace("<title>Viser</title>", "<title>Husky</title>")
+    additions = [f"<script>{(folder / name).read_text()}</script>" for name in ("viser_client.js", "page.js")]
+    additions += [f"<style>{(folder / name).read_text()}</style>" for name in ("viser.css", "page.css")]
+    # they come first in the head, so that they run before the scripts of viser
     at = html.index("<head>") + len("<head>")
-    scripts = (f"<script>{(folder / name).read_text()}</script>" for name in ("viser_client.js", "page.js"))
-    styles = (f"<style>{(folder / name).read_text()}</style>" for name in ("viser.css", "page.css"))
-    additions = "".join((*scripts, *styles))
-    return f"{html[:at]}{additions}{html[at:]}".encode()
+    return f"{html[:at]}{''.join(additions)}{html[at:]}".encode()
 
 
 class Gate:
@@ -260,8 +262,11 @@ class Gate:
                 return
             self._connections[kind] += 1
             try:
-                # each of the two runs until the page disconnects
-                await (self._read_drive_channel if kind == DRIVE else handler)(connection)
+                # both functions return only when the page disconnects
+                if kind == DRIVE:
+                    await self._read_drive_channel(connection)
+                else:
+                    await handler(connection)
             finally:
                 self._connections[kind] -= 1
                 if not any(self._connections.values()):

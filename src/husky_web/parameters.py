@@ -41,17 +41,25 @@ class Parameter(NamedTuple):
     @property
     def group(self) -> str:
         """Return the group in the page; empty if it has none."""
-        ours = (group for group, beginnings in GROUPS.items() if self.name.startswith(beginnings))
-        return self.server_group or next(ours, "")
+        if self.server_group:
+            return self.server_group
+        for group, beginnings in GROUPS.items():
+            if self.name.startswith(beginnings):
+                return group
+        return ""
 
     @property
     def label(self) -> str:
         """Return the name, the unit if the help text ends with one, and the default if no slider marks it."""
-        unit = re.search(r"\[[^\]]+\]\s*$", self.help)
+        label = self.name
+        unit = re.search(r"\[[^\]]+\]\s*$", self.help)  # such as [m/s]
+        if unit:
+            label += f" {unit.group().strip()}"
+        if self.has_slider:
+            return label
         on_or_off = "on" if self.default else "off"
         default = on_or_off if self.kind == "bool" else shown_value(self, self.default)
-        ending = "" if self.has_slider else f" (default {default})"
-        return f"{self.name}{' ' + unit.group().strip() if unit else ''}{ending}"
+        return f"{label} (default {default})"
 
     @property
     def has_slider(self) -> bool:
@@ -100,9 +108,17 @@ def parameters(description: Mapping[str, Any], group_name: str = "") -> List[Par
     """
     result = []
     for entry in description.get("parameters", ()):
-        name, kind, default, low, high = (entry[key] for key in ("name", "type", "default", "min", "max"))
-        text, choices = str(entry.get("description", "")), _choices(entry.get("edit_method"))
-        result.append(Parameter(name, kind, default, low, high, text, choices, group_name))
+        parameter = Parameter(
+            name=entry["name"],
+            kind=entry["type"],
+            default=entry["default"],
+            min=entry["min"],
+            max=entry["max"],
+            help=str(entry.get("description", "")),
+            choices=_choices(entry.get("edit_method")),
+            server_group=group_name,
+        )
+        result.append(parameter)
     groups = description.get("groups", {})  # groups by name, or a list of groups
     for group in groups.values() if isinstance(groups, Mapping) else groups:
         names = {parameter.name for parameter in result}
@@ -113,8 +129,9 @@ def parameters(description: Mapping[str, Any], group_name: str = "") -> List[Par
 
 def by_group(all_parameters: Sequence[Parameter]) -> Dict[str, List[Parameter]]:
     """Return parameters by their groups: no group first, then GROUPS, then the server's own groups."""
-    names = dict.fromkeys(["", *GROUPS, *(parameter.group for parameter in all_parameters)])
-    groups = {name: [each for each in all_parameters if each.group == name] for name in names}
+    groups: Dict[str, List[Parameter]] = {name: [] for name in ("", *GROUPS)}
+    for parameter in all_parameters:
+        groups.setdefault(parameter.group, []).append(parameter)
     return {name: members for name, members in groups.items() if members}
 
 
@@ -168,5 +185,8 @@ def _choices(edit_method: Optional[Any]) -> Tuple[Tuple[str, Any], ...]:
 
 
 def shown_value(parameter: Parameter, value: Any) -> Any:
-    """Return a value as its field shows it; a choice of an enumeration has its name."""
-    return next((name for name, item in parameter.choices if item == value), value)
+    """Return a value as its field shows it; a choice of an enumeration is shown by its name."""
+    for name, value_of_choice in parameter.choices:
+        if value_of_choice == value:
+            return name
+    return value

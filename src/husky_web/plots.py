@@ -88,8 +88,9 @@ class Curve:
         """
         if len(self._samples) < 2:
             return None
-        (start, first, *_), (end, last, *_) = self._samples[0], self._samples[-1]
-        return (last - first) / (end - start) if last >= first else None
+        oldest, newest = self._samples[0], self._samples[-1]  # each is a time [s] and then the values
+        seconds, growth = newest[0] - oldest[0], newest[1] - oldest[1]
+        return growth / seconds if growth >= 0.0 else None
 
 
 class Plots:
@@ -160,13 +161,15 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
 
 def _grid(chart: Chart, axes: _Axes, ticks: Sequence[float]) -> List[str]:
     """Return SVG of the horizontal lines at some values, the vertical lines at some times, and the labels."""
-    # a line with its number at the left, for each tick; page.css has a style for the line of the value 0; the
-    # texts are shifted by some pixels, so that they do not touch the lines
-    parts = [
-        f'<path class="{"grid" if tick else "zero"}" d="M{LEFT:.0f},{axes.y(tick):.1f}H{PLOT_RIGHT:.0f}"/>'
-        f'<text x="{LEFT - 4.0:.0f}" y="{axes.y(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
-        for tick in ticks
-    ]
+    # Each tick has a line with its number at the left. page.css has a style for the line of the value 0. The
+    # texts are shifted by some pixels, so that they do not touch the lines.
+    parts = []
+    for tick in ticks:
+        y, style = axes.y(tick), "grid" if tick else "zero"
+        parts.append(
+            f'<path class="{style}" d="M{LEFT:.0f},{y:.1f}H{PLOT_RIGHT:.0f}"/>'
+            f'<text x="{LEFT - 4.0:.0f}" y="{y + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
+        )
     if chart.zero:  # text above the line of the value 0
         parts.append(
             f'<text class="stop" x="{PLOT_RIGHT - 3.0:.0f}" y="{axes.y(0.0) - 3.0:.1f}" text-anchor="end">'
@@ -202,11 +205,11 @@ def nice_ticks(low: float, high: float) -> List[float]:
 
     The first number may be above `low`, and the last one below `high`, by SLACK of a step.
     """
-    least_step = (high - low) / 3.0
+    least_step = (high - low) / 3.0  # a smaller step would need too many numbers
     power = 10.0 ** floor(log10(least_step))
-    # smallest round step that is not less than `least_step`, except for rounding errors
-    steps = [power * factor for factor in (1.0, 2.0, 5.0, 10.0)]
-    step = next(step for step in steps if step >= least_step * (1.0 - 1e-9))
+    # smallest round step that is not less than `least_step`; 1e-9 is a tolerance for rounding
+    round_steps = [power * factor for factor in (1.0, 2.0, 5.0, 10.0)]
+    step = min(each for each in round_steps if each >= least_step * (1.0 - 1e-9))
     first, last = floor(low / step + SLACK), ceil(high / step - SLACK)
     return [round(step * number, 9) for number in range(first, last + 1)]
 
@@ -221,10 +224,10 @@ def _path(times: np.ndarray, values: np.ndarray, axes: _Axes) -> str:
     """
     if len(times) < 3:  # one or two samples do not make a visible curve
         return ""
-    # time is divided into intervals of RESOLUTION; number of the interval of each sample
-    bins = np.floor(times / RESOLUTION)
-    # index of the last sample of each interval
-    rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
+    # time is divided into intervals of RESOLUTION; (N,) number of the interval of each sample
+    intervals = np.floor(times / RESOLUTION)
+    # index of the last sample of each interval: the next sample is in another interval, or there is none
+    rows = np.append(np.flatnonzero(np.diff(intervals)), len(times) - 1)
     steps: List[str] = []
     command = "M"  # "M" is SVG's command to move to a point without a line; "L" draws a line to a point
     for x, y in zip(axes.x(times[rows]).tolist(), axes.y(values[rows]).tolist()):
@@ -244,5 +247,8 @@ def fixed(value: Optional[float], digits: int) -> str:
 
 
 def choice_html(number: Optional[int]) -> str:
-    """Return a mark with which viser.css raises one button of the next group, or none if it is None."""
+    """Return an invisible element that tells viser.css which button of the next group looks pressed.
+
+    `number` is the number of the button; None if no button of the group looks pressed.
+    """
     return f'<i class="husky-choice-{"none" if number is None else number}" hidden></i>'

@@ -55,7 +55,8 @@ class Recorder:
             rows.clear()  # the recording was begun between the two runs, so its only row is from the old one
         if base is None or (rows and time <= rows[-1][0]):
             return
-        rows.append((time, *pose_to_2d(base), *(pillar or (nan, nan))[:2]))
+        pillar_x, pillar_y = (nan, nan) if pillar is None else pillar[:2]
+        rows.append((time, *pose_to_2d(base), pillar_x, pillar_y))
         if time - rows[0][0] >= MAX_TIME:
             self._is_on = False
         self._show()
@@ -81,10 +82,15 @@ class Recorder:
         self._show()
 
     def _show(self) -> None:
+        """Show the length of the recording, and the buttons that are possible now."""
+        # [s] length of the recording
         length = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
         text = f"recording, {length:.0f} s" if self._is_on else f"{length:.0f} s recorded"
         self._state.content = f'<div class="husky-block">{text}</div>'
-        self._buttons.options = (END if self._is_on else RECORD, *((SAVE,) if self._rows else ()))
+        options = [END if self._is_on else RECORD]
+        if self._rows:
+            options.append(SAVE)
+        self._buttons.options = tuple(options)
 
 
 def recording_page(rows: List[Row], robot_name: str) -> str:
@@ -108,7 +114,9 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
         # While the pillar is lost, the replay shows it at its last known position. Until the controller has
         # found it, the replay shows it at the first position that was found.
         first_known = np.argmax(is_known)
-        pillars = pillars[np.maximum.accumulate(np.where(is_known, np.arange(len(table)), first_known))]
+        rows_of_known = np.where(is_known, np.arange(len(table)), first_known)
+        # for each row, the largest row number so far is the last row with a known pillar
+        pillars = pillars[np.maximum.accumulate(rows_of_known)]
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(
         Replay(

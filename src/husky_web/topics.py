@@ -103,12 +103,15 @@ class Topics:
             self._subscribers.pop(use).unregister()
 
     def take(self, use: str) -> Optional[Any]:
-        """Return the newest message of one use; None if there is no new one."""
-        return next((msg for _, msg in self.take_all(use)), None)
+        """Return the newest message of one use, a key of `names`; None if there is no new message."""
+        for _, msg in self.take_all(use):
+            return msg  # the queue of such a use keeps only one message
+        return None
 
     def take_all(self, kind: str) -> List[Received]:
         """Return the messages since the last call, oldest first."""
-        queue, messages = self._queues[kind], []
+        queue = self._queues[kind]
+        messages = []
         while queue:
             messages.append(queue.popleft())
         return messages

@@ -82,11 +82,13 @@ class Tuning:
             except UnicodeDecodeError:
                 raise HuskyError("the file is not a text file in UTF-8") from None
             # `follow` runs in another thread, so it may have removed a server since `servers` was made
-            for name in changes.keys() - self._servers.keys():
-                raise HuskyError(f"node '{name}' has gone; load the file again")
+            for name in changes:
+                if name not in self._servers:
+                    raise HuskyError(f"node '{name}' has gone; load the file again")
             for name, values in changes.items():
                 self._servers[name].request(values, client)
-            return f"{sum(map(len, changes.values()))} values of {', '.join(changes)}"
+            count = sum(len(values) for values in changes.values())
+            return f"{count} values of {', '.join(changes)}"
 
         self._actions.do(load, client, "Load YAML")
 
@@ -106,7 +108,8 @@ class _Server:
         # requested value of each parameter; removed as soon as the value is sent
         self._unsent: Dict[str, Any] = {}
         self._is_closed = False  # true as soon as the fields are removed, because the server has gone
-        # lock of the values and fields, because callbacks of ROS and of viser come in several threads
+        # lock of the values and fields, because callbacks of ROS and of viser come in several threads; a
+        # thread that holds the lock may take it again, because `_show` is called with and without the lock
         self._lock = threading.RLock()
         self._folder = gui.add_folder(name.strip("/"))
         self._subscribers = (
@@ -148,9 +151,10 @@ class _Server:
             raise
         values = self._decoded(answer.config)  # values that the server has now
         self._show(values)
-        refused = [
-            f"{name} stays {values.get(name)}" for name, value in request.items() if values.get(name) != value
-        ]
+        refused = []
+        for name, value in request.items():
+            if values.get(name) != value:
+                refused.append(f"{name} stays {values.get(name)}")
         return f"rejected by {self._name}: {', '.join(refused)}" if refused else None
 
     def _on_description(self, msg: ConfigDescription) -> None:
@@ -162,17 +166,20 @@ class _Server:
             self.parameters = parameters(self._description)
             # a parameter without a group is directly in the folder of the server
             for group, members in by_group(self.parameters).items():
-                with self._folder, self._gui.add_folder(group or None, expand_by_default=group not in FOLDED):
-                    self._fields.update((parameter.name, self._field(parameter)) for parameter in members)
+                is_open = group not in FOLDED
+                with self._folder, self._gui.add_folder(group or None, expand_by_default=is_open):
+                    for parameter in members:
+                        self._fields[parameter.name] = self._field(parameter)
             self._show(self.values)
 
     def _on_update(self, msg: Config) -> None:
+        """Show the values that the server has now, after a change by anyone."""
         with self._lock:
             self._show(self._decoded(msg))
 
     def _decoded(self, msg: Config) -> Dict[str, Any]:
         """Return the value of each parameter in a message of the server."""
-        # decode_config does without a description if it gets None, but not if it gets an empty one
+        # without a description, `decode_config` needs None, because it fails with an empty description
         values: Dict[str, Any] = decode_config(msg, self._description or None)
         # the message also has the state of each group of parameters, which is not a parameter
         values.pop("groups", None)
@@ -231,6 +238,9 @@ class _Server:
 
 
 def change_text(name: str, old: Any, new: Any) -> str:
-    """Return a short text on the change of a parameter."""
-    before, after = (f"{value:g}" if isinstance(value, float) else str(value) for value in (old, new))
-    return f"{name} {before} \u2192 {after}"
+    """Return a short text on the change of a parameter, such as "p_gain_vel 0.5 \u2192 0.6"."""
+
+    def short(value: Any) -> str:
+        return f"{value:g}" if isinstance(value, float) else str(value)
+
+    return f"{name} {short(old)} \u2192 {short(new)}"

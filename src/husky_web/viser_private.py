@@ -120,4 +120,5 @@ def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:
 
 
 def _differ(a: Sequence[float], b: Sequence[float]) -> bool:
+    """Return whether two positions or quaternions differ so much that a person can see it."""
     return any(abs(p - q) > INVISIBLE for p, q in zip(a, b))

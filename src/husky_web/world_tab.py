@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from html import escape
-from itertools import count
 from math import cos, dist, pi, sin
 from pathlib import Path
 from random import uniform
@@ -101,10 +100,12 @@ class WorldTab:
         Raises:
             HuskyError: the point is unknown, the world has no object, or every attempt has failed.
         """
-        # the name of a body may have the name of its model in front, as in ground_plane::added
-        poses = {
-            name: pose for name, pose in self._poses().items() if name.split("::")[0] not in (GROUND, ROBOT)
-        }
+        poses = {}  # pose of each object that is neither the ground nor the robot
+        for name, pose in self._poses().items():
+            # a body of a model with several links is called MODEL::LINK
+            model = name.partition("::")[0]
+            if model not in (GROUND, ROBOT):
+                poses[name] = pose
         if point is None or not poses:
             raise HuskyError("there is no pillar to move")
         name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
@@ -123,11 +124,13 @@ class WorldTab:
         """Put a shape with the first free name, such as box_3, and return the simulator's sentence."""
         # a body of a model with several links is called MODEL::LINK
         taken = {body.partition("::")[0] for body in self._poses()}
-        name = next(name for name in (f"{shape}_{number}" for number in count(1)) if name not in taken)
+        number = 1
+        while f"{shape}_{number}" in taken:
+            number += 1
         return call(
             f"{self._simulator}/spawn",
             SpawnObject,
-            name,
+            f"{shape}_{number}",
             "",  # no model file, because shape, size and mass describe the object
             shape,
             Vector3Msg(*size),
@@ -151,6 +154,7 @@ class WorldTab:
         return dict(zip(answer.model_names, map(conversions.pose_from_msg, answer.poses)))
 
     def _load(self) -> str:
+        """Load the chosen world, show this in the state bar, and return the simulator's sentence."""
         with self._moving("robot and world"):
             return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value, timeout=LONG_TIMEOUT)
 
