@@ -82,15 +82,16 @@ def compare_runs(
     than either run. The spread goes from the smallest ratio to the largest, without the outliers that
     `dropped` counts.
     """
-    new, old = zip(*runs)
-    ratios = sorted(b / a if more_is_better else a / b for a, b in runs)
-    outliers = dropped(len(ratios))
+    new_values, old_values = zip(*runs)
+    # a ratio above 1 means that the new checkout is worse
+    ratios = sorted(old / new if more_is_better else new / old for new, old in runs)
+    outliers = dropped(len(ratios))  # number of outliers at each end; None if the pairs are too few
     spread = (ratios[outliers or 0], ratios[-1 - (outliers or 0)])
     return Comparison(
         what,
         unit,
-        median(new),
-        median(old),
+        median(new_values),
+        median(old_values),
         median(ratios),
         spread,
         judged=outliers is not None,
@@ -104,13 +105,17 @@ def compare_readings(pairs: Sequence[Tuple[Readings, Readings]]) -> Tuple[List[C
     Returns:
         Comparisons of the figures that every reading has, and the figures that some reading does not have.
     """
-    keys = list(dict.fromkeys(key for pair in pairs for readings in pair for key in readings))
-    common = [key for key in keys if all(key in readings for pair in pairs for readings in pair)]
-    found = []
-    for key in common:
+    all_readings = [readings for pair in pairs for readings in pair]
+    keys = list(dict.fromkeys(key for readings in all_readings for key in readings))  # each key once
+    found, missing = [], []
+    for key in keys:
+        if not all(key in readings for readings in all_readings):
+            missing.append(key)
+            continue
+        what, unit = key
         runs = [(new[key].value, old[key].value) for new, old in pairs]
-        found.append(compare_runs(*key, runs, pairs[0][0][key].more_is_better))
-    return found, [key for key in keys if key not in common]
+        found.append(compare_runs(what, unit, runs, all_readings[0][key].more_is_better))
+    return found, missing
 
 
 # ---------------------------------------------------------------------------- runs
@@ -141,7 +146,8 @@ def compare_checkouts(
     for name in names:
         begin = time.monotonic()
         try:
-            compared, missing = compare_readings([_measure_pair(old, name, n, short) for n in range(pairs)])
+            measured = [_measure_pair(old, name, number, short) for number in range(pairs)]
+            compared, missing = compare_readings(measured)
         except CheckoutError as error:
             problems.append(f"{name} was not compared. {error}")
             continue
@@ -154,7 +160,10 @@ def compare_checkouts(
 
 
 def _measure_pair(old: Path, name: str, number: int, short: bool) -> Tuple[Readings, Readings]:
-    """Measure both checkouts; every second pair begins with the old one, so a drift favours neither."""
+    """Return the readings of both checkouts, this one first, measured one after the other.
+
+    Every second pair measures the old checkout first, so a slow change of the machine favours neither.
+    """
     if number % 2:
         before = _measure(old, name, short)
         return _measure(OURS, name, short), before
@@ -203,7 +212,13 @@ def cells(comparisons: Sequence[Comparison]) -> List[Tuple[str, ...]]:
     """Return the rows of the table as texts, the head first."""
     lines: List[Tuple[str, ...]] = [("figure", "new", "old", "cost new : old", "spread", "")]
     for row in comparisons:
-        verdict = "WORSE" if row.worse else "better" if row.better else "" if row.judged else "too few pairs"
+        verdict = ""
+        if not row.judged:
+            verdict = "too few pairs"
+        elif row.worse:
+            verdict = "WORSE"
+        elif row.better:
+            verdict = "better"
         spread = f"{row.spread[0]:.2f} to {row.spread[1]:.2f}"
         new = f"{row.new:.3g} {row.unit}"
         lines.append((row.what, new, f"{row.old:.3g}", f"{row.ratio:.2f}", spread, verdict))

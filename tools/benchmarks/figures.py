@@ -86,10 +86,9 @@ def _compare_stack(what: str, effort: Effort, lockstep: bool, minimum: float, li
         has_all_scans = has_all_scans and found["has_all_scans"]
         runs.append((found["factor"], bare))
     with_bare = compare(what, "x real time", runs, "bare loop", more_is_better=True)
+    runs_with_gazebo = [(ours, GAZEBO_FACTOR) for ours, _ in runs]
+    with_gazebo = compare(what, "x real time", runs_with_gazebo, GAZEBO, more_is_better=True)
     delivery = "every scan delivered" if has_all_scans else "SCANS LOST"
-    with_gazebo = compare(
-        what, "x real time", [(ours, GAZEBO_FACTOR) for ours, _ in runs], GAZEBO, more_is_better=True
-    )
     reached_ratio = with_bare.ratio if has_all_scans else 0.0
     return [
         reaching(with_bare, f">= {minimum} bare, {delivery}", reached_ratio, minimum, limit=limit),
@@ -152,15 +151,19 @@ def real_time(effort: Effort) -> List[Row]:
             ros.launch("controller.launch", "paused:=true", "real_time_factor:=1")
             ros.read(warm_up)  # waits until the probe ends; its figures do not count
             pids = {"simulator": ros.pid("husky_simulator"), "controller": ros.pid("husky_controller")}
-            before, begin = {name: cpu_seconds(pid) for name, pid in pids.items()}, time.monotonic()
+            before = {name: cpu_seconds(pid) for name, pid in pids.items()}
+            begin = time.monotonic()
             time.sleep(effort.real)
-            share = {name: cpu_seconds(pid) - before[name] for name, pid in pids.items()}
+            used = {name: cpu_seconds(pid) - before[name] for name, pid in pids.items()}  # [s] CPU time
             took = time.monotonic() - begin
-            for name, used in {**share, "both": sum(share.values())}.items():
-                runs[name].append((used / took, bare["cpu"]))
+            for name in pids:
+                runs[name].append((used[name] / took, bare["cpu"]))
+            share_of_both = sum(used.values()) / took
+            runs["both"].append((share_of_both, bare["cpu"]))
             # both nodes again, against a bare loop that also runs at real time
-            runs["paced"].append((runs["both"][-1][0], bare["paced"]))
+            runs["paced"].append((share_of_both, bare["paced"]))
             runs["memory"].append((peak_megabytes(pids["simulator"]), bare["memory"]))
+    # the rows of each node, which stay in `runs`, come after the rows of both nodes
     both, paced, memory = (runs.pop(name) for name in ("both", "paced", "memory"))
     row = compare("real time: simulator + controller", "CPU s per s", both, "bare loop")
     rows = [
@@ -186,6 +189,7 @@ def start(effort: Effort) -> List[Row]:
     """Measure the time from roslaunch to the first scan, with a ROS master that runs already."""
 
     def first(launch: Callable[[Network], None]) -> float:
+        """Return the time [s] from a launch to its first scan."""
         with network() as ros:
             probe = ros.probe("first")
             ros.wait(["rostopic", "info", "/front/scan"])  # until the probe has subscribed
@@ -238,11 +242,15 @@ def latency(effort: Effort) -> List[Row]:
     def zero_command(ros: Network) -> None:
         ros.probe("answer")
 
+    def percentile(seconds: List[float], percent: int) -> float:
+        """Return a percentile of times [s], in milliseconds."""
+        return 1e3 * float(np.percentile(seconds, percent))
+
     times = [(answered(controller), answered(zero_command)) for _ in range(effort.repeats)]
     rows = []
     for percent in (50, 99):
-        runs = [tuple(1e3 * float(np.percentile(each, percent)) for each in pair) for pair in times]
-        row = compare(f"scan to cmd_vel, p{percent}", "ms", [(a, b) for a, b in runs], "empty Twist")
+        runs = [(percentile(ours, percent), percentile(empty, percent)) for ours, empty in times]
+        row = compare(f"scan to cmd_vel, p{percent}", "ms", runs, "empty Twist")
         rows.append(
             reaching(
                 row,
@@ -262,10 +270,10 @@ def clutter(effort: Effort) -> List[Row]:
     for beams, most_pillar_scans in ((720, 80.0), (16384, 800.0)):
         leaves = 3.0 + np.random.default_rng(0).normal(0.0, 0.3, beams)
         hedge = scan_of(leaves, replace(SICK, beams=beams))
-        calls = [partial(find_pillars, scan, config) for scan in (hedge, pillar)]
+        in_hedge, in_pillar_scan = partial(find_pillars, hedge, config), partial(find_pillars, pillar, config)
         # CPU time is measured, because other programs interrupt a long call, but hardly a short one
         runs = [
-            (milliseconds(calls[0], time.process_time), milliseconds(calls[1], time.process_time))
+            (milliseconds(in_hedge, time.process_time), milliseconds(in_pillar_scan, time.process_time))
             for _ in range(effort.repeats)
         ]
         row = compare(f"pillars in a hedge of {beams} beams", "ms", runs, "one pillar, 720 beams")

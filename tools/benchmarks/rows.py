@@ -38,9 +38,8 @@ class Row:
     goal: str = ""
     near: Optional[float] = None  # reached fraction of the goal, 1.0 or more at the goal; None without a goal
     limit: str = ""  # cause that keeps the figure from the goal
-    runs: List[Tuple[float, float]] = field(
-        default_factory=list
-    )  # values (ours, baseline), in the order measured
+    # values (ours, baseline), in the order measured
+    runs: List[Tuple[float, float]] = field(default_factory=list)
     more_is_better: bool = False  # True for a speed
 
 
@@ -75,5 +74,5 @@ def reaching(
         maximum: goal, if less is better.
         limit: cause that keeps the figure from the goal.
     """
-    near = value / minimum if minimum else maximum / value
+    near = value / minimum if minimum else maximum / value  # 1 or more if the goal is reached
     return replace(row, goal=goal, near=near, limit=limit)
