@@ -104,12 +104,14 @@ def _cheapest_path(costs: np.ndarray, cost_of_change: np.ndarray) -> List[int]:
         costs: (R, C), cost of each column in each row.
         cost_of_change: (C, C), cost if a row has the first column, and the next row has the second one.
     """
-    # smallest cost of a path to each column of the row, and column in the row before on this path
-    total, came_from = costs[0], []
+    total = costs[0]  # (C,) smallest cost of a path from the first row to each column of the present row
+    came_from = []  # for each row after the first, (C,) column of the row before on the cheapest path
     for cost in costs[1:]:
-        came_from.append((total[:, None] + cost_of_change).argmin(axis=0))
-        total = (total[:, None] + cost_of_change).min(axis=0) + cost
-    path = [int(total.argmin())]
+        # (C, C) cost of a path to each column (second axis) by each column of the row before (first axis)
+        total_by_column = total[:, None] + cost_of_change
+        came_from.append(total_by_column.argmin(axis=0))
+        total = total_by_column.min(axis=0) + cost
+    path = [int(total.argmin())]  # from the last row to the first
     for columns in reversed(came_from):
         path.append(int(columns[path[-1]]))
     return path[::-1]

@@ -69,10 +69,11 @@ class Outcome(NamedTuple):
 
 
 def at_rate(imu: np.ndarray, rate: int) -> np.ndarray:
-    """Return the IMU's rows at another rate [Hz], as means of neighbours or by interpolation."""
+    """Return the IMU's rows (N, 7) at another rate [Hz], as means of neighbours or by interpolation."""
     if rate < IMU_RATE:
-        count = IMU_RATE // rate
-        return imu[: len(imu) // count * count].reshape(-1, count, 7).mean(axis=1)
+        count = IMU_RATE // rate  # number of rows that become one row
+        whole = len(imu) // count * count  # without the last rows, which are too few for a mean
+        return imu[:whole].reshape(-1, count, 7).mean(axis=1)
     if rate == IMU_RATE:
         return imu
     stamps = np.arange(imu[0, 0], imu[-1, 0], 1.0 / rate)
@@ -81,7 +82,8 @@ def at_rate(imu: np.ndarray, rate: int) -> np.ndarray:
 
 def changes(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> Changes:
     """Return the changes of velocity that the detector with this configuration takes for a crash."""
-    detector, found, k = CrashDetector(config), [], 0
+    detector, found = CrashDetector(config), []
+    k = 0  # row of the next message of the wheels
     stamps, speeds = wheels[:, 0].tolist(), wheels[:, 1:].mean(axis=1).tolist()
     while k < len(stamps) and stamps[k] < imu[0, 0] - 1.0:  # odometry long before the IMU's first sample
         k += 1
@@ -149,14 +151,16 @@ def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
     If several have equally few, the false stops on soft ground decide. If none feels ENOUGH, `config` is
     returned.
     """
-    hard, soft = ([run for run in runs if run.recording.ground in grounds] for grounds in (HARD, SOFT))
+    hard = [run for run in runs if run.recording.ground in HARD]
+    soft = [run for run in runs if run.recording.ground in SOFT]
     # number of false stops on hard and on soft ground; it begins larger than any result
     best, fewest = config, (len(runs) * 10**6, 0)
     for rough, factor in product(ROUGH_LOSSES, FACTORS):
         tried = replace(config, max_loss_rough=rough, vibration_factor=factor)
         on_hard = outcome(hard, tried)
         if on_hard.share >= ENOUGH:
-            false_stops = on_hard.false_stops, outcome(soft, tried).false_stops
+            # tuples are compared by their first numbers, and by the second ones only if these are equal
+            false_stops = (on_hard.false_stops, outcome(soft, tried).false_stops)
             if false_stops < fewest:
                 best, fewest = tried, false_stops
     return best
@@ -185,11 +189,8 @@ def held_out(
 def show(title: str, results: Dict[str, List[Outcome]]) -> None:
     """Print a line for each ground, and for hard and soft ground."""
     print(title)
-    for name, grounds in [
-        *((ground, (ground,)) for ground in (*HARD, *SOFT)),
-        ("hard", HARD),
-        ("soft", SOFT),
-    ]:
+    groups = {ground: (ground,) for ground in (*HARD, *SOFT)}  # grounds of each line
+    for name, grounds in {**groups, "hard": HARD, "soft": SOFT}.items():
         parts = [part for ground in grounds for part in results.get(ground, [])]
         if parts:
             total = Outcome(*map(sum, zip(*parts)))

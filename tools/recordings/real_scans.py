@@ -137,31 +137,36 @@ def views(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
     first = log.scans[0]
     step, count = first.angle_increment, len(first.ranges)
     dx, dy = place.x - log.poses[:, 0], place.y - log.poses[:, 1]
-    distance = np.hypot(dx, dy)
-    bearing = np.arctan2(dy, dx) - log.poses[:, 2]
-    half_width = np.arcsin(np.minimum(0.9 * place.radius / np.maximum(distance, 1e-9), 1.0))  # [rad]
-    bearings = bearing[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, 9)
+    distance = np.hypot(dx, dy)  # (N,) [m] from the lidar to the centre of the place
+    bearing = np.arctan2(dy, dx) - log.poses[:, 2]  # (N,) [rad] of the centre, seen from the lidar
+    # (N,) [rad] half of the angle that the middle 90 % of the place fill
+    half_width = np.arcsin(np.minimum(0.9 * place.radius / np.maximum(distance, 1e-9), 1.0))
+    bearings = bearing[:, None] + half_width[:, None] * np.linspace(-1.0, 1.0, 9)  # (N, 9) [rad]
     # angles from the first beam, from -pi/2 to 3/2 pi, so that small negative ones stay negative
     angles = np.mod(bearings - first.angle_min + pi / 2, 2.0 * pi) - pi / 2
-    beams = np.rint(angles / step).astype(int)
+    beams = np.rint(angles / step).astype(int)  # (N, 9) indices of the beams
+    # (N,) true for the scans in which all 9 beams exist, and whose lidar is near, but not in the place
     inside = ((beams >= 0) & (beams < count)).all(axis=1) & (distance < FARTHEST) & (distance > place.radius)
-    hit, through = np.zeros(len(log.scans), dtype=bool), np.zeros(len(log.scans), dtype=bool)
+    has_return, looks_through = np.zeros(len(log.scans), dtype=bool), np.zeros(len(log.scans), dtype=bool)
     for i in inside.nonzero()[0]:
-        ranges = log.scans[i].returns[beams[i]]
-        directions = log.poses[i, 2] + first.angle_min + beams[i] * step
+        ranges = log.scans[i].returns[beams[i]]  # (9,) [m]
+        directions = log.poses[i, 2] + first.angle_min + beams[i] * step  # (9,) [rad] in the log's frame
         with np.errstate(invalid="ignore"):
+            # (9,) [m] from the centre of the place to the end of each beam
             off_x = ranges * np.cos(directions) - dx[i]
             off_y = ranges * np.sin(directions) - dy[i]
-        hit[i] = 3 * (np.hypot(off_x, off_y) < place.radius + SLACK).sum() >= len(ranges)
-        beyond = ranges > distance[i] - place.radius - SLACK
-        through[i] = not hit[i] and 2 * beyond.sum() > len(ranges)
-    return hit, through
+        ends_there = np.hypot(off_x, off_y) < place.radius + SLACK
+        ends_there_or_beyond = ranges > distance[i] - place.radius - SLACK
+        has_return[i] = 3 * ends_there.sum() >= len(ranges)
+        looks_through[i] = not has_return[i] and 2 * ends_there_or_beyond.sum() > len(ranges)
+    return has_return, looks_through
 
 
 def share_standing(log: Log, place: Place) -> Optional[float]:
     """Return the share of the judging scans that have a return at the place; None if they are too few."""
     has_return, looks_through = views(log, place)
     if not log.at_rest:
+        # (N,) true for the scans that are far enough from all positions at which the pillar was found
         elsewhere = np.ones(len(log.scans), dtype=bool)
         for scan in place.seen_from:
             away = log.poses[:, :2] - log.poses[scan, :2]
@@ -183,8 +188,9 @@ def is_round(log: Log, place: Place) -> bool:
         )
     if not points:
         return False
+    # (2, M) [m] all returns of these scans, relative to the centre of the place
     off = np.concatenate(points, axis=1) - [[place.x], [place.y]]
-    distance, bearing = np.hypot(*off), np.arctan2(off[1], off[0])
+    distance, bearing = np.hypot(off[0], off[1]), np.arctan2(off[1], off[0])
     near = distance < place.radius + 0.25  # returns farther outside belong to other objects
     on_circle = near & (np.abs(distance - place.radius) < SLACK)
     width = 2.0 * pi / SECTORS
@@ -207,7 +213,8 @@ def confirmed_from(log: Log, found: List[List[Pillar]], start: int) -> Optional[
 
     `found` has the pillars of each scan.
     """
-    track, seen_from = Track(), []  # type: Tuple[Track, List[int]]
+    track = Track()
+    seen_from: List[int] = []  # scans in which the pillar of the estimate was found
     for i in range(start, min(start + LONGEST_DRIVE, len(log.scans))):
         anchor_before = track.anchor
         track, sighting, _ = follow(track, found[i], log.scans[i], laser_pose(log.poses[i]))
@@ -258,9 +265,11 @@ def report(log: Log, config: PillarConfig) -> Dict[str, Counts]:
     estimates = [place for place in confirmed if place is not None]
     rows["confirmed"] = counts_of(log, estimates)
     rows["bodies confirmed"] = counts_of(log, distinct(estimates))
+    # of the places of one body, the place with the most beams counts
+    places_by_beams = sorted(places, key=lambda place: -place.beams)
     bodies = [
         place
-        for place in distinct(sorted(places, key=lambda place: -place.beams))
+        for place in distinct(places_by_beams)
         if (share_standing(log, place) or 0.0) >= STANDS and is_round(log, place)
     ]
     rows["round bodies"] = Counts(found=len(bodies), judged=len(bodies), standing=len(bodies), ghosts=0)
@@ -279,13 +288,15 @@ def confirmed_alone(log: Log, found: List[List[Pillar]], body: Place) -> Optiona
 
     None if the body was not seen from two positions BASELINE apart within 5 scans.
     """
-    pillars_at_body = [
-        [p for p in pillars if dist(in_odom(log, i, p), (body.x, body.y)) < SAME_BODY]
-        for i, pillars in enumerate(found)
-    ]
-    seen = [i for i, pillars in enumerate(pillars_at_body) if pillars]
-    steps = np.diff(log.poses[seen, :2], axis=0)
-    if not (np.hypot(*steps.T)[np.diff(seen) <= 5] >= BASELINE).any():
+    pillars_at_body = []  # for each scan, the pillars that are this body
+    for i, pillars in enumerate(found):
+        at_body = [p for p in pillars if dist(in_odom(log, i, p), (body.x, body.y)) < SAME_BODY]
+        pillars_at_body.append(at_body)
+    seen = [i for i, pillars in enumerate(pillars_at_body) if pillars]  # scans in which the body was found
+    dx, dy = np.diff(log.poses[seen, :2], axis=0).T
+    driven = np.hypot(dx, dy)  # [m] between each two of these scans that follow each other
+    is_soon = np.diff(seen) <= 5
+    if not (driven[is_soon] >= BASELINE).any():
         return None
     return any(confirmed_from(log, pillars_at_body, start) is not None for start in seen)
 
@@ -313,7 +324,8 @@ def main() -> None:
             rows = report(log, config)
             show(f"{log.name} ({len(log.scans)} scans)", rows)
             for name, counts in rows.items():
-                totals[name] = tuple(map(sum, zip(totals.get(name, (0,) * 4), counts)))
+                before = totals.get(name, (0, 0, 0, 0))
+                totals[name] = tuple(a + b for a, b in zip(before, counts))
     show("all", totals)
 
 

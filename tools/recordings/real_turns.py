@@ -42,7 +42,8 @@ PLANE = Body("ground", Pose(), (Geometry(Plane((0.0, 0.0, 1.0), (1e3, 1e3))),), 
 
 def means(run: Run, stamps: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the mean of values in each MEAN_TIME of a run; `stamps` [s] are the equally spaced stamps."""
-    edges = np.arange(run.imu[0, 0], run.imu[-1, 0], MEAN_TIME)
+    edges = np.arange(run.imu[0, 0], run.imu[-1, 0], MEAN_TIME)  # [s] begin and end of each MEAN_TIME
+    # the mean between two edges is the difference of the integral at the edges, divided by the time
     integral = np.cumsum(values) * (stamps[1] - stamps[0])
     mean: np.ndarray = np.diff(np.interp(edges, stamps, integral)) / MEAN_TIME
     return mean
@@ -66,9 +67,12 @@ def simulated_yaw_rate(run: Run) -> Tuple[np.ndarray, np.ndarray]:
         chassis = Chassis(bullet, robot, traction, dt)
         chassis.place(chassis.on_ground(Pose()), GRAVITY)
         stamps = np.arange(run.imu[0, 0], run.imu[-1, 0], dt)
-        left, right = (np.interp(stamps, run.wheels[:, 0], side) for side in run.wheels[:, 1:].T)
+        # [rad/s] recorded speeds of the left and of the right wheels, at the stamps of the physics steps
+        left, right = (
+            np.interp(stamps, run.wheels[:, 0], side) / robot.wheels[0].radius for side in run.wheels[:, 1:].T
+        )
         rates = []
-        for speeds in (np.column_stack([left, right, left, right]) / robot.wheels[0].radius).tolist():
+        for speeds in np.column_stack([left, right, left, right]).tolist():  # front wheels, then rear wheels
             chassis.drive(speeds)
             bullet.step()
             rates.append(chassis.observe().angular_velocity_in_base[2])
@@ -122,15 +126,18 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     runs = read_runs(parser.parse_args().folder)
     for ground in (*HARD, *SOFT):
-        even, odd = ([r for r in runs if r.ground == ground and int(r.name[-2:]) % 2 == n] for n in (0, 1))
-        tracks = [np.nanmedian([track(run) for run in half]) for half in (even, odd)]
+        runs_there = [run for run in runs if run.ground == ground]
+        # the name of a run ends with its number of two digits
+        even = [run for run in runs_there if int(run.name[-2:]) % 2 == 0]
+        odd = [run for run in runs_there if int(run.name[-2:]) % 2 == 1]
+        even_track, odd_track = (np.nanmedian([track(run) for run in half]) for half in (even, odd))
         rows = [compare(run) for run in odd]
         for run, row in zip(odd, rows):
             show(f"  {run.name}", row)
         time, stuck = sum(row.time for row in rows), sum(row.stuck for row in rows)
         _, _, *medians = np.nanmedian(rows, axis=0)  # the times are summed, so their medians are not needed
         show(f"{ground}, {len(odd)} runs", Turning(time, stuck, *medians))
-        print(f"  effective track {tracks[0]:.2f} m (even runs), {tracks[1]:.2f} m (odd)", flush=True)
+        print(f"  effective track {even_track:.2f} m (even runs), {odd_track:.2f} m (odd)", flush=True)
 
 
 def show(name: str, row: Turning) -> None:
