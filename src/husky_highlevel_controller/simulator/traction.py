@@ -18,8 +18,8 @@ It has an effect, because the published centre of mass puts 62 % of the Husky's 
 The forces depend on the velocity u = (vx, vy, yaw rate) of the robot, and the velocity depends on the forces.
 So the velocity u+ after the step is solved for all wheels together. This implicit method is stable for any vs
 and any duration dt of a step. M is the matrix of the masses and the yaw inertia. For each contact, the matrix
-J computes the velocity of the contact from u, and v_tread is the velocity at which its wheel would roll
-without slip, so that s = J u+ - v_tread:
+J computes the velocity of the contact from u (J' is its transpose), and v_tread is the velocity at which the
+wheel would roll without slip, so that s = J u+ - v_tread:
 
     (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u)
 
@@ -104,17 +104,14 @@ def ground_forces(
     last_velocity = velocity  # result of the round before
     vx, vy, yaw_rate = velocity
     grip, quarter_weight = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
-    # x, y, largest friction force [N] and tread speed [m/s] of each wheel; the coefficient of friction of
-    # rubber is smaller if the load is larger
-    treads = [
-        (
-            x,
-            y,
-            config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY if load > 0.0 else 0.0,
-            speed,
-        )
-        for x, y, load, speed in contacts
-    ]
+    # x, y [m], largest friction force [N] and tread speed [m/s] of each wheel
+    treads: List[Tuple[float, float, float, float]] = []
+    for x, y, load, speed in contacts:
+        limit = 0.0  # a wheel in the air has no friction
+        if load > 0.0:
+            # the coefficient of friction of rubber is smaller if the load is larger
+            limit = config.friction * load * (load / quarter_weight) ** LOAD_SENSITIVITY
+        treads.append((x, y, limit, speed))
     # momentum [kg m/s] and angular momentum [kg m^2/s] after the step if there were no friction; base_link
     # turns during the step, which gives the terms with yaw_rate
     momentum_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
