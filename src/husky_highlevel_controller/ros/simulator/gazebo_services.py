@@ -120,7 +120,7 @@ class GazeboServices:
         return self._simulation.motion_of(self._model_name(name, field))
 
     def _set_state(self, request: SetModelStateRequest) -> str:
-        """Put a model at a pose, with a velocity, and return a sentence about it."""
+        """Put a model at a pose, with a velocity, and return a sentence for the response."""
         state = request.model_state
         model = self._model_name(state.model_name, "model_name")
         frame = self._frame_motion(state.reference_frame, "reference_frame")
@@ -132,7 +132,7 @@ class GazeboServices:
         return f"'{state.model_name}' was moved"
 
     def _spawn(self, request: SpawnModelRequest) -> str:
-        """Add a model, given as SDF or URDF, and return a sentence about it."""
+        """Add a model, given as SDF or URDF, and return a sentence for the response."""
         name = request.model_name
         if name in (self._robot_name, *NAMES_OF_ROBOT):
             raise ObjectError(f"'{name}' is not spawned: this name means the robot; choose another name")
@@ -146,7 +146,7 @@ class GazeboServices:
         return f"'{name}' was added"
 
     def _delete(self, request: DeleteModelRequest) -> str:
-        """Delete a model, and return a sentence about it."""
+        """Delete a model, and return a sentence for the response."""
         self._simulation.delete(self._model_name(request.model_name, "model_name"))
         return f"'{request.model_name}' was deleted"
 

@@ -131,7 +131,10 @@ class Lockstep:
         return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
 
     def command_arrived(self, topic: str) -> None:
-        """Count a command on any velocity topic as an answer to the last scan; any thread may call this."""
+        """Count a command on any velocity topic as an answer to the last scan, which ends the wait for it.
+
+        Any thread may call this.
+        """
         if self._answered_topics is not None:  # None means that there is no scan to answer yet
             self._answered_topics.add(topic)
         self._has_commanded = True
@@ -144,6 +147,7 @@ class Lockstep:
         """
 
         def have_joined() -> bool:
+            """Serve calls, and return whether all partners are connected."""
             meanwhile()
             return partners.joined()
 
@@ -241,8 +245,9 @@ class Lockstep:
             """Serve calls, resend or nudge if due, and return whether the wait is over."""
             nonlocal waiting_since, has_retried
             meanwhile()
-            waited = time.monotonic() - waiting_since
+            waited = time.monotonic() - waiting_since  # [s]
             if waits_for_first and not has_retried:
+                # the controller has never sent a command, so the scan may have been lost
                 if waited > RESEND_TIMEOUT and not self._has_commanded:
                     waiting_since, has_retried = time.monotonic(), True
                     resend()
@@ -250,18 +255,19 @@ class Lockstep:
                 if has_retried:  # the listeners are idle again, and still no command has come
                     self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
+                # the controller may sleep until a time between two ticks
                 waiting_since, has_retried = time.monotonic(), True
                 nudge()
-            return self._answered.wait(POLL_PERIOD)
+            return self._answered.wait(POLL_PERIOD)  # true if a command has come within POLL_PERIOD
 
         if self._answered.is_set():
             return
         self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-        # the command came only after a nudge, so the controller sleeps in simulated time; from now on, the
-        # simulator waits after each tick
         elif has_retried and not waits_for_first and self._mode is not Mode.FREE:
+            # the command came only after a nudge, so the controller sleeps by simulated time; from now on,
+            # the simulator waits after each tick
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
@@ -272,6 +278,7 @@ class Lockstep:
         """
 
         def are_idle() -> bool:
+            """Serve calls, and return whether no listener works."""
             meanwhile()
             return self._listeners.asleep()
 

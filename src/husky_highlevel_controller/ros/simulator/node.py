@@ -460,7 +460,7 @@ class SimulatorNode:
         self._calls.offer("~load_world", srv.LoadWorld, self._load_world, between_steps=True)
 
     def _set_paused(self, paused: bool) -> str:
-        """Pause or resume the world, and return a sentence with the time."""
+        """Pause or resume the world, and return a sentence with the time for the response."""
         self._paused = paused
         self._paused_topic.publish(paused)
         # nodes without simulated time expect wall times as stamps, and wall time has passed during the pause
@@ -468,7 +468,7 @@ class SimulatorNode:
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:
-        """Reset robot and world, and return a sentence with the time."""
+        """Reset robot and world, and return a sentence with the time for the response."""
         self._simulation.reset()
         self._commands.forget_commands()
         self._forget_touches_and_arrivals()
@@ -479,7 +479,7 @@ class SimulatorNode:
         return with_ground(load_world(find_world(name)), self._start.pose, self._start.z)
 
     def _load_world(self, request: srv.LoadWorldRequest) -> str:
-        """Load another world, and return a sentence about it."""
+        """Load another world, and return a sentence for the response."""
         world = self._read_world(request.world_name)
         self._simulation.load_world(world)
         self._commands.forget_commands()
@@ -489,7 +489,7 @@ class SimulatorNode:
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self, _request: Any) -> str:
-        """Put robot and objects back to their first poses, and return a sentence about it."""
+        """Put robot and objects back to their first poses, and return a sentence for the response."""
         self._simulation.reset_poses()
         self._forget_touches_and_arrivals()
         return "the robot and every object are back at their first poses"

@@ -174,7 +174,7 @@ class WorldDisplay:
             self._shown_markers[name] = _Shown(body, up, pose)
 
     def _drop_box(self, msg: PointStamped) -> str:
-        """Put a box on a point that was clicked in RViz, and return a sentence about it."""
+        """Put a box on a point that was clicked in RViz, and return a sentence for the log."""
         clicked = self._in_world(PoseMsg(msg.point, Quaternion(w=1.0)), msg.header.frame_id)
         x, y, z = clicked.position
         _, _, height = BOX_SIZE
@@ -189,13 +189,13 @@ class WorldDisplay:
         return f"'{box.name}' was added"
 
     def _move_robot(self, msg: PoseWithCovarianceStamped) -> str:
-        """Put the robot at a pose that was set in RViz, and return a sentence about it."""
+        """Put the robot at a pose that was set in RViz, and return a sentence for the log."""
         pose = self._in_world(msg.pose.pose, msg.header.frame_id)
         self._simulation.move_robot_level(pose_to_2d(pose))
         return f"'{ROBOT}' was moved"
 
     def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
-        """Put a body where its marker was dragged, and return a sentence about it."""
+        """Put a body where its marker was dragged, and return a sentence for the log."""
         name = feedback.marker_name
         # RViz has already moved the marker, so this node must send the marker again, at the true pose of the
         # body; None as the last pose causes this
@@ -208,7 +208,7 @@ class WorldDisplay:
         return f"'{name}' was moved"
 
     def _delete(self, feedback: InteractiveMarkerFeedback) -> str:
-        """Delete the body of a marker, and return a sentence about it."""
+        """Delete the body of a marker, and return a sentence for the log."""
         self._simulation.delete(feedback.marker_name)
         return f"'{feedback.marker_name}' was deleted"
 

@@ -38,18 +38,18 @@ class WorldServices:
         rospy.Service("~list", srv.ListObjects, self._on_list)
 
     def _spawn(self, request: srv.SpawnObjectRequest) -> str:
-        """Add the requested object, and return a sentence about it."""
+        """Add the requested object, and return a sentence for the response."""
         pose = self._in_world(request.initial_pose, request.reference_frame)
         self._simulation.spawn(_bodies_of(request, pose))
         return f"'{request.model_name}' was added"
 
     def _delete(self, request: srv.DeleteObjectRequest) -> str:
-        """Delete a body, and return a sentence about it."""
+        """Delete a body, and return a sentence for the response."""
         self._simulation.delete(request.model_name)
         return f"'{request.model_name}' was deleted"
 
     def _move(self, request: srv.MoveObjectRequest) -> str:
-        """Move a body, and return a sentence about it."""
+        """Move a body, and return a sentence for the response."""
         pose = self._in_world(request.pose, request.reference_frame)
         self._simulation.move(request.model_name, pose)
         return f"'{request.model_name}' was moved"
