@@ -56,9 +56,11 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     Raises:
         ConfigError: a parameter is missing, unknown or not allowed.
     """
-    values, source = dict(rospy.get_param("~", {})), rospy.get_name() + "/"
-    # `robot_profile` sets up the drivers of a real robot, so it is allowed only if the profile is "robot"
-    profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
+    values = dict(rospy.get_param("~", {}))
+    source = rospy.get_name() + "/"  # beginning of the names of parameters in errors
+    # `robot_profile` has the values of a real robot's drivers. With any other profile than "robot", it stays
+    # in `values`, so that `read_config` rejects it as an unknown parameter.
+    driver_values = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
     # the values of the robot come from a file of config/robots/, which the launch file loads
     robot_values = values.pop("robot", None)
     if not isinstance(robot_values, dict):
@@ -79,7 +81,7 @@ def read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
     # the profile "robot" simulates the drivers of the real robot, on the chosen ground; the other profile
     # simulates Gazebo's plugins, and then `config.real` stays None
     if start.profile == "robot":
-        (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
+        (real,) = read_config(driver_values, source + "robot_profile/", RobotProfile)
         config = replace(config, real=real.on(start.ground))
         # the profile "robot" has a lidar of its own, so a change of the other lidar is probably a mistake
         if config.lidar != simulator_config(robot.name).lidar:

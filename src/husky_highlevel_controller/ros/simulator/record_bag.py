@@ -68,7 +68,7 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
 def messages_of_drive(
     name: str, ground: str, seed: int, duration: float
 ) -> Iterator[Tuple[Snapshot, str, Any]]:
-    """Yield the messages of a drive while it is simulated: snapshot of the moment, topic, message.
+    """Simulate the drive of exercise 4, and yield its messages: snapshot of the moment, topic, message.
 
     Args:
         name: name of the robot, one of ROBOTS.
@@ -83,10 +83,10 @@ def messages_of_drive(
         config = replace(config, real=RobotProfile().on(ground))
     # the description has no meshes, because nothing is drawn
     robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
-    # these names with `steps` are numbers of physics steps between two messages, or between two commands
-    rate = config.physics_rate
-    truth_steps, points_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE
-    wheel_steps = rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE)
+    rate = config.physics_rate  # [Hz]
+    wheel_rate = config.real.base.control_rate if config.real else ODOMETRY_RATE  # [Hz]
+    # numbers of physics steps from one message to the next of the same kind, or from one command to the next
+    truth_steps, points_steps, wheel_steps = rate // ODOMETRY_RATE, rate // POINTS_RATE, rate // wheel_rate
     command_steps = round(rate * COMMAND_PERIOD)
     wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
     with closing(Simulation(load_world(WORLD_FILE), robot, config, Pose2D(), seed)) as simulation:
@@ -96,8 +96,8 @@ def messages_of_drive(
             if step == 1:
                 yield snapshot, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, stamp)
             if step % command_steps == 0:
-                # the command depends on the true heading of the robot
-                simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
+                true_yaw = yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)
+                simulation.command(command_at(stamp, true_yaw))
             if odometry is not None and step % truth_steps == 0:
                 yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
             if odometry is not None and step % wheel_steps == 0:
