@@ -95,11 +95,12 @@ class Workers:
     ) -> Iterator[Tuple[int, Any]]:
         """Yield the index and the result of each item, in the order in which the results come.
 
-        The other arguments are those of `map`. If a task raises an exception, cannot be sent, or ends its
-        worker, `on_error` gets the item and the exception, and returns the result of the item. This result is
-        kept like other results, so a later run with the same file does not try the item again. If items are
-        sent in groups of `chunk`, an exception counts for all items of its group. Without `on_error` the
-        exception is raised.
+        So the caller can use a result before all tasks have ended, and can go on after an error. The other
+        arguments are those of `map`. If a task raises an exception, cannot be sent, or ends its worker,
+        `on_error` gets the item and the exception, and returns the result of the item. This result is kept
+        like other results, so a later run with the same file does not try the item again. If items are sent
+        in groups of `chunk`, an exception counts for all items of its group. Without `on_error` the exception
+        is raised.
         """
         # the key of a kept result depends on the code and the item, so that a result is computed again if the
         # code has changed

@@ -450,11 +450,12 @@ class CrashDetector:
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
-            for (stamp, speed), (next_stamp, next_speed) in zip(
-                self._wheel_speeds, islice(self._wheel_speeds, 1, None)
-            ):
+            # each message of odometry with the next message
+            pairs = zip(self._wheel_speeds, islice(self._wheel_speeds, 1, None))
+            for (stamp, speed), (next_stamp, next_speed) in pairs:
                 if next_speed != speed:
-                    change += (next_speed - speed) * self._weight(shifted_end - 0.5 * (stamp + next_stamp))
+                    age = shifted_end - 0.5 * (stamp + next_stamp)
+                    change += (next_speed - speed) * self._weight(age)
             wheel_changes.append(change)
         # the loss is the robot's change of velocity against the direction of travel, minus the change of its
         # wheels' speed

@@ -87,7 +87,7 @@ class MotionSensor:
         Raises:
             ReadingError: a used value is NaN or infinity.
         """
-        stamp, pose, *arrays = reading
+        pose = reading.pose
         pose_used = self._pose_used.copy()
         # subtracting gravity needs the orientation, so the orientation must be finite, too
         if self._config.remove_gravitational_acceleration and self._force_used.any():
@@ -106,11 +106,16 @@ class MotionSensor:
             for name, numbers in used_numbers.items():
                 if not np.isfinite(numbers).all():
                     raise ReadingError(f"its {name} is {numbers.tolist()}")
-        finite_arrays: List[Any] = [None if array is None else _finite(array) for array in arrays]
-        finite_pose = None
-        if pose is not None:
-            finite_pose = Pose(*(tuple(_finite(part)) for part in pose))
-        return Reading(stamp, finite_pose, *finite_arrays)
+        velocity, force = reading.velocity, reading.specific_force
+        return Reading(
+            stamp=reading.stamp,
+            pose=None if pose is None else Pose(*(tuple(_finite(part)) for part in pose)),
+            pose_covariance=_finite(reading.pose_covariance),
+            velocity=None if velocity is None else _finite(velocity),
+            velocity_covariance=_finite(reading.velocity_covariance),
+            specific_force=None if force is None else _finite(force),
+            force_covariance=_finite(reading.force_covariance),
+        )
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
         """Return the planar measurements of base_link that a reading gives.
