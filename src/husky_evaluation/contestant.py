@@ -49,7 +49,7 @@ class Contestant(Protocol):
         """
 
     def drive(self, scenario: Scenario) -> Outcome:
-        """Drive a scenario.
+        """Drive a scenario with this controller, and return the outcome.
 
         Raises:
             HuskyError: the controller fails, or does not start.
@@ -103,7 +103,7 @@ class FunctionContestant:
         return controller
 
     def drive(self, scenario: Scenario) -> Outcome:
-        """Drive a scenario.
+        """Drive a scenario with this function, and return the outcome.
 
         Raises:
             HuskyError: the function fails.

@@ -124,7 +124,7 @@ def add_seed_option(parser: argparse.ArgumentParser) -> None:
 
 
 def add_starts_option(parser: argparse.ArgumentParser, starts: int) -> argparse.Action:
-    """Add --starts, and return it."""
+    """Add --starts, and return it, so that the caller can add an old name of this option."""
     return parser.add_argument(
         "--starts", type=positive, default=starts, help=f"number of random starts (default: {starts})"
     )

@@ -95,7 +95,10 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
 
 
 def end_if_missing(group: str = "launch") -> None:
-    """Exit with 1 and a sentence if a package of the group is missing or too old."""
+    """Exit with 1 and a sentence if a package of the group is missing or too old.
+
+    A program calls this before it imports the packages, because a traceback would not say what to install.
+    """
     text = missing_sentence(group)
     if text is not None:
         print(f"error: {text}", file=sys.stderr)

@@ -34,12 +34,12 @@ def share_folder() -> Path:
 
 
 def search_path(variable: str) -> List[Path]:
-    """Folders of an environment variable such as GAZEBO_MODEL_PATH; none if it is not set."""
+    """Return the folders in an environment variable such as GAZEBO_MODEL_PATH; empty if it is not set."""
     return [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
 
 
 def mesh_folder() -> Optional[Path]:
-    """Folder of the Husky's meshes that come with PyBullet; None if PyBullet is not installed."""
+    """Return the folder of the Husky's meshes that come with PyBullet; None if PyBullet is not installed."""
     spec = importlib.util.find_spec("pybullet_data")  # finds PyBullet without loading it
     if spec is None or spec.origin is None:
         return None

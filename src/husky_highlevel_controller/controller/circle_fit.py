@@ -240,7 +240,7 @@ def _inverse(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -
 
 
 def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
-    """Matrix times vector."""
+    """Return the product of a matrix and a vector."""
     x, y, z = vector
     (a, b, c), (d, e, f), (g, h, i) = matrix
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
@@ -254,6 +254,7 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 def line_sum_squared_error(segment: Segment) -> float:
     """Sum of the squared errors of the best line, measured along the beams [m^2]."""
     terms = _terms(segment)
+    # sums over the beams of the products of any two of u, v and r
     (uu, uv, ur), (_, vv, vr), (_, _, rr) = (terms @ terms.T).tolist()
     return float(line_squared_error(np.array((uu, uv, vv, ur, vr, rr))))
 

@@ -70,10 +70,14 @@ class Target(NamedTuple):
 def target_at(
     center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose, outline: Footprint
 ) -> Target:
-    """Return the target for a pillar's centre in base_link [m] and radius [m]."""
+    """Return a pillar as the control needs it, from its centre in base_link [m] and its radius [m].
+
+    `outline` is the footprint of the robot, from which the gap to the pillar is measured.
+    """
     x, y = center_in_base
     distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
-    return Target(x, y, radius, distance, outline.clearance_at(x, y) - radius)
+    gap = outline.clearance_at(x, y) - radius
+    return Target(x, y, radius, distance, gap)
 
 
 def remaining_distance(target: Target, config: ControlConfig) -> float:

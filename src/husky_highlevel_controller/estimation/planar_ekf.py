@@ -64,9 +64,11 @@ class PlanarEkf:
 
         The variance of velocities and accelerations is 1e-6, as in robot_localization.
         """
-        state, full = np.zeros(STATES), 1e-6 * np.eye(STATES)
-        state[:3], full[:3, :3] = pose, covariance
-        self.estimate, self.started = MotionEstimate(stamp, state, full), True
+        state, full_covariance = np.zeros(STATES), 1e-6 * np.eye(STATES)
+        # the first three states are x, y and yaw
+        state[:3] = pose
+        full_covariance[:3, :3] = covariance
+        self.estimate, self.started = MotionEstimate(stamp, state, full_covariance), True
 
     def process(self, measurement: Measurement) -> None:
         """Predict up to a measurement and correct by it; the first measurement starts the filter.

@@ -261,6 +261,10 @@ def _planar(
         values: values along or about x, y and z, (6,).
         covariance: covariance of the values, (6, 6).
     """
-    kept = [i for i in ON_PLANE if used[i]]
-    chosen = tuple(state for state, i in zip(states, ON_PLANE) if used[i])
-    return Measurement(stamp, chosen, values[kept], covariance[np.ix_(kept, kept)])
+    kept_indices, kept_states = [], []
+    for index, state in zip(ON_PLANE, states):
+        if used[index]:
+            kept_indices.append(index)
+            kept_states.append(state)
+    kept_covariance = covariance[np.ix_(kept_indices, kept_indices)]
+    return Measurement(stamp, tuple(kept_states), values[kept_indices], kept_covariance)
