@@ -392,7 +392,8 @@ class ControllerNode:
             # the robot was stopped at the pillar and started again, so it has not driven
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
-            # a controller that has arrived was started, so `started_at` is not None
+            # `started_at` is never None here, because a controller that has arrived was started before; the 0
+            # is only for the type checker
             duration = scan.stamp - (self._controller_state.started_at or 0.0)
             seconds = "s" if rospy.rostime.is_wallclock() else "s of simulated time"
             rospy.loginfo(

@@ -72,14 +72,12 @@ class _Server(Server):
             if self.type.type.get(name) not in ("double", "int"):
                 continue
             smallest, largest = self.type.min[name], self.type.max[name]
-            if not isfinite(value):
-                accepted[name] = self.config[name]
-            elif not smallest <= value <= largest:
-                accepted[name] = min(max(value, smallest), largest)
-            else:
-                continue  # the value is allowed, so it causes no warning
-            rospy.logwarn(
-                f"{rospy.get_name()}/{name} = {value} is out of range {smallest}..{largest}: "
-                f"clamped to {accepted[name]}"
-            )
+            old_value = self.config[name]
+            allowed = min(max(value, smallest), largest) if isfinite(value) else old_value
+            if allowed != value:
+                accepted[name] = allowed
+                rospy.logwarn(
+                    f"{rospy.get_name()}/{name} = {value} is out of range {smallest}..{largest}: "
+                    f"clamped to {allowed}"
+                )
         return super().update_configuration(accepted)

@@ -300,10 +300,11 @@ def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     planar = PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate))
     msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)
     msg.twist.twist.linear.y = vy
-    # the state begins with x, y and yaw, and their rates begin at the index VX
+    # pose and twist, each with the index of its first number in the state: x, y, yaw begin at 0, their rates
+    # begin at VX
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
         # (6, 6) covariance of x, y, z, roll, pitch, yaw, or of their rates. The filter estimates only x, y
-        # and yaw. Their rows and columns are PLANE.
+        # and yaw, whose rows and columns are PLANE. The other variances are OFF_PLANE.
         covariance = OFF_PLANE * np.eye(6)
         covariance[PLANE] = estimate.covariance[first : first + 3, first : first + 3]
         part.covariance = covariance.ravel().tolist()

@@ -126,8 +126,8 @@ def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongTy
     for publishes, nodes_by_topic in ((True, graph.publishers), (False, graph.subscribers)):
         # the simulator subscribes to topics that the node publishes, and the other way round
         right_kinds = kinds_of(simulator, not publishes)
-        # Among others, SHARED has /tf and /tf_static. Their type has two names (of tf and of tf2_msgs), so a
-        # check of them would cause a false alarm.
+        # The topics of SHARED are not checked. Among them are /tf and /tf_static, whose type has two names
+        # (of tf and of tf2_msgs), so a check would cause a false alarm.
         nodes_and_topics = []
         for topic in set(right_kinds) - SHARED:
             for node in nodes_by_topic.get(topic, ()):
