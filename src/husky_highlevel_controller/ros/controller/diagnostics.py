@@ -164,7 +164,7 @@ class Diagnostics:
 
     def _publish(self) -> None:
         """Examine the controller, and publish the result on /diagnostics."""
-        # ROS time is 0 until the first message on /clock
+        # ROS time is 0 until the first message on /clock; until then, simulated time counts as paused
         is_paused = self._still_polls >= STILL_POLLS or self._last_time == 0.0
         health = self._examine(is_paused)
         level, message = level_and_message(health)

@@ -144,8 +144,11 @@ class LocalizationNode:
                 del held[:-QUEUE]  # only the last QUEUE messages are kept
                 return
             self._held_messages[name] = []
-            is_accepted = [self._add(name, message, mounting) for message in held]
-            if not any(is_accepted):
+            any_accepted = False
+            for message in held:  # oldest first; the message of this call is the last
+                if self._add(name, message, mounting):
+                    any_accepted = True
+            if not any_accepted:
                 self._ignore(name, heard_before)
 
     def _ignore(self, name: str, heard_before: float) -> None:

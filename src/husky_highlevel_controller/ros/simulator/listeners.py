@@ -38,9 +38,8 @@ MAX_THREADS = 200
 RUNNING_STATES = {b"R", b"D"}
 
 Ports = Tuple[int, int]  # TCP ports of a connection: port of the subscriber, port of this process
-Turns = Dict[
-    str, bytes
-]  # text of the file SCHEDULE of each thread; the text changes whenever the thread runs
+# text of the file SCHEDULE of each thread; the text changes whenever the thread runs
+Turns = Dict[str, bytes]
 
 
 class Listeners:

@@ -383,17 +383,18 @@ class SimulatorNode:
                 rospy.loginfo(f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time")
 
     def _notice_arrival(self, snapshot: Snapshot) -> None:
-        """Log an arrival at a pillar, in a thread of its own, because it asks the master first.
+        """Log an arrival of the robot at a pillar, so that users of any controller learn about it.
 
         In a run that is graded, or if the node arrival_exit logs it, the arrival is not logged here.
         """
         arrival = self._arrival.update(snapshot.true_state, self._pillars)
         if arrival and not (self._has_arrival_exit or self._publishers.is_graded):
+            # the thread asks the ROS master before it logs, which would delay the simulation
             threading.Thread(target=self._tell_arrival, args=(arrival, self._commands.driver)).start()
 
     @staticmethod
     def _tell_arrival(arrival: Arrival, driver: str) -> None:
-        """Log an arrival, unless the node that drives announces its arrivals itself."""
+        """Log an arrival, unless the node that drives (`driver`) announces its arrivals itself."""
         with contained("the announcement of an arrival"):
             graph = read_graph(rosgraph.get_master_uri())
             if graph is None or f"{driver}/arrived" not in graph.publishers:
@@ -410,7 +411,7 @@ class SimulatorNode:
         return pillars
 
     def _forget_touches_and_arrivals(self) -> None:
-        """Let touches and arrivals be logged again, because the robot was put elsewhere."""
+        """Let touches and arrivals be logged again; call this when the robot was put elsewhere."""
         self._touched.clear()
         self._arrival.forget()
 
