@@ -76,9 +76,11 @@ class Power:
             speeds: speeds of the treads of the (left, right) wheels, forward positive [m/s].
             duration: time since the last call [s].
         """
-        # currents of the two motors [A]
-        left, right = (self._current(torque, speed) for torque, speed in zip(torques, speeds))
-        current = left + right + ELECTRONICS_CURRENT
+        left_torque, right_torque = torques
+        left_speed, right_speed = speeds
+        left_current = self._current(left_torque, left_speed)
+        right_current = self._current(right_torque, right_speed)
+        current = left_current + right_current + ELECTRONICS_CURRENT  # [A]
         # [V] the voltage is lower if less charge is left, and if current flows through the resistance
         open_circuit_voltage = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
         voltage = open_circuit_voltage - RESISTANCE * current
@@ -88,12 +90,12 @@ class Power:
         # low-pass filter of the squared currents, because drivers and motors become warm slowly
         fraction = min(duration / HEATING_TIME, 1.0)
         left_square, right_square = self._squared_currents
-        left_square += fraction * (left * left - left_square)
-        right_square += fraction * (right * right - right_square)
+        left_square += fraction * (left_current * left_current - left_square)
+        right_square += fraction * (right_current * right_current - right_square)
         self._squared_currents = left_square, right_square
         return PowerState(
             uptime=self._uptime,
-            currents=(left, right),
+            currents=(left_current, right_current),
             electronics_current=ELECTRONICS_CURRENT,
             voltage=voltage,
             charge=self._charge,

@@ -326,8 +326,8 @@ class Simulation:
         """Put a body, or the robot, somewhere else, at rest.
 
         The robot is put with its wheels on the floor. The pose in the odometry changes by the same move, so
-        that the frame odom keeps its x, y and yaw in the world. Only the height of odom changes, because it
-        is always the height of base_link.
+        that the frame odom keeps its x, y and yaw in the world. Only the height of odom changes, because odom
+        is always as high as base_link.
 
         Raises:
             PlacementError: no object has this name, or another object is in the way; then nothing changes.

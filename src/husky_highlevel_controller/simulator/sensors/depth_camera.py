@@ -28,7 +28,7 @@ class CameraConfig:
     far: float = number(1.0, 100.0, "farther surfaces are not seen [m]", default=8.0)
 
     def __post_init__(self) -> None:
-        """Raise ValueError if nothing could be seen."""
+        """Raise ValueError if nothing can be seen, because the limits are in the wrong order."""
         if self.near >= self.far:
             raise ValueError(f"near = {self.near} is not below far = {self.far}")
 

@@ -33,7 +33,7 @@ class LidarConfig:
     hides_near: bool = setting("a shorter range reads +inf, as in pointcloud_to_laserscan; if false, -inf")
 
     def __post_init__(self) -> None:
-        """Raise ValueError if no range is valid."""
+        """Raise ValueError if no range can be valid, because the limits are in the wrong order."""
         if self.range_min >= self.range_max:
             raise ValueError(f"range_min = {self.range_min} is not below range_max = {self.range_max}")
 

@@ -135,8 +135,9 @@ class Lms1xx:
 def _pose_before(state: RobotState, age: float) -> Pose:
     """Return the pose of base_link in the world `age` s ago, estimated from the present velocity and tilt."""
     (vx, vy, vz), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-    turn = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
-    return compose(state.pose_in_world, Pose((-vx * age, -vy * age, -vz * age), turn))
+    turn_back = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
+    pose_before_in_base = Pose((-vx * age, -vy * age, -vz * age), turn_back)
+    return compose(state.pose_in_world, pose_before_in_base)
 
 
 class _Piece(NamedTuple):

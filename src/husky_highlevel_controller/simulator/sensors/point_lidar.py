@@ -35,7 +35,7 @@ class PointsConfig:
     noise: float = number(0.0, 1.0, "standard deviation [m]")
 
     def __post_init__(self) -> None:
-        """Raise ValueError if opposite columns are not in one plane."""
+        """Raise ValueError if a column has no opposite column, because the number of columns is odd."""
         if self.columns % 2:
             raise ValueError(f"columns = {self.columns} is not even")
 

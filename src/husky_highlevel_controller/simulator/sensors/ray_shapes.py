@@ -9,9 +9,9 @@ formula has two functions:
 - `prepare` is called once for a shape. It takes the centre, the axes and the size of the shape in the
   laser's frame: numbers, or arrays (K,) for K shapes. It returns rows (F, 2[, K]) and numbers (G[, K]). A row
   is the x and y of a vector whose scalar product with d the formula needs.
-- `enter` is called for all beams at once. It takes the scalar products of the rows with the d of each beam
-  (F, P) and the numbers (G, 1 or P). It returns the distance at which each beam enters the shape, (P,) [m];
-  inf or nan if the beam misses the shape.
+- `enter` is called for all beams at once. It takes `along`, the scalar products of the rows with the d of
+  each beam (F, P), and `numbers` (G, 1 or P). It returns the distance at which each beam enters the shape,
+  (P,) [m]; inf or nan if the beam misses the shape.
 """
 
 from __future__ import annotations
