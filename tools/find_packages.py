@@ -59,20 +59,24 @@ def dependency_sentences(folders: Iterable[Path]) -> List[str]:
     own = [folder for folder in dict.fromkeys(folders) if is_students(folder)]
     if not own:
         return []
-    manifests = [(name_of(folder), _manifest_of(folder)) for folder in own]
+    manifests = {folder: (name_of(folder), _manifest_of(folder)) for folder in own}
+    # names of the packages that are not missing
     known = {*rospkg.RosPack().list(), *(path.name for path in gazebo_packages.COMPAT.iterdir())}
-    known.update(name for name, _ in manifests)
-    return [
-        dependency_sentence(finding)
-        for name, manifest in manifests
-        if manifest is not None
-        for finding in unknown_dependencies(name, dependencies_of(manifest), known)
-    ]
+    known.update(name for name, _ in manifests.values())
+    sentences = []
+    for name, manifest in manifests.values():
+        if manifest is not None:
+            findings = unknown_dependencies(name, dependencies_of(manifest), known)
+            sentences += [dependency_sentence(finding) for finding in findings]
+    return sentences
 
 
 def package_around(path: Path) -> Optional[Path]:
     """Return the folder of the package around a file or folder, or None."""
-    return next((folder for folder in (path, *path.parents) if (folder / "package.xml").is_file()), None)
+    for folder in (path, *path.parents):
+        if (folder / "package.xml").is_file():
+            return folder
+    return None
 
 
 def workspace_around(path: Path) -> Optional[Path]:
@@ -103,7 +107,8 @@ def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
 
     A package in the folder of another package is left out, as rospack does.
     """
-    level, looked = [place], 0
+    level = [place]  # folders at the present depth
+    looked = 0  # number of folders that were searched
     for _ in range(DEPTH + 1):
         below: List[Path] = []
         for folder in level:
@@ -121,11 +126,9 @@ def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
                 if name:
                     yield name, folder
                 continue
-            below += [
-                folder / name
-                for name in sorted(entries)
-                if name[0] != "." and name not in SKIPPED and is_folder(entries[name])
-            ]
+            for name in sorted(entries):
+                if name[0] != "." and name not in SKIPPED and is_folder(entries[name]):
+                    below.append(folder / name)
         level = below
 
 
@@ -144,23 +147,27 @@ def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
     If several packages have this name, the first one that has the file counts, in the order of the places in
     this module's docstring.
     """
-    around_caller = [(name, folder) for place in places(caller) for name, folder in packages_below(place)]
-    next_to_clone = packages_below(PACKAGE_FOLDER.parent)
-    paths = gazebo_packages.package_paths()
-    packages = rospkg.RosPack(paths)
-    in_ros_path = [(package, Path(packages.get_path(package)))] if package in packages.list() else []
-    if package == PACKAGE:  # this clone counts, and not another clone next to it, which has the same files
-        in_ros_path, next_to_clone = [(PACKAGE, PACKAGE_FOLDER), *in_ros_path], iter(())
-    stand_in = (package, gazebo_packages.COMPAT / package)
-    for name, folder in (*around_caller, *in_ros_path, *next_to_clone, stand_in):
-        if name == package:
-            # the folder `launch` first, because a folder beside it may hold the submissions of a class
-            if (folder / "launch" / file).is_file():
-                return folder / "launch" / file
-            for path, folders, files in os.walk(folder, followlinks=True):
-                folders[:] = sorted(inner for inner in folders if inner[0] != ".")
-                if file in files:
-                    return Path(path) / file
+    folders_of_package = []  # in the order in which they are searched
+    for place in places(caller):
+        folders_of_package += [folder for name, folder in packages_below(place) if name == package]
+    if package == PACKAGE:
+        folders_of_package.append(PACKAGE_FOLDER)
+    packages = rospkg.RosPack(gazebo_packages.package_paths())
+    if package in packages.list():
+        folders_of_package.append(Path(packages.get_path(package)))
+    if package != PACKAGE:  # another clone next to this one has the same files, but does not count
+        next_to_clone = packages_below(PACKAGE_FOLDER.parent)
+        folders_of_package += [folder for name, folder in next_to_clone if name == package]
+    folders_of_package.append(gazebo_packages.COMPAT / package)
+    for folder in folders_of_package:
+        # the folder `launch` first, because a folder beside it may hold the submissions of a class
+        if (folder / "launch" / file).is_file():
+            return folder / "launch" / file
+        for path, inner_folders, files in os.walk(folder, followlinks=True):
+            # `os.walk` goes only into the folders that stay in this list
+            inner_folders[:] = sorted(inner for inner in inner_folders if inner[0] != ".")
+            if file in files:
+                return Path(path) / file
     return None
 
 
@@ -175,12 +182,24 @@ def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
     return [*paths, *(folder for name, folder in found.items() if name not in known)]
 
 
+def _setup_around(path: Path) -> Optional[Path]:
+    """Return the setup.bash of the nearest built catkin workspace around a file or folder, or None."""
+    for folder in (path, *path.parents):
+        setup = folder / "devel" / "setup.bash"
+        if setup.is_file():
+            return setup
+    return None
+
+
 def source_workspace(path: Path) -> bool:
-    """Source the built catkin workspace around a file or folder for this process; return whether it did."""
-    setups = (folder / "devel" / "setup.bash" for folder in (path, *path.parents))
-    setup = next((setup for setup in setups if setup.is_file()), None)
+    """Source the built catkin workspace around a file or folder for this process.
+
+    Return False if there is no such workspace, or if it cannot be sourced.
+    """
+    setup = _setup_around(path)
     if setup is None or PACKAGE_FOLDER / ".dev" in setup.parents:  # ./dev has sourced its own workspace
         return False
+    # bash sources the file, and prints the variables that it then has
     script = 'source "$1" --extend >/dev/null && env -0'
     done = subprocess.run(["bash", "-c", script, "bash", str(setup)], stdout=subprocess.PIPE, check=False)
     if done.returncode != 0:

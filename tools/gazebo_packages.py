@@ -11,7 +11,7 @@ import re
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Dict, Iterable, List, Set
+from typing import Dict, Iterable, List, Set, Tuple, Union
 from xml.etree.ElementTree import ParseError
 
 from husky_highlevel_controller.missing_packages import end_if_missing
@@ -64,30 +64,35 @@ def join_copies(paths: List[str]) -> Dict[str, Path]:
     if "gazebo_ros" in known and Path(packages.get_path("gazebo_ros")).resolve() != COMPAT / "gazebo_ros":
         return {}
     joined = {}
-    for name in [name for name in COURSE_PACKAGES if name in known]:
+    for name in COURSE_PACKAGES:
+        if name not in known:
+            continue
         copy = (Path(packages.get_path(name)) / "package.xml").resolve().parent
-        if copy != COMPAT / name:
-            kept.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(prefix=".", dir=kept) as scratch:
-                new = Path(scratch) / "new"
-                join(copy, COMPAT / name, new / name)
-                place = kept / digest(new)
-                try:
-                    new.rename(place)
-                except OSError:
-                    if not place.is_dir():  # otherwise another launch made the same folder
-                        raise
-            joined[name] = place / name
+        if copy == COMPAT / name:  # this is our own package, and not a copy
+            continue
+        kept.mkdir(parents=True, exist_ok=True)
+        # the package is made in a folder of its own and then moved, so no other launch sees it half made
+        with tempfile.TemporaryDirectory(prefix=".", dir=kept) as scratch:
+            new = Path(scratch) / "new"
+            join(copy, COMPAT / name, new / name)
+            place = kept / digest(new)
+            try:
+                new.rename(place)
+            except OSError:
+                if not place.is_dir():  # otherwise another launch made the same folder
+                    raise
+        joined[name] = place / name
     return joined
 
 
 def digest(folder: Path) -> str:
     """Return a fingerprint of the links and files in a folder."""
-    paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or path.is_file()]
-    content = [
-        (path.relative_to(folder), os.readlink(path) if path.is_symlink() else path.read_bytes())
-        for path in paths
-    ]
+    content: List[Tuple[Path, Union[str, bytes]]] = []
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink():
+            content.append((path.relative_to(folder), os.readlink(path)))
+        elif path.is_file():
+            content.append((path.relative_to(folder), path.read_bytes()))
     return hashlib.sha256(repr(content).encode()).hexdigest()[:12]
 
 
@@ -102,7 +107,9 @@ def join(copy: Path, ours: Path, target: Path) -> None:
         paths = [source / name for source in sources if (source / name).exists()]
         if len(paths) == 2 and all(path.is_dir() for path in paths):
             (target / name).mkdir()
-            files = {file.name: file for path in paths for file in path.iterdir()}
+            files: Dict[str, Path] = {}
+            for path in paths:
+                files.update({file.name: file for file in path.iterdir()})
             for file in files.values():
                 (target / name / file.name).symlink_to(file.resolve())
                 if file.suffix == ".launch" and file.parent == ours / name:
@@ -132,14 +139,16 @@ def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
         inner = file.parent / Path(name).name
         if depth and "gazebo_ros" not in name and inner.is_file():
             given.update(world_and_pose(inner, depth - 1))
-        values = {
-            arg.get("name", ""): arg.get("value", arg.get("default", "")) for arg in include.findall("arg")
-        }
-        fixed.update({name: value for name, value in values.items() if not references(value, names)})
-    defaults = {arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")}
-    # a default that needs an argument outside of WORLD_AND_POSE is left out, because our launch file may not
-    # have this argument
-    given.update({name: text for name, text in defaults.items() if references(text, names) <= WORLD_AND_POSE})
+        for arg in include.findall("arg"):
+            value = arg.get("value", arg.get("default", ""))
+            if not references(value, names):
+                fixed[arg.get("name", "")] = value
+    for arg in root.findall("arg"):
+        default = arg.get("default", "")
+        # a default that needs an argument outside of WORLD_AND_POSE is left out, because our launch file may
+        # not have this argument
+        if references(default, names) <= WORLD_AND_POSE:
+            given[arg.get("name", "")] = default
     given.update(fixed)
     return {name: value for name, value in given.items() if name in WORLD_AND_POSE and value}
 
@@ -154,8 +163,12 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     # Noetic's launch file reads from the environment whether there is a lidar; our file reads this, too, and
     # keeps its own default
     from_environment = {name for name in SENSORS if "$(" in given.get(name, "")}
-    # only values that differ from a value of our file are kept
-    given = {n: v for n, v in given.items() if n not in from_environment and v != ours.get(n, v)}
+    # an argument that our file does not have, or has with the same value, stays as it is
+    given = {
+        name: value
+        for name, value in given.items()
+        if name not in from_environment and name in ours and value != ours[name]
+    }
     if not given:
         return
     tree = ElementTree.parse(link)

@@ -78,7 +78,9 @@ def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
         return found, others
     own = PACKAGE_FOLDER / "launch" / name
     # a file in the caller's folder comes first, as in roslaunch; a student's file may have a name of ours
-    path = own if own.is_file() and "/" not in name and not Path(name).is_file() else Path(name)
+    path = Path(name)
+    if not path.is_file() and "/" not in name and own.is_file():
+        path = own
     if not path.is_file():
         known = ", ".join(sorted(file.name for file in (PACKAGE_FOLDER / "launch").glob("*.launch")))
         raise SystemExit(f"[dev] error: cannot find the launch file '{name}'; this package has {known}")
@@ -132,21 +134,26 @@ def check_quotes(config: Any) -> None:
 def drop_missing_terminals(config: Any) -> None:
     """Drop a node's launch-prefix if its program is not installed, or is a terminal without a display."""
     for node in config.nodes:
-        program = shlex.split(node.launch_prefix or "")[:1]
-        if not program:
+        words = shlex.split(node.launch_prefix or "")
+        if not words:
             continue
-        missing = shutil.which(program[0]) is None
-        if missing or (Path(program[0]).name in TERMINALS and not os.environ.get("DISPLAY")):
-            why = "is not installed" if missing else "has no display"
-            prefix = f"launch-prefix '{node.launch_prefix}'"
-            say(f"warning: node {node.name} starts without {prefix} because {program[0]} {why}")
-            node.launch_prefix = None
+        program = words[0]
+        if shutil.which(program) is None:
+            why = "is not installed"
+        elif Path(program).name in TERMINALS and not os.environ.get("DISPLAY"):
+            why = "has no display"
+        else:
+            continue
+        prefix = f"launch-prefix '{node.launch_prefix}'"
+        say(f"warning: node {node.name} starts without {prefix} because {program} {why}")
+        node.launch_prefix = None
 
 
 def drop_missing_rviz(config: Any) -> None:
     """Start no RViz without a display, or if it is not installed; Debian forky's archive lacks it."""
     others = [node for node in config.nodes if node.package != "rviz"]
-    if len(others) < len(config.nodes) and "rviz" not in rospkg.RosPack().list():
+    has_rviz_node = len(others) < len(config.nodes)
+    if has_rviz_node and "rviz" not in rospkg.RosPack().list():
         say("warning: RViz is not installed; web:=true shows the robot in a browser")
         config.nodes = others
     if not os.environ.get("DISPLAY"):
@@ -158,7 +165,8 @@ def check_integers(config: Any) -> None:
     for param in config.params.values():
         if isinstance(param.value, int) and not -(2**31) <= param.value < 2**31:
             value = str(param.value)
-            value = value if len(value) <= 20 else f"{value[:20]}... ({len(value)} digits)"
+            if len(value) > 20:
+                value = f"{value[:20]}... ({len(value)} digits)"
             raise SystemExit(
                 f"[dev] error: {param.key} = {value} does not fit into the 32 bits of a parameter"
             )
@@ -231,6 +239,7 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
     if not stand_in.is_file() or stand_in.resolve() == file.resolve():
         return file
     ours = gazebo_packages.COMPAT / name / file.resolve().relative_to(package)
+    # a stand-in that is not a link has values of the file, see `keep_world_and_pose`
     kept = "" if stand_in.is_symlink() else ", and keeps its world and pose"
     say(f"warning: {file} needs Gazebo, so {ours} replaces it{kept}")
     return stand_in
@@ -238,8 +247,10 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
 
 def starts_robot(node: Any) -> bool:
     """Return whether a node is a stand-in that starts this package's simulator."""
-    spawns = (node.package, node.type) == ("gazebo_ros", "spawn_model") and "-urdf" in node.args
-    return node.type == "spawn_husky" or bool(spawns)
+    if node.type == "spawn_husky":
+        return True
+    # Gazebo's program that adds a model to the world; a robot is given to this program as a URDF
+    return (node.package, node.type) == ("gazebo_ros", "spawn_model") and "-urdf" in node.args
 
 
 def adapt(config: Any, file: Path, arguments: Arguments) -> None:
@@ -278,7 +289,9 @@ def warn_of_dependencies(config: Any, file: Path) -> None:
     folder = find_packages.package_around(file.resolve().parent)
     packages = rospkg.RosPack()
     names = {node.package for node in config.nodes} & set(packages.list())
-    folders = [*([folder] if folder else ()), *(Path(packages.get_path(name)) for name in sorted(names))]
+    folders = [Path(packages.get_path(name)) for name in sorted(names)]
+    if folder:
+        folders.insert(0, folder)
     for sentence in find_packages.dependency_sentences(folders):
         say(f"warning: {sentence}")
 
@@ -290,10 +303,13 @@ def is_true(value: str) -> bool:
 
 def shorten_summary(config: Any) -> None:
     """Leave the parameters out of roslaunch's summary, because they would hide the first useful line."""
-    summary = config.summary
-    config.summary = lambda *args, **kwargs: re.sub(
-        r"PARAMETERS\n.*?(?=NODES\n)", "", summary(*args, **kwargs), flags=re.DOTALL
-    )
+    summary = config.summary  # function of roslaunch that returns the text
+
+    def short_summary(*arguments: Any, **named: Any) -> str:
+        text = summary(*arguments, **named)
+        return re.sub(r"PARAMETERS\n.*?(?=NODES\n)", "", text, flags=re.DOTALL)
+
+    config.summary = short_summary
 
 
 class Failures(roslaunch.pmon.ProcessListener):
@@ -356,9 +372,10 @@ def terminate_processes() -> None:
     A Python program that still imports ends in silence at SIGTERM, but with a traceback at SIGINT, which
     roslaunch would send.
     """
-    for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
-        if process.popen is not None and process.popen.poll() is None:
-            os.killpg(process.popen.pid, signal.SIGTERM)
+    for monitor in list(roslaunch.pmon._pmons):
+        for process in list(monitor.procs):
+            if process.popen is not None and process.popen.poll() is None:  # it still runs
+                os.killpg(process.popen.pid, signal.SIGTERM)
 
 
 def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
@@ -369,10 +386,13 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     """
     roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
     failures = Failures()
-    # state for the functions below: all nodes are started, a process is just being started, signal that came
-    # meanwhile; later also the id of the run and the names of the robots' nodes
+    # State that the functions below share. "started" is true when all nodes are started, "forking" while one
+    # process is being started, and "signal" is the number of a signal that came meanwhile. Later, "id" is the
+    # id of the run, and "robots" has the names of the robots' nodes.
     run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
+    # functions of roslaunch, which the functions below call
     end = roslaunch.pmon.rl_signal
+    start = roslaunch.nodeprocess.LocalProcess.start
 
     class Parent(roslaunch.parent.ROSLaunchParent):
         def __init__(self, run_id: str, *arguments: Any, **named: Any) -> None:
@@ -424,7 +444,7 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             if run["signal"]:
                 end_also_while_starting(run["signal"], None)
 
-    start, roslaunch.nodeprocess.LocalProcess.start = roslaunch.nodeprocess.LocalProcess.start, start_process
+    roslaunch.nodeprocess.LocalProcess.start = start_process
     roslaunch.pmon.rl_signal = end_also_while_starting
     roslaunch.parent.ROSLaunchParent = Parent
     roslaunch.main(["roslaunch", str(file), *arguments.options])

@@ -34,9 +34,8 @@ class Arguments(NamedTuple):
     """Checked arguments of a launch file."""
 
     options: List[str]  # words for roslaunch
-    for_simulator: Dict[
-        str, str
-    ]  # arguments for the stand-ins of compat/ that start this package's simulator
+    # arguments for the stand-ins of compat/ that start this package's simulator
+    for_simulator: Dict[str, str]
     known: Set[str]  # names that the file takes
 
 
@@ -79,8 +78,10 @@ def own_arguments(file: Path) -> Set[str]:
     names: Set[str] = set()
     with contextlib.suppress(Exception):  # roslaunch reports the error, in more detail
         for included, _ in included_files(file):
-            is_ours = PACKAGE_FOLDER in included.resolve().parents
-            names |= (declared_arguments(included) or set()) if is_ours else own_arguments(included)
+            if PACKAGE_FOLDER in included.resolve().parents:
+                names |= declared_arguments(included) or set()
+            else:
+                names |= own_arguments(included)
     return names
 
 
@@ -89,6 +90,7 @@ def pass_on(values: Dict[str, str]) -> None:
     process_include_args = roslaunch.loader.process_include_args
 
     def process(context: Any) -> None:
+        """Add the arguments that an included file takes, then process it as roslaunch does."""
         file = Path(context.filename)
         if PACKAGE_FOLDER in file.resolve().parents:
             arguments = context.include_resolve_dict.setdefault("arg", {})

@@ -49,16 +49,21 @@ class Folder:
         passed = b"".join(self._take(line + b"\n") for line in lines)
         # the start of a line passes without its rest if possible, because it may be a question to a person
         if self._line and not self._held and not self._must_wait(self._line):
-            passed, self._line, self._has_start_passed = passed + self._line, b"", True
+            passed += self._line
+            self._line = b""
+            self._has_start_passed = True
         return passed + self.report_when_due()
 
     def report_when_due(self) -> bytes:
         """Return a line for each traceback with repetitions, if the first one came REPORT_PERIOD ago."""
-        return self._report() if self._now() - self._counts_since >= REPORT_PERIOD else b""
+        if self._now() - self._counts_since < REPORT_PERIOD:
+            return b""
+        return self._report()
 
     def close(self) -> bytes:
         """Return the lines that were held back, and the last counts."""
-        held, self._held = b"".join(self._held) + self._line, []
+        held = b"".join(self._held) + self._line
+        self._held = []
         return held + self._report()
 
     def _take(self, line: bytes) -> bytes:
@@ -111,11 +116,15 @@ class Folder:
 
     def _must_wait(self, start: bytes) -> bool:
         """Return whether the start of a line must wait for its rest, because the line may have to change."""
+        if self._has_start_passed:
+            return False
         text = _plain(start)
-        begins = (TRACEBACK, "[ERROR", "[WARN", *(BETWEEN if self._is_dropping else ()))
-        return not self._has_start_passed and any(
-            begin.startswith(text) or text.startswith(begin) for begin in begins
-        )
+        # beginnings of the lines that may be dropped or shortened
+        begins = [TRACEBACK, "[ERROR", "[WARN"]
+        if self._is_dropping:
+            begins += BETWEEN
+        # `text` may be longer than such a beginning, or only the first letters of it
+        return any(begin.startswith(text) or text.startswith(begin) for begin in begins)
 
 
 def _plain(line: bytes) -> str:
@@ -127,12 +136,15 @@ class FoldedOutput:
     """Standard output and error of this process and its children, each through a `Folder` of its own."""
 
     def __init__(self) -> None:
-        same = os.path.sameopenfile(1, 2)
-        self._channels = [self._divert((1, 2))] if same else [self._divert((1,)), self._divert((2,))]
+        # 1 and 2 are the numbers of the standard output and of the standard error of a process
+        if os.path.sameopenfile(1, 2):
+            self._channels = [self._divert((1, 2))]
+        else:
+            self._channels = [self._divert((1,)), self._divert((2,))]
 
     @staticmethod
     def _divert(targets: Tuple[int, ...]) -> Tuple[Tuple[int, ...], int, threading.Thread]:
-        """Let `_copy` read what is written to `targets`, numbers of open files with the same output.
+        """Let `_copy` read everything that is written to `targets`, numbers of open files with one output.
 
         Returns:
             Targets, a copy of their real output, and the thread of `_copy`.

@@ -35,8 +35,12 @@ def sees_neighbours(words: List[str]) -> bool:
 def with_path(words: List[str], caller: Path) -> List[str]:
     """Return a command line, in which the path of a file replaces the words PACKAGE FILE."""
     for at, (package, file) in enumerate(zip(words, words[1:])):
-        is_pair = file.endswith((".launch", ".test")) and "/" not in package + file and package[0] != "-"
-        path = find_packages.find_file(package, file, caller) if is_pair else None
+        if not file.endswith((".launch", ".test")):
+            continue
+        # the first word may be an option, and either of them may be a path
+        if "/" in package + file or package[0] == "-":
+            continue
+        path = find_packages.find_file(package, file, caller)
         if path:
             return [*words[:at], str(path), *words[at + 2 :]]
     return words
@@ -50,9 +54,8 @@ def launch_here(words: List[str], caller: Path) -> None:
 
     arguments = with_path(words[1:], caller)
     files = [word for word in arguments if Path(word).is_file()]
-    found = {
-        word: str(find_packages_for(Path(word).absolute())) for word in files
-    }  # files or their stand-ins
+    # path of each file, or of the stand-in that replaces the file
+    found = {word: str(find_packages_for(Path(word).absolute())) for word in files}
     sys.argv = [words[0], *(found.get(word, word) for word in arguments)]
     if words[0] == "rostest":
         from rostest import rostestmain
@@ -65,10 +68,15 @@ def launch_here(words: List[str], caller: Path) -> None:
 
 
 def package_of(words: List[str], paths: List[str]) -> List[Path]:
-    """Return the folder of the package in a command line of rosrun; empty if it is in none of these paths."""
+    """Return a list with the folder of the package in a command line of rosrun.
+
+    The list is empty if the package is in none of the paths of a ROS_PACKAGE_PATH.
+    """
     packages = rospkg.RosPack(paths)
-    # the package is the first word after rosrun, or the second one after an option
-    return [Path(packages.get_path(word)) for word in words[1:3] if word in packages.list()][:1]
+    for word in words[1:3]:  # the package is the first word after rosrun, or the second one after an option
+        if word in packages.list():
+            return [Path(packages.get_path(word))]
+    return []
 
 
 def warn_of_dependencies(package: List[Path]) -> None:
