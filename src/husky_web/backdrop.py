@@ -78,15 +78,18 @@ class Backdrop:
     def update(self, ground: float, robot: Optional[Vector3]) -> None:
         """Put the ground at a height [m], around the robot [m], without a visible shift of its pattern."""
         x, y = (0.0, 0.0) if robot is None else robot[:2]
-        x, y = (PATTERN_LENGTH * round(value / PATTERN_LENGTH) for value in (x, y))
+        # the ground moves only by whole lengths of its pattern
+        x = PATTERN_LENGTH * round(x / PATTERN_LENGTH)
+        y = PATTERN_LENGTH * round(y / PATTERN_LENGTH)
         for node in self._scenery:
             place(node, Pose((x, y, ground)))
 
 
 def show_backdrop(client: viser.ClientHandle, is_dark: bool) -> None:
     """Show the backdrop of the night, or of the day, to one page."""
+    shown = "night" if is_dark else "day"
     for name in LOOKS:
-        show_in_page(client, f"/{name}", is_dark == (name == "night"))
+        show_in_page(client, f"/{name}", name == shown)
 
 
 def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], center: Vector3) -> Any:
@@ -112,9 +115,11 @@ def _fade(length: float) -> np.ndarray:
 
 def scenery(look: Look) -> bytes:
     """Return ground, with a checker of 1 m and lines every SECTION, and sky as a binary glTF."""
-    parts = (checker(look), _surroundings(look))
+    near_quads, near_colors = checker(look)
+    far_quads, far_colors = _surroundings(look)
     # corners [m] of N four-sided faces (quads), and colours of the corners; each is an array (N, 4, 3)
-    quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))
+    quads = np.concatenate([near_quads, far_quads])
+    colors = np.concatenate([near_colors, far_colors])
     # all colours are divided by the largest value, because glTF allows colours only up to 1; the material of
     # the mesh multiplies the colours by this value again
     brightness = float(colors.max())
@@ -143,7 +148,10 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     # the ground is a row of quads with the width 2 * LINE
     edges: List[float] = []
     for metre in range(-CHECKER, CHECKER + 1):
-        edges += [metre] if metre % SECTION else [metre - LINE, metre + LINE]
+        if metre % SECTION == 0:  # a line has two sides
+            edges += [metre - LINE, metre + LINE]
+        else:
+            edges.append(metre)
     # [m] lower and upper limits of the columns of quads; the rows have the same limits
     low, high = np.array(edges[:-1]), np.array(edges[1:])
     # (x0, y0) is the corner of each quad with the smallest x and y, and (x1, y1) is the opposite corner
@@ -176,10 +184,9 @@ def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
     rings = [((CHECKER - 0.5) * square - (0.0, 0.0, 0.01), look.ground)]
     rings.append((HAZE_BEGINS * circle, _mix(look.ground, look.haze, 0.75)))
     rings.append((RADIUS * circle, look.haze))
-    # elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring;
-    # the numbers are chosen by eye
-    # the ring at elevation 0 has the place of the ring before it, but the colour of the sky, so the colour
-    # changes abruptly at the horizon
+    # Elevation [deg] of each ring of the sky, and fraction of the zenith's colour in the colour of the ring.
+    # The numbers are chosen by eye. The ring at elevation 0 has the position of the ring before it, but the
+    # colour of the sky, so the colour changes abruptly at the horizon.
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
         ring = RADIUS * cos(angle) * circle + RADIUS * sin(angle) * np.array((0.0, 0.0, 1.0))

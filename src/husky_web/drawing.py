@@ -100,10 +100,14 @@ def _properties(piece: Any) -> Dict[str, Any]:
 
 def _is_alike(node: Any, piece: Piece) -> bool:
     """Return whether a node can be changed to this piece."""
-    return type(piece) in _KINDS and isinstance(node, _KINDS[type(piece)][1]) and _is_visible(piece)
+    if type(piece) not in _KINDS:  # a mesh file, which becomes several nodes
+        return False
+    _, type_of_node = _KINDS[type(piece)]
+    return isinstance(node, type_of_node) and _is_visible(piece)
 
 
 def _is_visible(piece: Piece) -> bool:
+    """Return whether a piece is opaque enough to be drawn."""
     return not isinstance(piece, Solid) or piece.rgba[3] >= MIN_OPACITY
 
 

@@ -60,17 +60,22 @@ class Drivers:
             if msg.linear.x != 0.0 or msg.angular.z != 0.0:
                 self._last_commands[name, sender] = Command(name, sender, time, now)
         while len(self._last_commands) > MAX_SENDERS:
-            self._last_commands.pop(next(iter(self._last_commands)))
+            oldest = next(iter(self._last_commands))  # the first key of the dictionary
+            self._last_commands.pop(oldest)
 
     def command(self, time: Optional[float], now: float) -> Optional[Command]:
         """Return the command that the robot obeys at `time` (simulated) and `now` (wall) [s], or None.
 
         Of all commands that still count, it is the newest one on the input with the highest priority.
         """
-        obeyed = [command for command in self._last_commands.values() if command.counts(time, now)]
-        # if several commands have the same input, `min` returns the first one, so the newest command must
-        # come first
-        return min(reversed(obeyed), key=lambda command: INPUTS.index(command.name), default=None)
+        obeyed: Optional[Command] = None
+        for command in self._last_commands.values():  # the oldest command first
+            if not command.counts(time, now):
+                continue
+            # INPUTS begins with the highest priority; on the same input, the newer command replaces the older
+            if obeyed is None or INPUTS.index(command.name) <= INPUTS.index(obeyed.name):
+                obeyed = command
+        return obeyed
 
     def forget(self) -> None:
         """Drop all commands."""

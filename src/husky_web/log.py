@@ -9,7 +9,6 @@ import re
 from collections import Counter, deque
 from datetime import datetime, timezone
 from html import escape
-from itertools import accumulate
 from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional
 
 from husky_highlevel_controller.ros.refused_connection import shorten
@@ -106,12 +105,18 @@ class LogBuffer:
             if condition.passes(line):
                 without_numbers = (line.level, line.node, _NUMBER.sub("#", line.text))
                 # key of the line's row; if a text is searched, each line has a row of its own
-                row = number if condition.text else without_numbers
-                newest_lines.setdefault(row, line)
-                counts[row] += 1
-        rows = [Counted(line, counts[row]) for row, line in newest_lines.items()][:SHOWN]
-        total_letters = accumulate(len(row.line.text) for row in rows)
-        return [row for row, total in zip(rows, total_letters) if total <= SHOWN_LETTERS]
+                key = number if condition.text else without_numbers
+                newest_lines.setdefault(key, line)
+                counts[key] += 1
+        rows = [Counted(line, counts[key]) for key, line in newest_lines.items()]
+        shown: List[Counted] = []
+        letters = 0
+        for row in rows[:SHOWN]:
+            letters += len(row.line.text)
+            if letters > SHOWN_LETTERS:
+                break
+            shown.append(row)
+        return shown
 
 
 def lines_of_rosout(text: str) -> List[Line]:
@@ -136,12 +141,16 @@ def _cut(text: str) -> str:
 def log_to_html(rows: Iterable[Counted]) -> str:
     """Return rows as HTML; texts of nodes are escaped."""
     names = {number: name for name, number in LEVELS.items()}
-    divisions = [
-        f'<div class="{names.get(line.level, "info")}"><span class="time">{_moment(line.stamp)}</span> '
-        f'<b>{names.get(line.level, "?")}</b> <span class="node">{escape(line.node)}</span> '
-        f"{escape(line.text)}{f' <i>&times;{times}</i>' if times > 1 else ''}</div>"
-        for line, times in rows
-    ]
+    divisions = []
+    for line, times in rows:
+        # a node may send a level that is not in LEVELS
+        style, level = names.get(line.level, "info"), names.get(line.level, "?")
+        repetitions = f" <i>&times;{times}</i>" if times > 1 else ""
+        divisions.append(
+            f'<div class="{style}"><span class="time">{_moment(line.stamp)}</span> '
+            f'<b>{level}</b> <span class="node">{escape(line.node)}</span> '
+            f"{escape(line.text)}{repetitions}</div>"
+        )
     return f'<div class="husky-block husky-log">{"".join(divisions) or "no lines pass the filter"}</div>'
 
 

@@ -77,9 +77,10 @@ class Numbers:
         if not 0.0 <= self._now - self._pillar_at <= EXPIRY:
             self.pillar = None
         if odometry is not None and self.time is not None:
-            commanded, measured = (self._speeds.get(name, UNKNOWN) for name in ("commanded", "measured"))
-            self._curves["speed"].add(self.time, commanded[0], measured[0])
-            self._curves["turning"].add(self.time, commanded[1], measured[1])
+            commanded_speed, commanded_turning = self._speeds.get("commanded", UNKNOWN)
+            measured_speed, measured_turning = self._speeds.get("measured", UNKNOWN)
+            self._curves["speed"].add(self.time, commanded_speed, measured_speed)
+            self._curves["turning"].add(self.time, commanded_turning, measured_turning)
         # the rate of `clock` is the real-time factor; the rate of `scans` is the number of scans per second
         if self.time is not None:
             self.clock.add(now, self.time)
@@ -93,7 +94,7 @@ class Numbers:
         return self.time or 0.0
 
     def expect_silence(self, now: float) -> None:
-        """Expect no odometry until `now` [s], because the world is paused."""
+        """Let the time without odometry begin at the wall time `now` [s], because the world is paused."""
         self._heard_at = now
 
     def is_silent(self, now: float) -> bool:
