@@ -340,7 +340,8 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
 def _exponent_hint(value: Any) -> str:
     """Return the end of an error about a text such as 1e-1; empty if the text is not such a number.
 
-    The user means a number, but YAML 1.1 reads it as text, because it has no decimal point.
+    The user means a number, but YAML 1.1 reads it as text, because it has no decimal point, or its exponent
+    has no sign.
     """
     if not (isinstance(value, str) and "e" in value.lower()):
         return ""

@@ -190,10 +190,9 @@ class Scene:
         with on_error_log_and_skip(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
         # if there is no recent scan, for example because the lidar is off, the newest poses are drawn
-        self.moment = None
         newest_pose_stamp = self.frames.stamp(BASE)
-        if newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE:
-            self.moment = self.scan_stamp
+        is_recent = newest_pose_stamp is not None and abs(newest_pose_stamp - self.scan_stamp) < MAX_SCAN_AGE
+        self.moment = self.scan_stamp if is_recent else None
         for frame, node in self._robot.items():
             # the nodes of other frames are children of the base's node, see `draw_robot`
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame

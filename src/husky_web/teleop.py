@@ -23,8 +23,8 @@ PERIOD = 0.05
 SLOWEST = 0.1  # lowest value of the sliders for speed [m/s] and for turning [rad/s]
 # [s] the robot stops if a page sends nothing for this time; a page sends every 0.05 s while a key is held
 EXPIRY = 0.25
-# [s] a page cannot release the emergency stop sooner after it was switched on, because the second click of a
-# double click would release it
+# [s] after the emergency stop was switched on, a page can release it only when this time has passed, because
+# the second click of a double click would release it
 RELEASE_AFTER = 1.0
 # names of nodes that only look at e_stop, so they do not stop a robot
 WATCHERS = re.compile(r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|husky_web)")
@@ -139,7 +139,8 @@ class Teleop:
     @property
     def has_listener(self) -> bool:
         """Return whether a node subscribes to the emergency stop that may obey it."""
-        return any(not WATCHERS.match(link.endpoint_id) for link in self._e_stop.impl.connections)
+        names = {link.endpoint_id for link in self._e_stop.impl.connections} - {rospy.get_name()}
+        return not all(map(WATCHERS.match, names))
 
     @property
     def latched(self) -> Optional[bool]:
@@ -200,5 +201,6 @@ class _TellNewSubscribers(rospy.SubscribeListener):
 
     def peer_subscribe(self, _topic: str, _publish: Any, publish_to_peer: Callable[[Bool], None]) -> None:
         """Answer the subscription of a node; rospy calls this in the thread of the connection."""
-        if self._teleop.latched is not None:
-            publish_to_peer(Bool(self._teleop.latched))
+        value = self._teleop.latched  # another thread may change it
+        if value is not None:
+            publish_to_peer(Bool(value))

@@ -70,7 +70,7 @@ def _references_and_outline(
 ) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
     """Return the points that can count as the position of a marker, and the corners of the space it covers.
 
-    Among the first points, the one that is nearest to the pillar becomes the position. The covered space is
+    Of the points that can count, the point nearest to the pillar becomes the position. The covered space is
     the convex hull of the corners. All points are in the marker's frame [m].
     """
     origin = (0.0, 0.0, 0.0)  # origin of the marker's frame

@@ -235,8 +235,8 @@ class FilterWatch(Watch):
         if not self._paths:
             return False
         for path in self._paths.values():
-            stamp_of_last, _, _ = path[-1]
-            if stamp_of_last >= end - LAST_MARGIN:
+            # a path is empty for a moment, because `on_message` adds its first point in another thread
+            if path and path[-1][0] >= end - LAST_MARGIN:  # an estimate begins with its stamp
                 return False
         return time.monotonic() - self._last_estimate_at <= SILENCE
 
@@ -249,7 +249,7 @@ class FilterWatch(Watch):
     def estimate(self) -> EstimatedPath:
         """Return the path on the topic FILTERED; if no estimate came there, the longest path."""
         topic = FILTERED
-        if FILTERED not in self._paths:
+        if not self._paths.get(FILTERED):
             topic = max(self._paths, key=lambda name: len(self._paths[name]), default="")
         return EstimatedPath(topic, np.array(self._paths.get(topic, ())).reshape(-1, 3))
 

@@ -59,14 +59,18 @@ def left_out(folder: Path) -> List[str]:
     """Return the names of the entries in a class's folder that are neither submissions nor hidden."""
     if is_package(folder):
         return []
-    paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    paths = sorted(path for path in folder.iterdir() if not _is_hidden(path))
     return [_decoded(path.name) for path in paths if not _is_hand_in(path)]
+
+
+def _is_hidden(path: Path) -> bool:
+    """Return whether an entry is hidden, or is the folder __MACOSX, which macOS adds to each zip."""
+    return path.name.startswith(".") or path.name == "__MACOSX"
 
 
 def _is_hand_in(path: Path) -> bool:
     """Return whether an entry in a folder of a class is a submission: a folder or an archive, but no link."""
-    # macOS adds the folder __MACOSX to each zip
-    if path.name.startswith(".") or path.name == "__MACOSX" or path.is_symlink():
+    if _is_hidden(path) or path.is_symlink():
         return False
     return path.is_dir() or (bool(suffix_of(path.name)) and path.is_file())
 

@@ -231,10 +231,13 @@ class MarkerWatch:
         # markers can be placed only with poses of the robot
         if not self._samples or not len(times):
             return ()
+        # A callback may append a marker, so the list is copied. The frames are read after the copy, so the
+        # frame of each copied marker is known if it came together with the marker.
+        samples = list(self._samples)
         parents = self.frames
         known_frames = {BASE, *parents, *parents.values()}
         placed = []
-        for sample, marker in list(self._samples):  # a copy, because a callback may append a marker
+        for sample, marker in samples:
             if sample.problem or sample.action != ADD:
                 # a marker that RViz does not draw, or a deletion, has no place
                 placed.append(sample)

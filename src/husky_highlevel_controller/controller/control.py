@@ -97,7 +97,7 @@ def steer(target: Target, config: ControlConfig) -> Twist2D:
     """Return the twist that drives to the pillar: forward speed by remaining distance, turning by bearing.
 
     The robot never drives backwards, and drives slower while the pillar is not straight ahead. Near a pillar
-    that it shall touch, its speed is between MIN_TOUCH_SPEED and TOUCH_SPEED.
+    that it shall touch and that is straight ahead, its speed is between MIN_TOUCH_SPEED and TOUCH_SPEED.
     """
     speed = config.p_gain_vel * remaining_distance(target, config)
     # with a gain of 0, the robot does not drive at all, not even at MIN_TOUCH_SPEED

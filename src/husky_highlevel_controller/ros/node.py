@@ -44,13 +44,13 @@ def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
 def publish(publisher: Any, message: Any, **options: Any) -> None:
     """Publish a message, and ignore the error that the topic is closed while the node shuts down.
 
-    rospy closes the topics at the begin of the shutdown, while callbacks still run and publish. Without this
-    function, each of them would end with a traceback in the log.
+    rospy closes the topics at the beginning of the shutdown, while callbacks still run and publish. Without
+    this function, each of them would end with a traceback in the log.
     """
     try:
         publisher.publish(message, **options)
     except (rospy.ROSException, ValueError):
-        # `rospy.is_shutdown()` would not do, because it becomes true only after the topics were closed
+        # `rospy.is_shutdown()` is not enough here, because it becomes true only after the topics were closed
         if not rospy.core.is_shutdown_requested():
             raise
 

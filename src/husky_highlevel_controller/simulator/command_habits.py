@@ -56,8 +56,8 @@ class _Sender:
     last: float  # [s] stamp of the sender's last command
     count: int = 0  # number of commands
     has_commanded_motion: bool = False  # true after the sender's first command that is not zero
-    # [s] stamp of the first command that moved the robot after the last pause; None if there is none. The
-    # rate of the sender is measured from there.
+    # [s] stamp from which the rate of the sender is measured; None if there is none. It is the first command
+    # that moved the robot, or after a pause the first command that is not zero.
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands after `moves_since`
     # [s] the last gaps in a row in which a command expired; a command that comes in time empties the list

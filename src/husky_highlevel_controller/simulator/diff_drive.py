@@ -53,7 +53,7 @@ def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
 
 
 class Drive:
-    """Drive of the Husky in Gazebo: it follows the last command, within limits, until the command expires.
+    """Drive of a robot in Gazebo: it follows the last command, within limits, until the command expires.
 
     The wheels have the commanded speed at once, as with Gazebo's velocity interface.
     """

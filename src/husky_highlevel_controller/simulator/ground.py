@@ -1,7 +1,8 @@
 """Ground under the robot: height of the floor under its wheels, and a plane for worlds without ground.
 
-Heights are found by rays that look down, with the ray caster of the lidar. The length of a ray is called the
-drop: it is 0 if the ray begins inside a body, and inf if the ray meets no body.
+Heights are found by rays that look down, with the ray caster of the lidar. The distance from the beginning of
+a ray to the first body is called the drop. The drop is 0 if the ray begins inside a body, and inf if the ray
+meets no body.
 
 In: a `World` or the scene of its shapes, a pose. Out: the world, with a plane if it has no ground; heights.
 """
@@ -27,7 +28,7 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy, transfor
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
 FALL_DEPTH = 10.0  # [m] a robot this far below the floor on which it was put has fallen off the world
-# [m] length of the rays, which is twice the greatest height that the simulator accepts
+# [m] largest drop that is searched, which is twice the greatest height that the simulator accepts
 _SEARCH_DEPTH = 2e4
 # [m] The pose at which a robot shall stand may be inside a low slab, such as asphalt. If the top of the slab
 # is at most this height above the pose, the robot is put on the slab. The robot's hull is higher than this.

@@ -110,6 +110,7 @@ def test_a_new_subscriber_is_told_the_last_value_but_no_release_that_another_pro
     ("names", "has_listener"),
     [
         ([], False),
+        ([rospy.get_name()], False),
         (["/husky_web", "/record_123", "/robot1/rqt_gui", "/rostopic_1"], False),
         (["/husky_web", "/twist_mux"], True),
         (["/robot1/husky_simulator"], True),

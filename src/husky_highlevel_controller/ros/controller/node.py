@@ -413,10 +413,9 @@ class ControllerNode:
         """Return the state at the last scan, corrected if the start/stop service was called since then."""
         if not self._enabled:
             return State.STOPPED
-        if self._controller_state.state is State.STOPPED:
-            # the robot was started after the last scan, and waits for the next scan
-            return State.WAITING
-        return self._controller_state.state
+        state = self._controller_state.state  # read once, because a callback may change it
+        # if the last scan found the robot stopped, the robot was started since, and waits for the next scan
+        return State.WAITING if state is State.STOPPED else state
 
     def _examine(self, paused: bool) -> Health:
         """Return the figures for /diagnostics; `paused` says whether simulated time stands still."""

@@ -169,8 +169,8 @@ class ScanPlacement:
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
         """Return the observation of a scan, or None if the scan must still wait for a transform.
 
-        The first scan waits for the lidar's pose, too. In the observation of a scan that has waited for too
-        long (an overdue scan), each pose that TF does not have is None.
+        The first scan also waits until TF has the lidar's pose and odometry. In the observation of a scan
+        that has waited for too long (an overdue scan), each pose that TF does not have is None.
         """
         frame = pending.scan.frame
         timeout = TRANSFORM_TIMEOUT if self._has_placed else START_TIMEOUT
@@ -196,7 +196,7 @@ class ScanPlacement:
         used. It will not come in three cases:
 
         - The latest transform is already newer than the scan, and TF has none at the stamp.
-        - Odometry has stopped, because a scan has waited for a newer transform in vain.
+        - Odometry counts as stopped, because a scan has already waited in vain for a newer transform.
         - The scans' clock is ahead of odometry's clock, so the stamp is always too new.
 
         The transform is None if TF has none, or if the latest one is older than the scan by MAX_AGE, because

@@ -71,8 +71,9 @@ class Mode(Enum):
     - WATCHED, ALWAYS_WATCHED or ANSWERING to SLEEPING when listeners are idle and no command has come for
       SLEEP_TIMEOUT after the nudge either. Before the very first command, the scan is sent again in place of
       the nudge.
-    - SLEEPING to the mode before, when AWAKE scans in a row were answered; but to ANSWERING if the mode
-      before was WATCHED, and to ALWAYS_WATCHED if it was WATCHED and a command came at a tick.
+    - SLEEPING, when AWAKE scans in a row were answered: to ALWAYS_WATCHED if the mode before was
+      ALWAYS_WATCHED, or if it was WATCHED and a command came at a tick during the sleep; otherwise to
+      ANSWERING.
     - any mode to FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
     """
 
@@ -127,6 +128,7 @@ class Lockstep:
 
         The next physics step begins after the first command. It depends on the load of the machine whether a
         second command arrives before or after this step, so a run that obeyed it would not be repeatable.
+        Only the mode ANSWERING ignores commands.
         """
         return self._mode is Mode.ANSWERING and topic in (self._answered_topics or ())
 

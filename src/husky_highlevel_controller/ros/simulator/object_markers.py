@@ -42,7 +42,7 @@ X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarker:
     """Return the interactive marker of a body.
 
-    In RViz, a user can drag a body that has a mass in the horizontal plane, and delete it by its menu.
+    If the body has a mass, a user of RViz can drag it in the horizontal plane, and delete it by its menu.
 
     Args:
         body: the body.

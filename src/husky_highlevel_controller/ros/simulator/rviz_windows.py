@@ -21,7 +21,7 @@ SERVICE = "reload_shaders"  # RViz offers this private service only after its wi
 def is_rviz(node: str) -> bool:
     """Return whether the name of a launched node is a usual name of RViz.
 
-    The name must do, because roslaunch does not tell other programs which executable a node runs.
+    Only the name can be used, because roslaunch does not tell other programs which executable a node runs.
     """
     return NAMES.search(node) is not None
 

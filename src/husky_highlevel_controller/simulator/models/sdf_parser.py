@@ -136,7 +136,7 @@ class Node:
             label = element.tag if name is None else f"{element.tag} '{name}'"
             trail = f"{self.trail} > {label}" if self.trail else label
             if element.tag == "world":
-                trail = ""  # a file has one <world>, so messages need not name it
+                trail = ""  # only one <world> of a file is read, so messages need not name it
             yield Node(element, self.load, self.source, trail)
 
     def child(self, tag: str) -> Optional[Node]:

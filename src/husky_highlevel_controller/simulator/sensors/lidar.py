@@ -61,8 +61,8 @@ class Lidar:
     def sample(self, state: RobotState, stamp: float) -> Scan:
         """Return the scan; all beams measure at the same time, `stamp` [s].
 
-        A beam that meets nothing has the range +inf, and a beam that meets a too near body has -inf (REP
-        117). If `hides_near` is set, it has +inf, as in pointcloud_to_laserscan.
+        A beam that meets nothing has the range +inf. A beam that meets a body that is too near has -inf (REP
+        117), or +inf if `hides_near` is set, as in pointcloud_to_laserscan. These ranges have no noise.
         """
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)

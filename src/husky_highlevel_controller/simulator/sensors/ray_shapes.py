@@ -105,9 +105,9 @@ def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Distances at which beams enter the side of a cylinder, for a faster scan of upright pillars.
 
     The result is the same as that of `_enter_cylinder` if no beam can meet the ends, if no beam is parallel
-    to the axis, and if the cylinder is not around or behind the laser. Each scan of the course is such a
-    case, because its pillar is upright and the lidar level. The omitted checks would take a fifth of the
-    time.
+    to the axis, if the cylinder is not around the laser, and if no beam begins beyond the cylinder. Each scan
+    of the course is such a case, because its pillar is upright and the lidar level. The omitted checks would
+    take a fifth of the time.
     """
     a, ahead, root = _flank(along, numbers)
     return (ahead - root) / a

@@ -159,7 +159,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     for point, normal in scene.planes:
         # from the laser to the plane along its normal [m], and components of the normal in the laser's frame
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
-        # otherwise no beam reaches the plane, for example the floor below a level laser
+        # if this is false, no beam reaches the plane, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
             # the way along the normal, divided by the way along the normal for each metre of the beam
             to_plane = height / np.dot((x, y), beams.directions)
