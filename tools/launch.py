@@ -215,6 +215,7 @@ def prefer_joined(joined: Dict[str, Path]) -> None:
     find_resource = substitution_args._find_resource
 
     def find(resolved: str, command: str, arguments: List[str], *others: Any, **named: Any) -> str:
+        """Find a file or program of a package, in place of roslaunch's own function."""
         # roslaunch would find a built copy before the joined package; after this error it searches
         # ROS_PACKAGE_PATH, where the joined package is the first
         if arguments[0] in joined:
@@ -359,6 +360,7 @@ def start_own_master() -> None:
     create = roslaunch.launch.create_master_process
 
     def create_own(*arguments: Any, **named: Any) -> Any:
+        """Make the process of the master, with this package's program for the master."""
         process = create(*arguments, **named)
         process.args = [sys.executable, str(PACKAGE_FOLDER / "tools" / "master.py"), *process.args[1:]]
         return process
@@ -395,11 +397,14 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     start = roslaunch.nodeprocess.LocalProcess.start
 
     class Parent(roslaunch.parent.ROSLaunchParent):
+        """Roslaunch's own class, which also adapts the nodes of the file before it starts them."""
+
         def __init__(self, run_id: str, *arguments: Any, **named: Any) -> None:
             run["id"] = run_id
             super().__init__(run_id, *arguments, process_listeners=[failures], **named)
 
-        def _load_config(self) -> None:  # the only place between reading the file and starting its nodes
+        def _load_config(self) -> None:
+            """Read the file, then adapt its nodes; roslaunch calls this before it starts any node."""
             try:
                 super()._load_config()
             except roslaunch.core.RLException as error:
@@ -409,12 +414,14 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             warn_of_dependencies(self.config, file)
             if "--screen" not in arguments.options:
                 shorten_summary(self.config)
-            run["robots"] = {n.name for n in self.config.nodes if starts_robot(n)}
-            names = [rosgraph.names.ns_join(n.namespace, n.name) for n in self.config.nodes if n.required]
+            nodes = self.config.nodes
+            run["robots"] = {node.name for node in nodes if starts_robot(node)}
+            names = [rosgraph.names.ns_join(node.namespace, node.name) for node in nodes if node.required]
             # roslaunch leaves out the first slash in the name of a node's process
             failures.required = {name.lstrip("/") for name in names}
 
         def start(self, auto_terminate: bool = True) -> None:
+            """Start all nodes, and note that they are started."""
             super().start(auto_terminate)
             run["started"] = True
 

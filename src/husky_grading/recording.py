@@ -21,9 +21,9 @@ ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker m
 
 
 def table(help_text: str, *columns: int) -> Any:
-    """Return a dataclass field for an array with this number of columns, or with one dimension.
+    """Return a dataclass field for an array; by default, the array has no rows.
 
-    The array has no rows by default.
+    With a number in `columns`, the array is (N, columns); without one, it is (N,).
     """
     metadata = {"shape": (-1, *columns), "help": help_text}
     return field(default_factory=lambda: np.zeros((0, *columns)), metadata=metadata)

@@ -75,6 +75,7 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     answer: futures.Future[Any] = futures.Future()
 
     def ask() -> None:
+        """Call the service, and keep its answer or its error."""
         try:
             answer.set_result(rospy.ServiceProxy(service, kind)(*args))
         except Exception as error:  # raised again below

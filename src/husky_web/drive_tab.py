@@ -207,6 +207,7 @@ class DriveTab:
         self._state, self._is_start_requested = "", None
 
     def _on_start_stop(self, event: Any) -> None:
+        """Start or stop the controller, as the pressed button says."""
         if event.target.value == STOP:
             self.stop(event.client)
         else:

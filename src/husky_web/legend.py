@@ -62,6 +62,7 @@ def _rows_of_markers() -> str:
 
 
 def _pass_on(on_change: Callable[[str, bool], None], name: str, event: Any) -> None:
+    """Call `on_change` with the name of a layer, and whether its box is checked now."""
     on_change(name, event.target.value)
 
 

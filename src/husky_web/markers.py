@@ -201,6 +201,7 @@ class Markers:
         self._cost, self.is_full = 0, False
 
     def _remove(self, key: Key) -> None:
+        """Remove a marker, its cost and its lifetime, if the marker is shown."""
         if key in self.shown:
             self._cost -= cost(self.shown.pop(key))
         self._ends.pop(key, None)
@@ -288,6 +289,7 @@ def _colors(marker: Marker, count: int) -> np.ndarray:
 
 
 def _rgba(color: Any) -> Rgba:
+    """Return a ColorRGBA as a tuple."""
     return (color.r, color.g, color.b, color.a)
 
 

@@ -351,10 +351,12 @@ class WebNode:
         )
 
     def _on_parameter(self, change: str) -> None:
+        """Mark the change of a parameter in the curves, at the present simulated time."""
         if self._numbers.time is not None:
             self._plots.mark(self._numbers.time, change)
 
     def _on_paused(self, msg: Bool) -> None:
+        """Keep whether simulated time is paused."""
         self._is_paused = msg.data
 
 

@@ -256,6 +256,7 @@ class Gate:
         """Return a handler of all connections; `handler` of viser gets those that are not drive channels."""
 
         async def handle(connection: Any) -> None:
+            """Handle a connection until the page disconnects, unless too many are open."""
             kind = DRIVE if urlsplit(connection.request.path).path == DRIVE_PATH else VIEW
             if self._connections[kind] >= MAX_PAGES:
                 await connection.close(CloseCode.TRY_AGAIN_LATER, TOO_MANY)

@@ -73,10 +73,12 @@ class Page:
         self._show_dark(is_dark)
 
     def _on_dark(self, event: Any) -> None:
+        """Show dark or light colours, and keep the choice in the browser's storage."""
         self._show_dark(event.target.value)
         self.client.local_storage.set_item(DARK, "1" if event.target.value else "0")
 
     def _show_dark(self, is_dark: bool) -> None:
+        """Show the page and the view in dark or light colours."""
         theme(self.client.gui, is_dark)
         show_backdrop(self.client, is_dark)
 
@@ -108,14 +110,17 @@ class Page:
         text.on_update(lambda event: self._set_filter(text=event.target.value))
 
     def _set_filter(self, **changes: Any) -> None:
+        """Change conditions of the filter, and show the lines that pass now."""
         self._filter, self._log_count = self._filter._replace(**changes), -1
         self.show_log()
 
     def _on_camera(self, event: Any) -> None:
+        """Choose the camera of the pressed button, and mark this button as chosen."""
         self._camera.choose(event.target.value)
         self._chosen_camera.content = choice_html(CAMERAS.index(event.target.value))
 
     def _on_tool_click(self, event: Any) -> None:
+        """Give the mouse the tool of the pressed button, and mark this button as chosen."""
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
@@ -164,6 +169,7 @@ class Pages:
                 self.on_tool()  # the tool of this page no longer counts
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
+        """Keep a new browser until `admit` adds its page, and wake up the thread that draws."""
         self._arrivals.append((client, wants_dark(client)))
         self.page_came.set()
 

@@ -70,6 +70,7 @@ class Recorder:
         """Begin, end or save a recording, as the pressed button says."""
 
         def save() -> None:
+            """Send the recording to the browser as a file."""
             page = recording_page(list(self._rows), self.robot_name).encode()
             event.client.send_file_download("drive.html", page, save_immediately=True)
 

@@ -104,6 +104,7 @@ def _shape(
 
 
 def _material(visual: Element, colors: Dict[str, Optional[Rgba]]) -> Optional[Rgba]:
+    """Return the colour of a visual, by its own <material> or by a named one; None without a colour."""
     material = visual.find("material")
     if material is None:
         return None

@@ -141,6 +141,7 @@ def _turned(profile: Sequence[Sequence[float]]) -> Mesh:
 
 
 def _mesh(solid: trimesh.Trimesh) -> Mesh:
+    """Return the triangles of a trimesh; they are read-only, because many solids share them."""
     mesh = Mesh(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32))
     for array in mesh:
         array.setflags(write=False)

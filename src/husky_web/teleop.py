@@ -170,6 +170,7 @@ class Teleop:
         self._keep(msg.data)
 
     def _on_locked(self, msg: Bool) -> None:
+        """Keep whether the emergency stop is on."""
         self._keep(msg.data)
 
     def _run(self) -> None:

@@ -125,6 +125,7 @@ class Topics:
             queue.clear()
 
     def _subscriber(self, topic: str, kind: Any, use: str, pause: float = PAUSE) -> rospy.Subscriber:
+        """Return a new subscriber that puts the messages of a topic into the queue of a use."""
         push = partial(self._push, use, topic, pause)
         return rospy.Subscriber(topic, kind, push, queue_size=QUEUE, buff_size=2**20, tcp_nodelay=True)
 

@@ -64,6 +64,7 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
     logger.setLevel(logging.CRITICAL)
 
     def serve(handler: Any, *args: Any, **kwargs: Any) -> Any:
+        """Start a server, as websockets does, with the check of requests and the wrapped handler."""
         kwargs.update(process_request=process_request, logger=logger)
         return original(wrap(handler), *args, **kwargs)
 

@@ -112,6 +112,7 @@ class WorldTab:
         x, y, z = poses[name].position
 
         def random_pose() -> Pose:
+            """Return a pose 4 to 8 m away, in any direction, at the same height."""
             distance, angle = uniform(4.0, 8.0), uniform(-pi, pi)
             return poses[name]._replace(position=(x + distance * cos(angle), y + distance * sin(angle), z))
 
@@ -159,4 +160,5 @@ class WorldTab:
             return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value, timeout=LONG_TIMEOUT)
 
     def _on_shape(self, event: Any) -> None:
+        """Show the usual size of the chosen shape."""
         self._size.value = SIZES[event.target.value]

@@ -49,6 +49,7 @@ class Network(ros_network.Network):
         self._roslaunch(str(file))
 
     def _roslaunch(self, *arguments: str) -> None:
+        """Start roslaunch on the master of this network."""
         self.start(str(len(self.processes)), ["roslaunch", "-p", str(self.port), *arguments])
 
     def probe(self, *arguments: str) -> Path:
@@ -85,10 +86,12 @@ class Network(ros_network.Network):
         return found
 
     def _until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait until a condition is true; `what` says in an error for what it waited."""
         if not wait(condition, DEADLINE, POLL_PERIOD):
             raise self._error(f"waited {DEADLINE:g} s until {what}")
 
     def _error(self, what: str) -> BenchError:
+        """Return an error with the last output of each process."""
         return BenchError("\n".join([what, *(process.output[-500:] for process in self.processes)]))
 
 

@@ -74,21 +74,24 @@ def wheel_stamps(imu: np.ndarray, speeds: np.ndarray) -> np.ndarray:
         imu: (N, 7) at 100 Hz, as in `Run`.
         speeds: (M, 2) [m/s].
     """
-    stamps, offsets = WHEELS_PERIOD * np.arange(len(speeds)), np.arange(-2.0, 2.001, 0.04)
+    stamps = WHEELS_PERIOD * np.arange(len(speeds))  # (M,) [s] stamps without an offset
+    offsets = np.arange(-2.0, 2.001, 0.04)  # [s] offsets that are tried
 
     def acceleration(values: np.ndarray) -> np.ndarray:
+        """Return smoothed accelerations, from which the mean of each few seconds is subtracted."""
         smooth = _mean(values, 31)
         return smooth - _mean(smooth, PIECE)  # without the mean, which is gravity on a robot that is tilted
 
     yaw_rate, forward_of_imu = _mean(imu[:, 3], 15), acceleration(imu[:, 4])
     pieces = np.arange(0, len(imu), PIECE)  # first row of each piece
-    costs = np.empty((len(pieces), len(offsets)))
+    costs = np.empty((len(pieces), len(offsets)))  # cost of each offset in each piece
     for column, offset in enumerate(offsets):
         left, right = (np.interp(imu[:, 0], stamps + offset, side) for side in speeds.T)
         forward_of_wheels = acceleration(np.gradient(_mean(0.5 * (left + right), 15), 1.0 / IMU_RATE))
         # squared errors, in units of 0.08 rad/s and of 0.3 m/s^2; the limit 9.0 keeps outliers from deciding
         errors = np.minimum(((right - left) / TRACK - yaw_rate) ** 2 / 0.08**2, 9.0)
         errors += np.minimum((forward_of_wheels - forward_of_imu) ** 2 / 0.3**2, 9.0)
+        # sum of the errors in each piece; of two offsets with equal errors, the smaller one costs less
         costs[:, column] = np.add.reduceat(errors, pieces) / 25.0 + abs(offset)
     costs[0] += 3.0 * np.abs(offsets)  # an offset costs more in the first piece than in a later one
     path = _cheapest_path(costs, cost_of_change=40.0 * np.abs(offsets[:, None] - offsets))

@@ -8,8 +8,15 @@ from typing import Dict
 
 from husky_grading.exercises.exercise import Exercise
 
-_NUMBERS = [path.stem[len("exercise_") :] for path in Path(__file__).parent.glob("exercise_*.py")]
-EXERCISES: Dict[int, Exercise] = {
-    number: import_module(f"{__package__}.exercise_{number}").EXERCISE
-    for number in sorted(map(int, filter(str.isdecimal, _NUMBERS)))
-}
+
+def _find_exercises() -> Dict[int, Exercise]:
+    """Return the constant EXERCISE of each module `exercise_N`, by the number N, in ascending order."""
+    numbers = []
+    for path in Path(__file__).parent.glob("exercise_*.py"):
+        number = path.stem[len("exercise_") :]
+        if number.isdecimal():
+            numbers.append(int(number))
+    return {number: import_module(f"{__package__}.exercise_{number}").EXERCISE for number in sorted(numbers)}
+
+
+EXERCISES = _find_exercises()
