@@ -324,10 +324,10 @@ def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--resume",
         type=Path,
         metavar="FILE",
-        help="file that keeps the results; the same command with this file resumes",
+        help="file for the results; after an interruption, the same command with this file continues",
     )
     add_profile_options(parser)
-    parser.add_argument("--replays", type=Path, help="folder for a page that plays each run, and an index")
+    parser.add_argument("--replays", type=Path, help="folder for report.json and a page that shows each run")
     return parser.parse_args(arguments)
 
 

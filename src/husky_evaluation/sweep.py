@@ -214,7 +214,7 @@ def sweep_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument(
         "axes", nargs="+", metavar="NAME=FIRST:LAST:COUNT[:log]",
-        help="parameter and its values, at equal distances or ratios; or NAME=VALUE,VALUE,...",
+        help="parameter and its values, at equal distances or (:log) ratios; or NAME=VALUE,VALUE,...",
     )  # fmt: skip
     add_drive_options(parser, "sweep", starts=20)
     return parser.parse_args(arguments)

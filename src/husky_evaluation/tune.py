@@ -359,14 +359,17 @@ def tune_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "ranges",
         nargs="+",
         metavar="NAME=LOW:HIGH",
-        help="parameter and the range to search; NAME alone searches its whole range",
+        help="parameter and the range to search; NAME without a range searches all allowed values",
     )
     setups = parser.add_argument(
-        "--setups", type=positive, default=64, help="number of setups to try (default: 64)"
+        "--setups", type=positive, default=64, help="number of sets of values to try (default: 64)"
     )
     add_old_name(parser, "--trials", setups)
     parser.add_argument(
-        "--fresh", type=positive, default=200, help="number of other starts for the check (default: 200)"
+        "--fresh",
+        type=positive,
+        default=200,
+        help="number of new random starts for the final comparison with the default values (default: 200)",
     )
     parser.add_argument(
         "--weights", nargs="+", default=[], metavar="NAME=NUMBER",

@@ -73,7 +73,7 @@ def _make_parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     choice.add_argument(
         "--review", type=Path, metavar="OUT",
-        help="write a page for grading by hand the items that `grade --all ... --out OUT` left open",
+        help="write a page on which you grade by hand the items that `grade --all ... --out OUT` left open",
     )  # fmt: skip
     add("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="exercise to grade (default: 3)")
     add(
@@ -100,7 +100,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add(
         "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
         help="time limit of one submission with --all, in wall-clock seconds (default: an hour and the time "
-        "of its runs, which is 5940 with three runs)",
+        "limits of its runs, which is 5940 with three runs of exercise 3)",
     )  # fmt: skip
     add(
         "--rubric",

@@ -75,7 +75,7 @@ def _position(msg: Odometry) -> Tuple[float, float]:
 def main() -> None:
     """Draw the paths; exit with 2 if there is nothing to draw."""
     parser = argparse.ArgumentParser(prog="plot_path", description=f"Draw x and y of {KIND} as a PNG file.")
-    source_help = "all odometry of a bag, or a topic until Ctrl-C"
+    source_help = "bag, of which all odometry is drawn, or topic, which is recorded until Ctrl-C"
     parser.add_argument("sources", nargs="+", metavar="FILE.bag|TOPIC", help=source_help)
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("path.png"), help="output file (default: path.png)"

@@ -162,14 +162,16 @@ def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]])
 
 def main() -> None:
     """Write the bags; exit with 1 if that fails, and with 2 for a wrong argument."""
-    parser = argparse.ArgumentParser(prog="record_bag", description="Write the bag of exercise 4.")
+    parser = argparse.ArgumentParser(
+        prog="record_bag", description="Write the bag of exercise 4, and a second bag with the true poses."
+    )
     parser.add_argument("--robot", choices=ROBOTS, default="husky", help="robot (default: husky)")
     parser.add_argument(
         "--ground", choices=GROUNDS, default="hard", help="ground under the Husky (default: hard)"
     )
     parser.add_argument("--seed", type=int, default=0, help="random seed of all noise (default: 0)")
     parser.add_argument(
-        "--folder", type=Path, default=Path(), help="output folder for the bags (default: here)"
+        "--folder", type=Path, default=Path(), help="output folder for the bags (default: the current folder)"
     )
     options = parser.parse_args(rospy.myargv()[1:])
     if not 0 <= options.seed <= MAX_SEED:
