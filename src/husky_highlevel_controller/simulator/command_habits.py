@@ -56,8 +56,8 @@ class _Sender:
     last: float  # [s] stamp of the sender's last command
     count: int = 0  # number of commands
     has_commanded_motion: bool = False  # true after the sender's first command that is not zero
-    # [s] stamp from which the rate of the sender is measured; None if there is none. It is the first command
-    # that moved the robot, or after a pause the first command that is not zero.
+    # [s] stamp of the first command that moved the robot after the last pause; None if there is none. The
+    # rate of the sender is measured from there.
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands after `moves_since`
     # [s] the last gaps in a row in which a command expired; a command that comes in time empties the list
@@ -135,10 +135,11 @@ class CommandHabits:
         """
         stamp = memory.last
         # DRIVES: the rate is counted from the first command that moves the robot: it is not zero, and no
-        # stronger topic overrules it. After a pause, any command that is not zero starts a new count.
-        begins_to_move = not is_zero and stronger_topic is None and memory.moves_since is None
-        if begins_to_move or gap > LONGEST_GAP:
-            memory.moves_since = None if is_zero else stamp
+        # stronger topic overrules it. A pause ends the count.
+        if gap > LONGEST_GAP:
+            memory.moves_since = None
+        if memory.moves_since is None and not is_zero and stronger_topic is None:
+            memory.moves_since = stamp
             memory.moves_count = 0
         elif memory.moves_since is not None:
             memory.moves_count += 1

@@ -280,7 +280,7 @@ def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
         if body:
             assembly.links[link_name] = body
         if model.self_collides or _is_set(link.child("self_collide")):
-            assembly.self_colliding.add(name_in_file)
+            assembly.self_colliding.add(link_name)
 
 
 def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:

@@ -32,6 +32,11 @@ def test_a_healthy_node_is_told_once_with_its_rate():
     assert habit_sentence(finding) == "/drive drives the robot by cmd_vel, 50 commands per second"
 
 
+def test_a_node_that_is_overruled_does_not_drive_the_robot_also_after_a_pause():
+    overruled = [(5.0 + n / 10.0, "/drive", False, "joy_teleop/cmd_vel") for n in range(60)]
+    assert found([(0.0, "/drive", True, None), *overruled]) == []
+
+
 @pytest.mark.parametrize(("rate", "is_slow"), [(1.0, True), (3.0, True), (4.5, False), (10.0, False)])
 def test_commands_that_expire_before_the_next_one_are_told_with_their_rate(rate, is_slow):
     slow = [finding for finding in found(commands(rate, 30.0)) if finding.habit is Habit.SLOW]
