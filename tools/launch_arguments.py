@@ -116,13 +116,15 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
     given = [re.sub(r"^\[(\w+:=.*)\]$", r"\1", argument) for argument in given]
     for argument in given:
         name, assigned, value = argument.partition(":=")
-        mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
-        if mistyped and not assigned:
-            raise SystemExit(
-                f"[dev] error: {argument!r} is not a valid argument. Write {mistyped[1]}:={mistyped[2]}"
-            )
+        if not assigned:  # an option of roslaunch, or a typing error such as name=value
+            mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
+            if mistyped:
+                raise SystemExit(
+                    f"[dev] error: {argument!r} is not a valid argument. Write {mistyped[1]}:={mistyped[2]}"
+                )
+            continue
         # _name:=value is not an argument for roslaunch
-        if assigned and declared is not None and not name.startswith("_") and name not in declared:
+        if declared is not None and name not in declared and not name.startswith("_"):
             if name in of_included:
                 for_included[name] = value
             elif name in of_simulator:
@@ -131,7 +133,7 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
                 refuse(file, name, declared, declared | of_included | of_simulator)
         # an argument of this name that another package's file declares may mean something else
         is_ours = file.parent == SIMULATOR.parent or name in for_included or name in for_simulator
-        if name in ("parameters", "simulator_parameters") and assigned and is_ours:
+        if name in ("parameters", "simulator_parameters") and is_ours:
             check_yaml(name, value)
     if for_included:
         pass_on(for_included)
