@@ -61,7 +61,7 @@ def main() -> None:
             browser = playwright.chromium.launch(executable_path=shell, args=list(SOFTWARE_WEBGL))
             url = address(Path(output.name))
             page = open_page(browser, url, STILL_SIZE, 1.0)
-            ((_, still),) = frames(page, env, only_at=STILL_TIME)
+            _, still = frames(page, env, only_at=STILL_TIME)[0]
             (DOCS / "page.png").write_bytes(still)
             page.close()
             page = open_page(browser, url, SIZE, WIDTH / SIZE["width"])

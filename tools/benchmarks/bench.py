@@ -70,9 +70,11 @@ def markdown(cells: Sequence[Tuple[str, ...]]) -> str:
 
 def reached(row: Row) -> str:
     """Return how near a figure is to its goal, and what keeps it from the goal; empty without a goal."""
-    if row.near is None or row.near >= 1.0:
-        return "" if row.near is None else "yes"
-    return f"{row.near:.0%}" + (f": {row.limit}" if row.limit else "")
+    if row.near is None:
+        return ""
+    if row.near >= 1.0:
+        return "yes"
+    return f"{row.near:.0%}: {row.limit}" if row.limit else f"{row.near:.0%}"
 
 
 def main() -> int:

@@ -78,12 +78,13 @@ class Network(ros_network.Network):
 
     def pid(self, script: str) -> int:
         """Return the number of the only process of this network that runs a script."""
-        (found,) = (
-            pid
-            for pid in pids_with_variable("ROS_MASTER_URI", self.uri)
-            if any(os.path.basename(word) == script for word in psutil.Process(pid).cmdline())
-        )
-        return found
+        pids = []
+        for pid in pids_with_variable("ROS_MASTER_URI", self.uri):
+            words = psutil.Process(pid).cmdline()
+            if script in [os.path.basename(word) for word in words]:
+                pids.append(pid)
+        (only_pid,) = pids  # an error if there is not exactly one
+        return only_pid
 
     def _until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until a condition is true; `what` says in an error for what it waited."""
@@ -104,5 +105,5 @@ def cpu_seconds(pid: int) -> float:
 def peak_megabytes(pid: Optional[int] = None) -> float:
     """Return the largest memory that a process, by default this one, has had so far [MB]."""
     status = Path(f"/proc/{pid or 'self'}/status").read_text().splitlines()
-    (peak,) = (line.split()[1] for line in status if line.startswith("VmHWM:"))
-    return int(peak) * 1024 / 1e6
+    (line,) = [line for line in status if line.startswith("VmHWM:")]  # such as "VmHWM:   123456 kB"
+    return int(line.split()[1]) * 1024 / 1e6
