@@ -123,7 +123,8 @@ class LocalizationNode:
                 rospy.logwarn(
                     f"clock from {self._last_time:.3f} back to {now:.3f} s; the filter starts again"
                 )
-                self._start_filter()  # `_last_time` is 0 after this call
+                self._start_filter()  # `_last_time` is 0 after this call, and no input was heard
+                heard_before = 0.0
             self._last_time = max(now, self._last_time)
             self._heard_at[name] = time.monotonic()
             if self._first_heard_at == 0.0:  # this is the first message of any input

@@ -69,9 +69,10 @@ class TruthLog:
 
     def _wait_for_reader(self) -> None:
         """Wait for the byte by which the reader lets the run go on; end the log if the byte does not come."""
+        connection = self._socket  # read once, because another thread may end the log
         try:
             # an answer of 0 bytes means that the reader has closed the socket
-            if self._socket is not None and not self._socket.recv(1):
+            if connection is not None and not connection.recv(1):
                 raise ConnectionResetError("it has closed the socket")
         except OSError as error:
             self._give_up(error)
@@ -83,10 +84,11 @@ class TruthLog:
 
     def write_line(self, key: str, value: Any) -> None:
         """Write a line with one key and its value, if there is a reader; any thread may call this."""
-        if self._socket is None:
+        connection = self._socket  # read once, because another thread may end the log
+        if connection is None:
             return
         try:
             with self._lock:
-                self._socket.sendall((json.dumps({key: value}) + "\n").encode())
+                connection.sendall((json.dumps({key: value}) + "\n").encode())
         except OSError as error:
             self._give_up(error)
