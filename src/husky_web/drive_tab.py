@@ -180,8 +180,11 @@ class DriveTab:
                     self._state = ""
 
     def _is_of_controller(self, name: str) -> bool:
-        """Return whether a diagnostic of this name comes from the controller."""
-        return name.startswith(self._controller.strip("/"))
+        """Return whether a diagnostic of this name comes from the controller.
+
+        Its name is the name of the node, or begins with it and a colon, as diagnostic_updater writes it.
+        """
+        return name.partition(":")[0] == self._controller.strip("/")
 
     def update(self, readings: Readings, is_paused: Optional[bool]) -> None:
         """Show new readings and states.

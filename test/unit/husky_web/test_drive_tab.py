@@ -116,6 +116,11 @@ def diagnostics(name="husky_highlevel_controller: controller", state="driving"):
     return [SimpleNamespace(status=[SimpleNamespace(name=name, level=0, message=state, values=[pair])])]
 
 
+def test_the_state_of_another_node_whose_name_begins_like_the_controller_is_not_shown(tab):
+    tab.take([*diagnostics(), *diagnostics("husky_highlevel_controller_2", "stopped")], now=100.0)
+    assert tab.activity() == ("driving", 0, "")
+
+
 def test_a_controller_that_has_ended_is_not_shown_as_driving(tab):
     tab.take(diagnostics(), now=100.0, time=10.0)
     tab.take([], now=100.0 + STALE_LIGHT, time=10.0 + STALE_LIGHT)
