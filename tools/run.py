@@ -38,7 +38,7 @@ def with_path(words: List[str], caller: Path) -> List[str]:
         if not file.endswith((".launch", ".test")):
             continue
         # the first word may be an option, and either of them may be a path
-        if "/" in package + file or package[0] == "-":
+        if "/" in package + file or package.startswith("-"):
             continue
         path = find_packages.find_file(package, file, caller)
         if path:
