@@ -14,7 +14,7 @@ from husky_grading.isolation.places import hide_places
 from husky_grading.notes import Kind, Note, texts
 from husky_grading.recording import Recording, recordings_in
 from husky_grading.records import DEFAULT_RULES, Job, MarkingConfig, MarkingResult
-from husky_grading.rubrics.items import left_to_chance, left_to_choice, told_once
+from husky_grading.rubrics.items import left_to_chance, left_to_choice, left_to_other_machine, told_once
 from husky_grading.settings import with_override
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
@@ -61,6 +61,8 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
     if submission.equals:  # several launch files fit the exercise equally well
         items = left_to_choice(items, submission.equals)
+    if any(note.kind is Kind.PYTHON_2 for recording in recordings for note in recording.notes):
+        items = left_to_other_machine(items)
     if first.uninitialised:  # the submission reads a variable before it writes it
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]

@@ -31,6 +31,7 @@ class Kind(Enum):
     SKIPPED = "skipped"
     NO_RVIZ_FILE = "no RViz file"
     # findings on the nodes of the submission
+    PYTHON_2 = "Python 2"  # an error of Python 3 in code that is written for Python 2
     NOT_STARTED = "not started"
     EXCEPTION = "exception"  # an exception in a callback or thread; the node still runs afterwards
     NODE_FAILED = "node failed"

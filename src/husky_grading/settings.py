@@ -109,7 +109,9 @@ def with_override(result: MarkingResult, override: Override) -> MarkingResult:
         if entry.points > items[name].max_points:
             limit = items[name].max_points
             raise PointsError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
-        items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
+        # an item with all points has no fault, so it has no hint
+        hint = "" if entry.points == items[name].max_points else items[name].hint
+        items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}", hint=hint)
     penalty = []  # one item if the submission came late, otherwise empty
     if override.late:
         # the penalty is in percent of these points; an item that is still to be graded by hand counts as 0

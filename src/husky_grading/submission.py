@@ -201,6 +201,12 @@ _CALLBACK = re.compile(
     r"|Exception in thread (?P<thread>[^\n]{0,200}):)\n"
     r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
 )
+# errors of Python 3 in code that Python 2 accepts
+_PYTHON_2 = re.compile(
+    r"SyntaxError: (?:Missing parentheses in call to '(?:print|exec)'|multiple exception types must be )"
+    r"|NameError: name '(?:xrange|raw_input|unicode|unichr|reduce|basestring)' is not defined"
+    r"|AttributeError: 'dict' object has no attribute '(?:has_key|iteritems|itervalues|iterkeys)'"
+)
 # pattern of a line of a traceback; the groups are the file's name and the line's number
 _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
@@ -252,6 +258,9 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
         # if the packages of the student are unknown, each node counts as the student's
         is_own = not own or node.partition("/")[0] in own
         notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
+    if _PYTHON_2.search(output):
+        text = f"its code is written for Python 2, and this machine runs Python 3: {_last_error(output)}"
+        notes.append(Note(Kind.PYTHON_2, text))
     notes += exceptions_in(output)
     last_error = _last_error(output)  # probable reason for the end of a node
     for event in events:

@@ -106,15 +106,13 @@ class StraightDrive(Watch):
     def kept(self) -> Dict[str, Any]:
         """Return the names of the parameters that the exercise asks for, as plain values for the recording.
 
-        The student chooses the names. A private parameter counts as the topic name if its value is the topic
-        of the scans. It counts as the queue size if it is a whole number and its name contains "queue".
+        The student chooses the names. A parameter counts as the topic name if its value is the topic of the
+        scans. It counts as the queue size if it is a whole number and its name contains "queue". The <param>
+        tag may stand in the <node> tag or outside of it.
         """
         scan_topic = self._initial_recording.scan_topic
         topics, queues = [], []
         for name, value in sorted(self._ros.parameters().items()):
-            # the name of a private parameter begins with the name of its node, such as /node/name
-            if name.count("/") < 2:
-                continue
             if isinstance(value, str) and f"/{value.lstrip('/')}" == scan_topic:
                 topics.append(name)
             # no `isinstance`, because a bool is an int in Python, too

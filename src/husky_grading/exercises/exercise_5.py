@@ -251,7 +251,8 @@ def judge_calls(recording: Recording) -> List[Item]:
         if len(observed.services) > 1:  # another service may stop the robot, but only the first was called
             others = ", ".join(observed.services[1:])
             evidence = by_hand(f"{service} stops nothing, and {others} of the same type was not called")
-            return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
+            # the hints do not apply, because nothing of the other service is known
+            return [replace(item, points=None, evidence=evidence, hint="") for item in (stop, start)]
         return _judge_no_stop(stop, start, service, calls_while_driving, observed.callers)
     # value of the request that stops the robot
     stop_value = restarts[0].call.data if restarts else _stopping_value(effects)
@@ -299,7 +300,7 @@ def _judge_no_calls(items: Sequence[Item], recording: Recording, observed: Servi
         evidence = f"{observed.services[0]} was not called"
     elif observed.other_services:
         evidence = by_hand(f"{evidence}, but {', '.join(observed.other_services)}")
-        return [replace(item, points=None, evidence=evidence) for item in items]
+        return [replace(item, points=None, evidence=evidence, hint="") for item in items]
     hint = SERVICE
     reasons = causes(recording)
     if reasons:  # such as a node that has crashed

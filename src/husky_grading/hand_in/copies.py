@@ -16,8 +16,11 @@ from husky_grading.hand_in.packages import BUILT, Package
 from husky_grading.isolation.files import file_suffix, is_regular, remove_tree, walk
 
 MAX_TEXT = 1_000_000  # [bytes] paths of another computer are replaced only in launch files up to this size
-# first line of a script that names python or python2, or that ends with a carriage return, as on Windows
-_OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
+# first line of a Python script; its program may exist only on the student's computer, such as python2,
+# /home/ann/anaconda3/bin/python3, or python3 with a carriage return behind it, as on Windows
+_PYTHON = re.compile(rb"#!.*\bpython[\d.]*(?:\s.*)?")
+# first lines with which a script starts on every machine with ROS Noetic
+_USUAL_PYTHON = {b"#!/usr/bin/env python3", b"#!/usr/bin/python3"}
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")  # path below a home folder of Linux or macOS
 
 
@@ -121,15 +124,15 @@ def _copy_package(package: Package, target: Path, room: int) -> _CopiedPackage:
 
 
 def _repair_interpreter(script: Path) -> bool:
-    """Repair the first line of a Python script, if it names Python 2 or ends with a carriage return.
+    """Let the usual Python 3 run a Python script whose first line names another program.
 
-    Linux cannot start such a script. Returns whether the script was changed.
+    This machine may not have the other program. Returns whether the script was changed.
     """
     line, _, code = script.read_bytes().partition(b"\n")
-    if _OTHER_PYTHON.fullmatch(line):
-        script.write_bytes(b"#!/usr/bin/env python3\n" + code)
-        return True
-    return False
+    if not _PYTHON.fullmatch(line) or line.replace(b"#! ", b"#!") in _USUAL_PYTHON:
+        return False
+    script.write_bytes(b"#!/usr/bin/env python3\n" + code)
+    return True
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:

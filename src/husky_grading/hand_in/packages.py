@@ -35,6 +35,8 @@ PUBLIC = frozenset({
 })  # fmt: skip
 # packages of PUBLIC to which students add worlds and launch files
 EXTENDED = {"husky_gazebo", "smb_gazebo"}
+# folders with such a word in their name probably have an old copy of a package
+_OLD = re.compile(r"(?<![a-z])(?:old|backup|bak|copy|archive?|alte?)(?![a-z])", re.IGNORECASE)
 # valid name of a package, which also becomes the name of a folder; catkin builds a name that begins with a
 # digit with a warning, and the university ENSTA uses such a name
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
@@ -335,6 +337,7 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     number_of_files = len(list(walk(package.path, skipped=BUILT)))
     return (
         -fit_of_path(package.place, exercise),  # a path with the number of the exercise comes first
+        any(map(_OLD.search, package.place.parts)),  # a folder such as backup/ comes later
         not starts_own_node,  # a package that starts its own node is a solution, and not a library
         in_archive,  # an archive next to a folder is probably an older copy of the folder, so it comes later
         -number_of_files,  # the copy with more files is more complete, so it comes first

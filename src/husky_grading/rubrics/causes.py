@@ -38,6 +38,7 @@ HINTS = {
         "and for a division by 0"
     ),
     Kind.EXCEPTION: "it happens in the line that is named here",
+    Kind.PYTHON_2: "ROS Noetic runs Python 3: write print(...), range and `except Error as error`",
     Kind.NOT_STARTED: "compare pkg and type in the launch file with the programs that your package has",
     Kind.NODE_FAILED: ENDS,
     Kind.NODE_CRASHED: (

@@ -103,12 +103,31 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
     """
     started, *others = launch_files
     reason = f"its launch files {started} and {', '.join(others)} fit equally well, and {started} was started"
+    return _losses_by_hand(items, reason, "the same choice of launch file")
+
+
+def left_to_other_machine(items: Sequence[Item]) -> List[Item]:
+    """Return the items of a submission that needs Python 2; items that lost points are graded by hand.
+
+    The submission may run on the student's machine.
+    """
+    return _losses_by_hand(items, "Python 2 is not installed here", "Python 2 is not installed here")
+
+
+def _losses_by_hand(items: Sequence[Item], reason: str, later_reason: str) -> List[Item]:
+    """Return the items, and let a person grade those that lost points.
+
+    Args:
+        items: items with the points of our runs.
+        reason: why these points may be wrong, for the first item that lost points.
+        later_reason: the same for all later items.
+    """
     judged = []
     for item in items:
         if item.points is not None and not item.full:
             evidence = by_hand(f"{reason}: {item.evidence} ({item.points:g} points)")
             item = replace(item, points=None, evidence=evidence)
-            reason = "the same choice of launch file"  # the next items only refer to this item's reason
+            reason = later_reason
         judged.append(item)
     return judged
 

@@ -30,7 +30,8 @@ students:
     points: {marker: {points: 15, word: seen at the desk}}
     late: {percent: 10, word: two days}
 """
-DRIVEN = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
+MARKER = Item("marker", None, 20.0, "?", hint="look at its frame")
+DRIVEN = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), MARKER))
 
 
 def test_points_by_hand_and_a_late_penalty(tmp_path):
@@ -44,6 +45,9 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
     assert late.evidence == "10 % of 50 points: two days"
     assert (marked.points, marked.max_points) == (45.0, 70.0)
     assert not read_overrides(tmp_path / "ann", [])
+    put(tmp_path / "marking.yaml", MARKING.replace("points: 15", "points: 20"))
+    full = with_override(DRIVEN, read_overrides(tmp_path, ["ann", "bob"])["ann"]).items[1]
+    assert (marker.hint, full.hint) == ("look at its frame", ""), "all points have no fault"
 
 
 @pytest.mark.parametrize("name", ["1_2", "01234567", "no", "1e3", "2026-11-28", "0x1f", "~"])

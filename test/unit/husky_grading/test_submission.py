@@ -3,6 +3,8 @@
 import re
 from types import SimpleNamespace
 
+import pytest
+
 from husky_grading import submission
 from husky_grading.notes import Kind, Note
 from husky_grading.submission import MAX_EVENTS, Event, notes_on, read_events
@@ -47,6 +49,23 @@ Traceback (most recent call last):
     nearest = minimum(scan.ranges)
 NameError: name 'minimum' is not defined
 """
+
+
+@pytest.mark.parametrize(
+    ("error", "is_python_2"),
+    [
+        ("SyntaxError: Missing parentheses in call to 'print'. Did you mean print(...)?", True),
+        ("SyntaxError: multiple exception types must be parenthesized", True),
+        ("NameError: name 'xrange' is not defined. Did you mean: 'range'?", True),
+        ("SyntaxError: invalid syntax", False),
+        ("NameError: name 'ranges' is not defined", False),
+    ],
+)
+def test_code_for_python_2_is_told_from_other_errors(error, is_python_2):
+    output = f'  File "/ws/src/husky/scripts/controller", line 7\n{error}\n'
+    first, *_ = notes_on([Event("died", node="n", exit_code=1)], output)
+    assert (first.kind is Kind.PYTHON_2) is is_python_2
+    assert error in first.text
 
 
 def test_an_exception_in_a_callback_is_named_with_its_line():

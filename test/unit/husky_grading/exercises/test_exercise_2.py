@@ -146,9 +146,12 @@ def test_the_robot_drives_for_ten_seconds_and_the_drive_ends_where_it_stands():
 
 def test_topic_and_queue_size_are_known_among_all_parameters():
     values = {"/n/topic": "front/scan", "/n/Queue": 5, "/n/size": 5, "/n/other": "/scan", "/n/queue": "no"}
-    not_private = {"/topic": "/front/scan", "/queue_size": 5}
-    values = {**values, **not_private, "/n/use_queue": True}
-    assert drive(values)[0].kept() == {"topics": ["/n/topic"], "queues": ["/n/Queue"]}
+    outside_of_the_node = {"/scan_topic_name": "/front/scan", "/scan_topic_queue_size": 5}
+    values = {**values, **outside_of_the_node, "/n/use_queue": True}
+    assert drive(values)[0].kept() == {
+        "topics": ["/n/topic", "/scan_topic_name"],
+        "queues": ["/n/Queue", "/scan_topic_queue_size"],
+    }
 
 
 def test_a_topic_of_scans_that_is_written_wrong_is_named():

@@ -16,7 +16,11 @@ from husky_grading.hand_in import copies
         ("#!/usr/bin/env python2.7", True),
         ("#!/usr/bin/env python3\r", True),
         ("#!/usr/bin/env python3", False),
-        ("#!/usr/bin/python3.8", False),
+        ("#!/usr/bin/env python3.8", True),
+        ("#!/usr/bin/python2 -u", True),
+        ("#!/home/anna/anaconda3/envs/ros/bin/python3", True),
+        ("#! /usr/bin/python3", False),
+        ("#!/usr/bin/env ipython3", False),
         ("#!/bin/sh", False),
     ],
 )

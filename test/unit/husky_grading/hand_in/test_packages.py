@@ -59,6 +59,14 @@ def test_a_hand_in_of_thousands_of_packages_is_refused(ann):
         opened(ann)
 
 
+@pytest.mark.parametrize("old", ["backup", "old", "a_copy", "Archiv", "alte Version", "archive-2"])
+def test_an_old_copy_of_a_package_is_not_taken_even_if_it_has_more_files(old, ann):
+    present = package(ann / "src" / "folder_of_gold" / "husky", "husky")
+    put(package(ann / old / "husky", "husky") / "src" / "many.cpp")
+    _, (taken,), _ = chosen(ann)
+    assert taken.path == present
+
+
 NUMBERS = {
     3: "ex3.launch Ex3.launch EX_3 exercise3 Exercise-03 exercise_three exo3 exercice_3 course_03 "
     "course3 lab3 Lab_3 tp3 TP03 task3 hw3 HW_3 homework3 sheet3 uebung3 session3 husky_ex3_cpp "

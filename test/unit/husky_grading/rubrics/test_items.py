@@ -6,7 +6,13 @@ from drives import FULL_VIEW, GOOD, RIGHT, SCAN, TO_PILLAR, drive, markers
 
 from husky_grading.exercises.exercise_3 import judge_arrival, judge_exercise_3
 from husky_grading.records import total
-from husky_grading.rubrics.items import left_to_chance, left_to_choice, over_trials, told_once
+from husky_grading.rubrics.items import (
+    left_to_chance,
+    left_to_choice,
+    left_to_other_machine,
+    over_trials,
+    told_once,
+)
 
 
 def test_one_drive_that_interferes_costs_all_points_and_displays_are_no_chance():
@@ -30,6 +36,12 @@ def test_what_lost_points_by_one_of_equal_launch_files_is_for_a_person_and_full_
         "its launch files a.launch and b.launch fit equally well, and a.launch was started: no topic"
         in items[3].evidence
     )
+
+
+def test_what_lost_points_by_python_2_is_for_a_person():
+    items = left_to_other_machine(judge_exercise_3([GOOD], FULL_VIEW, SCAN))
+    assert [item.points for item in items] == [20.0, 30.0, 20.0, None, None]
+    assert "Python 2 is not installed here: no topic" in items[3].evidence
 
 
 def test_a_cause_is_told_once_and_the_same_result_of_all_drives_has_no_sums():
