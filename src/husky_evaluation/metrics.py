@@ -192,8 +192,8 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
     speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
     if length < speed**2 / acceleration:  # the robot brakes before it reaches full speed
         return 2.0 * float(np.sqrt(length / acceleration))
-    # at full speed, the way takes length / speed; speeding up and braking each take half of
-    # speed / acceleration more
+    # The way at full speed takes length / speed. Speeding up costs additional time, 0.5 * speed /
+    # acceleration, and braking costs the same.
     return length / speed + speed / acceleration
 
 

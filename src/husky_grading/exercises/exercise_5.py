@@ -319,8 +319,8 @@ def _judge_no_stop(
         start: item on starts, without evidence.
         service: name of the service.
         effects: effects of the calls to a driving robot, at least one.
-        callers: number of times that each node has asked the ROS master for the address of the service. A
-            node does this at each call, so a node with MANY lookups calls the service.
+        callers: number of times that each node has asked the ROS master for the address of the service (a
+            lookup). A node does this at each call, so a node with MANY lookups calls the service.
     """
     # two calls are enough for the sentence, because they most often have both values
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
@@ -334,7 +334,7 @@ def _judge_no_stop(
         f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY
     ]
     if other_callers:
-        evidence += f"; {', '.join(other_callers)}, as each call of it does"
+        evidence += f"; {', '.join(other_callers)}; each call of a service looks it up"
         hint = OTHER_CALLER
     return [
         replace(stop, evidence=evidence, at=first_call.at, hint=hint),

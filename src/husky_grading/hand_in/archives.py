@@ -136,7 +136,8 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, Lis
                         large.append(name)
                     elif is_executable:
                         target.chmod(0o755)
-    except (ArchiveError, MemoryError):  # a MemoryError ends this program, and `unpack` reports it
+    except (ArchiveError, MemoryError):
+        # a MemoryError ends this program, and `unpack`, which waits for this program, then raises an error
         raise
     except (OSError, ValueError, RuntimeError) as error:
         # zipfile raises RuntimeError if the archive needs a password

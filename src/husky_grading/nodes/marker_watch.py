@@ -64,8 +64,8 @@ class MarkerWatch:
         self._samples: List[Tuple[MarkerSample, Marker]] = []
         self._points_left = MAX_ALL_POINTS  # number of points that may still be kept in this run
         self._closed = False  # true if no further markers are kept
-        # latest time [s] at which markers were kept, and number of the markers of this time; keys are (topic,
-        # namespace)
+        # latest time [s] at which markers were kept, and number of the markers of this time, by topic and
+        # namespace. `_is_due` decides by them which markers are kept.
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}  # subscribers by topic
         self._types: Dict[str, str] = {}  # type of each topic, one of KINDS

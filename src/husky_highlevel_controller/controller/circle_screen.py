@@ -126,15 +126,17 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # Nine products for each beam, of two of the values dx, dy, 1 and error, times the weight of the beam. The
-    # third value stands for the derivative by the radius, which is -1, so three of the sums change their sign
-    # below.
+    # A step of the fit needs the sums of weight * a * b over the beams, for all pairs a, b of the derivatives
+    # by x, y and radius, and of the error. The derivatives are dx, dy and -1. `terms` has these nine products
+    # of each beam, with 1 in place of -1, so the sums with one factor of -1 change their sign below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of each beam's error by x and y, the error [m], and its weight.
 
-        All are for the present circles, and as in `fit_circle`.
+        The error is the distance of the beam's end point from the circle. The fit wants errors along the
+        beam, which are longer by 1 / cosine of the angle between the beam and the circle's normal. So the
+        square of an error gets the weight 1 / cosine^2. All are for the present circles.
         """
         dx, dy = (origin + x)[segment_of_beam] - px, y[segment_of_beam] - py
         distance = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)

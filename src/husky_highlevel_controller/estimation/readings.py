@@ -139,13 +139,17 @@ class MotionSensor:
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # `turn` is the rotation from the axes of the reading to the axes of the result; the covariance and
-        # the mask of the used values are turned by it
-        pose, turn = reading.pose, mounting.pose_frame_in_odom
+        # `turn` is the rotation from the axes of the reading to the axes of the result. The covariance and
+        # the mask of the used values are always turned by it. There are three cases:
         if self._is_imu:
-            pose, turn = _level_attitude(pose, mounting.sensor_in_base)
+            # the attitude is measured about the sensor's axes, and becomes one about base_link's axes
+            pose, turn = _level_attitude(reading.pose, mounting.sensor_in_base)
         elif self._config.differential:
-            turn = Pose()  # the result is a velocity along base_link's axes, so nothing must be rotated
+            # the result is a velocity along base_link's axes, so nothing must be rotated
+            pose, turn = reading.pose, Pose()
+        else:
+            # the pose is given in a frame of its own, and becomes a pose in odom at the end
+            pose, turn = reading.pose, mounting.pose_frame_in_odom
         axes = matrix_from_quat(turn.quat_xyzw)
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
 

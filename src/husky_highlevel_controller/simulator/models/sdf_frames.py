@@ -32,8 +32,9 @@ class FrameScope:
     pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if it is not known yet
     # poses in this world or model of the members that have been looked up so far, by name
     _resolved: Dict[str, Pose] = field(default_factory=dict)
-    # names of the members whose poses are being computed: each member needs the pose of the member behind it
-    # in this list. If a member is needed that is already in the list, the frames form a circle.
+    # names of the members whose poses are being computed. The pose of each member in this list depends on the
+    # pose of the next member. If a pose depends on a member that is already in the list, the frames form a
+    # circle.
     _unfinished: List[str] = field(default_factory=list)
 
     @cached_property

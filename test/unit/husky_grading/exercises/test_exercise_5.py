@@ -84,7 +84,7 @@ def test_the_service_stops_and_starts_again_and_again(pairs, still, stop, start,
     [
         (
             {"/other": 212, "/waits": 2},
-            "/other has looked it up 212 times, as each call",
+            "/other has looked it up 212 times; each call",
             "check the calls of that node",
         ),
         ({"/waits": 2}, "0.50 m/s after true", "check that no other node of yours calls the service"),
