@@ -172,8 +172,15 @@ def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
 def _record(kind: Any, values: Mapping[str, Any], source: str, from_parameters: bool) -> Any:
     """Make an instance of a record class from the values of its fields by name.
 
-    With `from_parameters`, every field with metadata must be given. Fields without metadata are not
-    parameters, so they keep their defaults. Keys that are not fields are ignored, so the caller checks them.
+    Keys that are not fields are ignored, so the caller checks them.
+
+    Args:
+        kind: the record class.
+        values: plain values, by the names of the fields.
+        source: beginning of the name of each value in messages, such as "/husky_simulator/" or "FILE: ".
+        from_parameters: true if the values are ROS parameters. Fields with metadata are parameters, and must
+            all be given; the other fields keep their defaults. If false, the values are from a file, and each
+            field with a default may be absent.
     """
     hints, values_by_field = _hints(kind), {}
     for item in fields(kind):

@@ -212,8 +212,9 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
         unbuilt_choices.append(choice)
     if not unbuilt_choices:
         raise errors[0]  # the first choice was the best one
-    # no choice of packages can be built, so the first choice is prepared again; later attempts have replaced
-    # its workspace
+    # No choice of packages can be built, so the first choice and its problem are the outcome. All choices use
+    # the same workspace, so the first choice is prepared once more; otherwise the workspace would contain the
+    # packages of the last choice.
     return _prepare_choice(contents, unbuilt_choices[0], job, underlay, facts)
 
 

@@ -139,8 +139,7 @@ class Diagnostics:
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
         now = rospy.get_time()
-        # simulated time counts as paused if ROS time has not changed in the last STILL_POLLS calls
-        was_paused = self._still_polls >= STILL_POLLS
+        was_paused = self._is_still
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
         if now != self._last_time:
@@ -151,9 +150,7 @@ class Diagnostics:
             self._still_polls += 1
         self._last_time = now
         # the status says whether simulated time is paused, so it is published when a pause begins or ends
-        pauses_now = self._still_polls == STILL_POLLS
-        resumes_now = was_paused and self._still_polls == 0
-        is_due_at_once = self._new_subscribers.take() or has_changed or pauses_now or resumes_now
+        is_due_at_once = self._new_subscribers.take() or has_changed or self._is_still != was_paused
         # the difference is negative if the simulator was started again, because its time then goes back
         is_early = 0.0 <= now - self._published_at < PERIOD
         if is_early and not is_due_at_once:
@@ -162,10 +159,15 @@ class Diagnostics:
         if self._publisher.get_num_connections():
             self._publish()
 
+    @property
+    def _is_still(self) -> bool:
+        """Return whether ROS time has not changed in the last STILL_POLLS calls of `update`."""
+        return self._still_polls >= STILL_POLLS
+
     def _publish(self) -> None:
         """Examine the controller, and publish the result on /diagnostics."""
         # ROS time is 0 until the first message on /clock; until then, simulated time counts as paused
-        is_paused = self._still_polls >= STILL_POLLS or self._last_time == 0.0
+        is_paused = self._is_still or self._last_time == 0.0
         health = self._examine(is_paused)
         level, message = level_and_message(health)
         status = DiagnosticStatus(

@@ -58,11 +58,12 @@ class CrashStopNode:
         but the wheels would seem to slow down at another time, which looks like a crash.
         """
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
-        # time of the sample by odometry's clock; a warning with these texts is logged if the clocks differ
+        # time of the sample by odometry's clock. This call also measures by how much the clocks differ
+        # (`clocks.seconds`), and if they differ, it logs a warning with these texts.
         stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
         if self._guard.clocks.seconds != 0.0:  # an offset within CLOCK_TOLERANCE is exactly 0
-            # None means that there is no danger; `judge` is still called, because it notices when the robot
-            # drives again after a stop
+            # None says that this sample shows no danger. `judge` is called for each sample, because it also
+            # notices when the robot drives again after a stop.
             self._guard.judge(stamp, None)
             return
         with self._detector_lock:
