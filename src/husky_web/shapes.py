@@ -21,9 +21,9 @@ SIDES = 24  # number of sides of a cylinder, of a cone, and of a sphere's equato
 MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box that replaces an unreadable mesh
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
-# a part of a mesh file with more than MANY triangles is simplified, because a browser without a graphics card
-# spends a third of its time on the Husky's triangles; the part keeps details larger than 1 / CELLS of its
-# length
+# A mesh file consists of parts. A part that has more than MANY triangles is simplified, but keeps details
+# larger than 1 / CELLS of its length. Without this, a browser that has no graphics card would spend a third
+# of its time on the triangles of the Husky.
 MANY, CELLS = 500, 25.0
 
 

@@ -21,8 +21,9 @@ STATES = 8
 X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)
 MIN_VARIANCE = 1e-9  # a smaller variance of a measured value counts as this
 INITIAL_VARIANCE = 1e-9  # variance of each state before the first measurement, as in robot_localization
-MAX_STEP = 1e5  # [s] a longer step between stamps means that the clock was set; it counts as CLOCK_STEP
-CLOCK_STEP = 0.01  # [s]
+# [s] If the stamps of two readings differ by more than MAX_STEP, the clock was set between them, so the true
+# time between the readings is unknown. The filter then computes with the time CLOCK_STEP.
+MAX_STEP, CLOCK_STEP = 1e5, 0.01
 # growth of the variance of x, y, yaw, vx, vy, yaw rate, ax, ay by noise [squared unit per second]; the values
 # are the defaults of robot_localization
 PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02, 0.01, 0.01)
