@@ -14,19 +14,13 @@ from husky_grading.isolation.places import hide_places
 from husky_grading.notes import Kind, Note, texts
 from husky_grading.recording import Recording, recordings_in
 from husky_grading.records import DEFAULT_RULES, Job, MarkingConfig, MarkingResult
-from husky_grading.rubrics.items import left_to_chance, left_to_choice, losses_by_hand, told_once
+from husky_grading.rubrics.items import left_to_chance, left_to_choice, left_to_other_machine, told_once
 from husky_grading.settings import with_override
 from husky_grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.config import load
 
 # pattern of the folders in an absolute path, without the file name; group 1 is the first folder
 _FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")
-# reasons why a person grades the items that lost points, by the kind of note: the submission needs something
-# that the student has, and that this run did not have
-NOT_HERE = {
-    Kind.PYTHON_2: "Python 2 is not installed here",
-    Kind.MISSING_ARGUMENT: "`arguments` in marking.yaml can give the launch file its argument",
-}
 
 
 def judge_again(job: Job) -> MarkingResult:
@@ -67,13 +61,11 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
     if submission.equals:  # several launch files fit the exercise equally well
         items = left_to_choice(items, submission.equals)
-    notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
-    kinds = {note.kind for note in notes}
-    for kind, reason in NOT_HERE.items():
-        if kind in kinds:
-            items = losses_by_hand(items, reason, reason)
+    if any(note.kind is Kind.PYTHON_2 for recording in recordings for note in recording.notes):
+        items = left_to_other_machine(items)
     if first.uninitialised:  # the submission reads a variable before it writes it
         items = left_to_chance(items, first.uninitialised)
+    notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
     asked = exercise.number_of_runs(job.config.trials)  # number of runs that the teacher has asked for
     if len(recordings) < asked:
         text = f"{len(recordings)} of {asked} runs were made, because the robot did not move in the first one"

@@ -20,7 +20,6 @@ class Kind(Enum):
     # a C++ function must return a value, but has no return statement, so the node may crash in it
     MISSING_RETURN = "missing return"
     LAUNCH_FILE = "launch file"  # the launch file cannot be loaded
-    MISSING_ARGUMENT = "missing argument"  # the launch file needs a value of one of its arguments
     NO_NODE = "no node"  # the launch file can be loaded, but starts no node of the submission
     # the launch file names a node of the grader's own package, so this node is not started
     OWN_NODE = "own node"
@@ -104,7 +103,6 @@ MISSES_PACKAGES = frozenset(
         Kind.BUILD,
         Kind.MISSING_PACKAGE,
         Kind.LAUNCH_FILE,
-        Kind.MISSING_ARGUMENT,
         Kind.NO_NODE,
         Kind.MISSING_INCLUDE,
         Kind.NOT_STARTED,

@@ -191,8 +191,8 @@ def read_events(path: Path) -> List[Event]:
 TOO_MANY = "too many events"  # event in place of all events after the first MAX_EVENTS - 1
 # kinds of notes on the loading of the launch file; a kind that comes first is reported first
 ORDER_OF_LOADING_NOTES = [
-    Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.MISSING_ARGUMENT, Kind.OWN_NODE, Kind.MISSING_PACKAGE,
-    Kind.LAUNCH_PREFIX, Kind.SKIPPED,
+    Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
+    Kind.SKIPPED,
 ]  # fmt: skip
 # pattern of an exception in a callback of rospy, or in a thread, with its traceback
 _CALLBACK = re.compile(
@@ -201,9 +201,6 @@ _CALLBACK = re.compile(
     r"|Exception in thread (?P<thread>[^\n]{0,200}):)\n"
     r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
 )
-# error of roslaunch if a launch file needs an argument; a student may give it on the command line. A file
-# that is included without its argument is a fault of the file that includes it.
-_MISSING_ARGUMENT = re.compile(r"(?<!included file )\[[^\]\n]{1,500}\] requires the '([^'\n]{1,100})' arg")
 # errors of Python 3 in code that Python 2 accepts
 _PYTHON_2 = re.compile(
     r"SyntaxError: (?:Missing parentheses in call to '(?:print|exec)'|multiple exception types must be )"
@@ -278,10 +275,6 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
 def _note_on_loading(event: Event) -> Optional[Note]:
     """Return the note on an event while the launch file is loaded; None if it is another event."""
     if event.event == "unloadable":
-        argument = _MISSING_ARGUMENT.search(event.error)
-        if argument:
-            text = f"the launch file cannot be loaded without a value of its argument '{argument[1]}'"
-            return Note(Kind.MISSING_ARGUMENT, text)
         return Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}")
     if event.event == "no_include":
         text = f"the launch file cannot be loaded: it includes {event.path}, which does not exist"

@@ -49,7 +49,6 @@ HINTS = {
     Kind.NODE_ENDED: ENDS,
     Kind.COMMANDS_CEASE: "check which branch your callback takes at that moment, and for what it waits",
     Kind.BUILD: "fix this error first, because nothing can be started before; others may follow from it",
-    Kind.MISSING_ARGUMENT: "give the argument a default value in its <arg> tag",
     Kind.LAUNCH_FILE: "fix this in the launch file; roslaunch prints the same error and starts nothing",
     Kind.NO_NODE: (
         "add <node pkg=... type=... name=.../> for your node to the launch file; in exercise 4, for "

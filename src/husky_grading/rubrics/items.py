@@ -103,10 +103,18 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
     """
     started, *others = launch_files
     reason = f"its launch files {started} and {', '.join(others)} fit equally well, and {started} was started"
-    return losses_by_hand(items, reason, "the same choice of launch file")
+    return _losses_by_hand(items, reason, "the same choice of launch file")
 
 
-def losses_by_hand(items: Sequence[Item], reason: str, later_reason: str) -> List[Item]:
+def left_to_other_machine(items: Sequence[Item]) -> List[Item]:
+    """Return the items of a submission that needs Python 2; items that lost points are graded by hand.
+
+    The submission may run on the student's machine.
+    """
+    return _losses_by_hand(items, "Python 2 is not installed here", "Python 2 is not installed here")
+
+
+def _losses_by_hand(items: Sequence[Item], reason: str, later_reason: str) -> List[Item]:
     """Return the items, and let a person grade those that lost points.
 
     Args:

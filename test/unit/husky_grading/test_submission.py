@@ -68,19 +68,6 @@ def test_code_for_python_2_is_told_from_other_errors(error, is_python_2):
     assert error in first.text
 
 
-@pytest.mark.parametrize(
-    ("error", "kind"),
-    [
-        ("[/ws/go.launch] requires the 'laser' arg to be set", Kind.MISSING_ARGUMENT),
-        ("included file [/ws/go.launch] requires the 'laser' arg to be set", Kind.LAUNCH_FILE),
-        ("not well-formed (invalid token): line 3, column 7", Kind.LAUNCH_FILE),
-    ],
-)
-def test_a_launch_file_that_needs_an_argument_is_told_from_a_wrong_one(error, kind):
-    (note,) = notes_on([Event("unloadable", error=error)], "")
-    assert note.kind is kind
-
-
 def test_an_exception_in_a_callback_is_named_with_its_line():
     (note,) = notes_on([], RAISES * 7)
     said = "callback on_scan raises NameError: name 'minimum' is not defined (controller:23), "

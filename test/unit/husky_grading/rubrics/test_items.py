@@ -9,7 +9,7 @@ from husky_grading.records import total
 from husky_grading.rubrics.items import (
     left_to_chance,
     left_to_choice,
-    losses_by_hand,
+    left_to_other_machine,
     over_trials,
     told_once,
 )
@@ -38,11 +38,10 @@ def test_what_lost_points_by_one_of_equal_launch_files_is_for_a_person_and_full_
     )
 
 
-def test_what_lost_points_for_a_reason_of_this_machine_is_for_a_person():
-    items = losses_by_hand(judge_exercise_3([GOOD], FULL_VIEW, SCAN), "no Python 2", "again")
+def test_what_lost_points_by_python_2_is_for_a_person():
+    items = left_to_other_machine(judge_exercise_3([GOOD], FULL_VIEW, SCAN))
     assert [item.points for item in items] == [20.0, 30.0, 20.0, None, None]
-    assert "no Python 2: no topic" in items[3].evidence
-    assert "again: " in items[4].evidence
+    assert "Python 2 is not installed here: no topic" in items[3].evidence
 
 
 def test_a_cause_is_told_once_and_the_same_result_of_all_drives_has_no_sums():
