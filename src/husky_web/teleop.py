@@ -94,9 +94,11 @@ class Teleop:
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] largest speeds of driving by hand
         self.is_locked = False  # true if any node has switched the emergency stop on
         self._locked_at = -inf  # [s] wall time at which the emergency stop was switched on the last time
-        # value of e_stop that a new subscriber gets; None if it gets no message. The topic is not latched by
-        # rospy, which would repeat a value of this page after another node has changed it.
-        self._latched: Optional[bool] = None
+        # Value of e_stop that a new subscriber gets; None if it gets no message. The page repeats true,
+        # whichever node has sent it. The page repeats false only if the page has sent it and no other node
+        # has sent a value since, because the page must not release the stop of another node. So rospy does
+        # not latch the topic: rospy would repeat a value of this page after another node has changed it.
+        self.latched: Optional[bool] = None
         self._hold = HoldToDrive()  # decides which page drives
         # lock of `_hold`, because messages of the pages come in another thread than the one that publishes
         self._turn = threading.Lock()
@@ -142,19 +144,10 @@ class Teleop:
         names = {link.endpoint_id for link in self._e_stop.impl.connections} - {rospy.get_name()}
         return not all(map(WATCHERS.match, names))
 
-    @property
-    def latched(self) -> Optional[bool]:
-        """Return the value of e_stop that a node gets if it subscribes now; None if it gets no message.
-
-        A stop is told, whoever has sent it. A release is told only if this page has sent it and no other node
-        has sent a value since, because the stop of another node must not be released.
-        """
-        return self._latched
-
     def _switch(self, on: bool) -> None:
         """Switch the emergency stop on or off."""
         self._keep(on)
-        self._latched = on
+        self.latched = on
         publish(self._e_stop, Bool(on))
 
     def _keep(self, is_locked: bool) -> None:
@@ -166,7 +159,7 @@ class Teleop:
     def _on_e_stop(self, msg: Bool) -> None:
         """Take in a value of e_stop, which comes back if this page has sent it."""
         if msg._connection_header["callerid"] != rospy.get_name():
-            self._latched = True if msg.data else None
+            self.latched = True if msg.data else None
         self._keep(msg.data)
 
     def _on_locked(self, msg: Bool) -> None:
