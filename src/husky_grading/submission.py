@@ -220,12 +220,8 @@ def exceptions_in(output: str) -> List[Note]:
     times_by_text: Dict[str, List[Optional[float]]] = {}
     for match in _CALLBACK.finditer(output):
         source = f"callback {match['name']}" if match["name"] else "a thread"
-        text = f"{source} raises {match['error'][:200]}"
-        # file name and line number of each call in the traceback; the last call has raised the exception
-        calls = _LINE.findall(match["lines"])
-        if calls:
-            file_name, line_number = calls[-1]
-            text += f" ({file_name}:{line_number})"
+        # the last call in the traceback has raised the exception
+        text = f"{source} raises {match['error'][:200]}{_last_place(match['lines'])}"
         at = float(match["at"]) if match["at"] else None
         times_by_text.setdefault(text, []).append(at)
     notes = []
@@ -258,11 +254,11 @@ def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) ->
         # if the packages of the student are unknown, each node counts as the student's
         is_own = not own or node.partition("/")[0] in own
         notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
+    last_error = _last_error(output)  # probable reason for the end of a node
     if _PYTHON_2.search(output):
-        text = f"its code is written for Python 2, and this machine runs Python 3: {_last_error(output)}"
+        text = f"its code is written for Python 2, and this machine runs Python 3: {last_error}"
         notes.append(Note(Kind.PYTHON_2, text))
     notes += exceptions_in(output)
-    last_error = _last_error(output)  # probable reason for the end of a node
     for event in events:
         if event.event == "died":
             notes.append(_note_on_death(event, last_error, own))
@@ -299,13 +295,14 @@ def _last_error(output: str) -> str:
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     if not errors:
         return ""
-    text: str = errors[-1][:200]
     # the last line of code that a traceback has named is most probably the one with the last error
-    calls = _LINE.findall(output)
-    if calls:
-        file_name, line_number = calls[-1]
-        text += f" ({file_name}:{line_number})"
-    return text
+    return f"{errors[-1][:200]}{_last_place(output)}"
+
+
+def _last_place(output: str) -> str:
+    """Return the last line of code that a traceback names, as " (FILE:LINE)"; empty if there is none."""
+    places = _LINE.findall(output)
+    return " ({}:{})".format(*places[-1]) if places else ""
 
 
 def _note_on_death(event: Event, last_error: str, own: Collection[str]) -> Note:

@@ -111,7 +111,8 @@ def left_to_other_machine(items: Sequence[Item]) -> List[Item]:
 
     The submission may run on the student's machine.
     """
-    return _losses_by_hand(items, "Python 2 is not installed here", "Python 2 is not installed here")
+    reason = "Python 2 is not installed here"
+    return _losses_by_hand(items, reason, reason)
 
 
 def _losses_by_hand(items: Sequence[Item], reason: str, later_reason: str) -> List[Item]:
