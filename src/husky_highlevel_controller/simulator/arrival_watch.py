@@ -6,20 +6,22 @@ no second arrival at the same pillar before the robot has left it.
 
 from __future__ import annotations
 
-from math import inf
+from math import cos, inf
 from typing import Callable, Iterable, List, NamedTuple, Optional
 
 import numpy as np
 
 from husky_highlevel_controller.course import REACHED, STANDS
-from husky_highlevel_controller.datatypes import Body, Cylinder, TrueState
+from husky_highlevel_controller.datatypes import Body, Cylinder, Pose, TrueState
 from husky_highlevel_controller.footprint import Footprint
-from husky_highlevel_controller.geometry import pose_to_2d
+from husky_highlevel_controller.geometry import compose, pose_to_2d, rotate
 
 STANDING_TIME = 0.5  # [s] time for which a robot must stand at a pillar to count as arrived
 # [m] after the gap to the pillar was larger than this, the robot can arrive at the same pillar again
 AWAY = 1.0
 PERIOD = 0.5  # [s] simulated time between two checks whether the robot has left the pillar
+# [rad] a cylinder that is tilted by more than this, because the robot has pushed it over, is not a pillar
+MAX_TILT = 0.3
 
 
 class PillarPlace(NamedTuple):
@@ -99,12 +101,18 @@ class ArrivalWatch:
         ]
 
 
-def pillar_of(body: Body, x: float, y: float) -> Optional[PillarPlace]:
-    """Return a body at x and y in the world [m] as a pillar; None if it is anything but one cylinder."""
-    shapes = [geometry.shape for geometry in body.collisions]
-    if len(shapes) == 1 and isinstance(shapes[0], Cylinder):
-        return PillarPlace(body.name, x, y, shapes[0].radius)
-    return None
+def pillar_of(body: Body, pose_body_in_world: Pose) -> Optional[PillarPlace]:
+    """Return a body as a pillar; None if it is anything but one upright cylinder."""
+    if len(body.collisions) != 1:
+        return None
+    (geometry,) = body.collisions
+    pose_in_world = compose(pose_body_in_world, geometry.pose_in_body)
+    (_, _, axis_z) = rotate(pose_in_world.quat_xyzw, (0.0, 0.0, 1.0))
+    # the cylinder may also stand on its head
+    if not isinstance(geometry.shape, Cylinder) or abs(axis_z) < cos(MAX_TILT):
+        return None
+    x, y, _ = pose_in_world.position
+    return PillarPlace(body.name, x, y, geometry.shape.radius)
 
 
 def arrival_sentence(arrival: Arrival) -> str:

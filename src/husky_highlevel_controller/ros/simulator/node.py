@@ -404,8 +404,8 @@ class SimulatorNode:
         """Return the bodies of the world that are pillars, at their present positions in the world."""
         pillars = []
         for name, body in self._simulation.bodies.items():
-            x, y, _ = self._simulation.pose_of(name).position
-            pillar = pillar_of(body, x, y)  # None if the body is not a cylinder
+            # None if the body is not an upright cylinder
+            pillar = pillar_of(body, self._simulation.pose_of(name))
             if pillar is not None:
                 pillars.append(pillar)
         return pillars

@@ -1,8 +1,11 @@
 """An arrival at a pillar is found once, and again only after the robot was away or was put elsewhere."""
 
+from math import pi
+
 import pytest
 
 from husky_highlevel_controller.datatypes import Body, Box, Cylinder, Geometry, Pose, TrueState
+from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.arrival_watch import (
     AWAY,
@@ -72,6 +75,21 @@ def test_a_reset_lets_it_arrive_again():
 
 def test_only_a_single_cylinder_is_a_pillar():
     cylinder, box = Geometry(Cylinder(0.2, 2.0)), Geometry(Box((1.0, 1.0, 1.0)))
-    assert pillar_of(Body("a", Pose(), (cylinder,), ()), 1.0, 2.0) == PillarPlace("a", 1.0, 2.0, 0.2)
-    assert pillar_of(Body("a", Pose(), (box,), ()), 1.0, 2.0) is None
-    assert pillar_of(Body("a", Pose(), (cylinder, box), ()), 1.0, 2.0) is None
+    place = Pose((1.0, 2.0, 0.0))
+    assert pillar_of(Body("a", Pose(), (cylinder,), ()), place) == PillarPlace("a", 1.0, 2.0, 0.2)
+    assert pillar_of(Body("a", Pose(), (box,), ()), place) is None
+    assert pillar_of(Body("a", Pose(), (cylinder, box), ()), place) is None
+
+
+@pytest.mark.parametrize(("roll", "is_pillar"), [(0.1, True), (pi, True), (0.5, False), (pi / 2, False)])
+def test_a_cylinder_that_was_pushed_over_is_not_a_pillar(roll, is_pillar):
+    body = Body("a", Pose(), (Geometry(Cylinder(0.2, 2.0)),), ())
+    place = Pose((1.0, 2.0, 0.2), quat_from_rpy(roll, 0.0, 0.0))
+    assert (pillar_of(body, place) is not None) == is_pillar
+
+
+def test_a_pillar_stands_at_its_shape_and_not_at_the_origin_of_its_body():
+    shape = Geometry(Cylinder(0.2, 2.0), Pose((3.0, 0.0, 1.0)))
+    place = Pose((1.0, 2.0, 0.0), quat_from_rpy(0.0, 0.0, pi / 2))
+    pillar = pillar_of(Body("a", Pose(), (shape,), ()), place)
+    assert (pillar.x, pillar.y) == pytest.approx((1.0, 5.0))
