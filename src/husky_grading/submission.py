@@ -41,17 +41,21 @@ MAX_EVENTS = 10_000
 
 
 @dataclass(frozen=True)
-class Parts:
-    """Packages of the robot whose nodes belong to an exercise; the submission or `grade` starts the nodes."""
+class RobotPackages:
+    """Packages of ROS, not of the student, whose nodes an exercise uses, such as the filter of exercise 4.
 
-    # packages of the robot, such as robot_localization. If there are any, their nodes are graded as the
-    # submission, and the nodes of the student's own packages are not graded.
+    In most exercises students write a node, so there are no such packages.
+    """
+
+    # packages whose nodes the student's launch file starts, and which are graded in place of the student's
+    # own nodes: robot_localization in exercise 4, where students write no node. Empty in other exercises.
     by_submission: Tuple[str, ...] = ()
-    # packages of the robot whose nodes are left out of the submission, because `grade` starts them
+    # packages whose nodes `grade` starts itself: rosbag in exercise 4. If the student's launch file starts
+    # such a node, this node is left out.
     by_marking: Tuple[str, ...] = ()
 
 
-STUDENTS_OWN = Parts()  # default: only nodes of the student's own packages are graded
+NO_ROBOT_PACKAGES = RobotPackages()  # default: nodes of the student's own packages are graded
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ class Submission:
     # the chosen launch file, then the launch files that fit the exercise equally well but start other nodes;
     # empty if no other launch file fits
     equals: Tuple[str, ...] = ()
-    parts: Parts = field(default_factory=Parts)
+    # packages of ROS whose nodes the exercise uses; `workspace.json` has them under this name
+    parts: RobotPackages = field(default_factory=RobotPackages)
     # results of the exercise's function `facts`, by name
     facts: Mapping[str, Any] = field(default_factory=dict)
     made_of: str = ""  # hash of the files and settings from which the submission was prepared
@@ -137,7 +142,7 @@ def starter(
     events: Path,
     action: str,
     launchables: Sequence[Launchable],
-    parts: Parts = STUDENTS_OWN,
+    robot_packages: RobotPackages = NO_ROBOT_PACKAGES,
     visible_code: VisibleCode = VisibleCode.NOTHING,
 ) -> List[str]:
     """Return the command line of the program that reads launch files, or starts a single one.
@@ -149,7 +154,7 @@ def starter(
         action: `describe` reads launch files, `run` starts one, and `memcheck` starts one with its compiled
             nodes in valgrind.
         launchables: launch files or nodes.
-        parts: packages of the robot whose nodes the submission or marking starts.
+        robot_packages: packages of ROS whose nodes the submission or `grade` starts.
         visible_code: files of this package that the program sees. Nodes of this package are left out, because
             they are not part of any submission; with ALL, they are started.
     """
@@ -166,7 +171,7 @@ def starter(
     ours = {
         "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files,
         "places": [] if visible_code is VisibleCode.ALL else our_places,
-        "by_submission": parts.by_submission, "by_marking": parts.by_marking,
+        "by_submission": robot_packages.by_submission, "by_marking": robot_packages.by_marking,
     }  # fmt: skip
     commands = [json.dumps(launchable.command) for launchable in launchables]
     return [sys.executable, "-c", code, str(STARTER), str(events), action, json.dumps(ours), *commands]

@@ -231,7 +231,7 @@ def start_submission(network: Network, submission: Submission, action: str = "ru
         events_file,
         action,
         [submission.launchable],
-        parts=submission.parts,
+        robot_packages=submission.parts,
         visible_code=submission.workspace.own,
     )
     return network.start(SUBMISSION_FOLDER, command, submission.workspace), events_file

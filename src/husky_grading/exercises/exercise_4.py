@@ -34,7 +34,7 @@ from husky_grading.records import DEFAULT_ROBOT, DEFAULT_RULES, SMB, Item, Marki
 from husky_grading.rubrics.causes import causes, hint_on, silent_text
 from husky_grading.rubrics.items import by_hand, forfeited, weighted
 from husky_grading.rubrics.rviz_view import DISPLAYS, without_config
-from husky_grading.submission import NamedRobot, Parts, Plan
+from husky_grading.submission import NamedRobot, Plan, RobotPackages
 from husky_highlevel_controller.robot import load_robot
 
 FILTERED, ODOMETRY = "/odometry/filtered", "nav_msgs/Odometry"  # topic of the filter's estimate, and its type
@@ -440,7 +440,7 @@ EXERCISE = Exercise(
     deadline=90.0,
     facts=Facts(
         # the submission starts the filter, but `grade` plays the bag
-        parts=Parts(by_submission=("robot_localization",), by_marking=("rosbag",)),
+        robot_packages=RobotPackages(by_submission=("robot_localization",), by_marking=("rosbag",)),
         node="ekf_localization_node",
         visible_code=VisibleCode.FILTER,
         find_robot=named_bag,

@@ -7,7 +7,7 @@ from typing import Any, Callable, Mapping
 
 from husky_grading.hand_in.package_files import named_robot
 from husky_grading.isolation.own_files import VisibleCode
-from husky_grading.submission import STUDENTS_OWN, NamedRobot, Parts, Plan
+from husky_grading.submission import NO_ROBOT_PACKAGES, NamedRobot, Plan, RobotPackages
 
 
 def no_facts(_: Plan) -> Mapping[str, Any]:
@@ -19,11 +19,12 @@ def no_facts(_: Plan) -> Mapping[str, Any]:
 class Facts:
     """Settings and functions of an exercise; the defaults fit an exercise in which students write a node."""
 
-    # packages of the robot whose nodes belong to the exercise, such as the filter in exercise 4
-    parts: Parts = STUDENTS_OWN
+    # packages of ROS whose nodes the exercise uses, such as the filter in exercise 4
+    robot_packages: RobotPackages = NO_ROBOT_PACKAGES
     # description of the node that a launch file must start, for an error message
     node: str = "a node of the submission"
-    # true if launch files are compared first by their content, and only then by the number in their path
+    # true if launch files are compared first by their content, such as the world that they name, and only
+    # then by the number of the exercise in their path
     by_content: bool = False
     # files of the package husky_highlevel_controller that nodes of the submission may use
     visible_code: VisibleCode = VisibleCode.NOTHING

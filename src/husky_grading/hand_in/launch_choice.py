@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Collection, FrozenSet, Iterable, Iterator, List, Mapping, Sequence, Set, Tuple
 
 from husky_grading.hand_in.copies import Folders
 from husky_grading.hand_in.facts import Facts
@@ -31,7 +31,7 @@ from husky_grading.isolation.files import (
 )
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.records import Launchable, Override
-from husky_grading.submission import OWN_RVIZ, STUDENTS_OWN, Parts, Plan
+from husky_grading.submission import NO_ROBOT_PACKAGES, OWN_RVIZ, Plan, RobotPackages
 from husky_highlevel_controller.paths import share_folder
 
 MAX_TEXT_SIZE = 1_000_000  # [bytes] larger source files and templates are not read
@@ -84,7 +84,7 @@ def read_launch_files(
     public_copies: Folders,
     workspace: Workspace,
     override: Override,
-    parts: Parts = STUDENTS_OWN,
+    robot_packages: RobotPackages = NO_ROBOT_PACKAGES,
 ) -> List[LaunchFile]:
     """Find the launch files of a submission, and let roslaunch read which nodes each of them starts.
 
@@ -97,8 +97,8 @@ def read_launch_files(
         public_copies: copies of public packages, whose launch files may start the student's nodes.
         workspace: workspace in which the launch files would be started.
         override: settings of the teacher, which may name one launch file and its arguments.
-        parts: packages of the robot whose nodes belong to the exercise; without any, the submission's own
-            nodes belong to it.
+        robot_packages: packages of ROS whose nodes the exercise uses; without any, the nodes of the student's
+            packages belong to the exercise.
 
     Raises:
         NotMarkableError: no file, or more than one, fits the launch file that the teacher names.
@@ -117,17 +117,24 @@ def read_launch_files(
         containing_packages.append(names[0] if names else "")
         # a launch file that is in no package is started as a file of the first package; any package will do,
         # because roslaunch gets the path of the file
-        package = names[0] if names else next(iter(folders))
+        first_package = next(iter(folders))
+        package = names[0] if names else first_package
         launchables.append(Launchable("launch", package, str(path), override.arguments))
-    planned = plans(launchables, workspace, own_copies.root.with_name("plan"), parts)
-    # packages whose nodes belong to the exercise: packages of the robot if there are any, otherwise all
-    # packages of the submission
-    exercise_packages = {*parts.by_submission, *parts.by_marking} or set(folders)
+    planned = plans(launchables, workspace, own_copies.root.with_name("plan"), robot_packages)
+    # Packages whose nodes show that a launch file is for the exercise. In exercise 4, these are packages of
+    # ROS: the filter that the student's launch file starts, and rosbag, which plays the recording. In other
+    # exercises, these are the student's packages.
+    exercise_packages = {*robot_packages.by_submission, *robot_packages.by_marking}
+    if not exercise_packages:
+        exercise_packages = set(folders)
     launch_files = []
     for (path, place), containing, plan in zip(files, containing_packages, planned):
-        # nodes that are left out count, too, because the exercise may be about a node that `grade` starts; if
-        # roslaunch could not read the file, the nodes come from the text of the file
-        all_nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
+        # The plan leaves out nodes of rosbag, because `grade` plays the recording itself. These nodes count
+        # here, too: a launch file of exercise 4 that only plays the recording is still for this exercise.
+        if plan.is_read:
+            all_nodes: Iterable[str] = (*plan.nodes, *plan.left_out)
+        else:  # roslaunch could not read the file, so its text is searched for nodes
+            all_nodes = nodes_in(path)
         nodes = tuple(node for node in all_nodes if _package_of(node) in exercise_packages)
         # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
         # first package
@@ -150,8 +157,8 @@ def _only_file(files: Sequence[Tuple[Path, PurePosixPath]], end: str) -> Tuple[P
     Raises:
         NotMarkableError: there is no such file, or more than one.
     """
-    parts = PurePosixPath(end).parts
-    fitting = [(path, place) for path, place in files if place.parts[-len(parts) :] == parts]
+    names = PurePosixPath(end).parts  # names of folders and of the file
+    fitting = [(path, place) for path, place in files if place.parts[-len(names) :] == names]
     if len(fitting) != 1:
         raise NotMarkableError(
             f"marking.yaml names the launch file {end!r}, which fits {len(fitting)} files; "
@@ -200,9 +207,13 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts
         NotMarkableError: no launch file fits.
     """
     fitting = [file for file in files if file.nodes]
-    # Packages that may drive the robot; they are the same for all launch files. In exercise 4, the launch
-    # file of the student starts only a filter, and nothing that drives, so the set is empty.
-    driving = files[0].driving_packages if files and not facts.parts.by_submission else frozenset()
+    # packages of the submission that may drive the robot, because their code names scans or velocities
+    driving: FrozenSet[str] = frozenset()
+    # In exercise 4, students write no node, but start a node of a ROS package (`by_submission`). This node
+    # does not drive, so the set stays empty there.
+    students_write_node = not facts.robot_packages.by_submission
+    if files and students_write_node:
+        driving = files[0].driving_packages  # every launch file has the same set
     if driving:  # a node that reads no scans and sends no velocities, as in a tutorial, is not the controller
         fitting = [file for file in fitting if file.driving_nodes]
     if not fitting:
@@ -331,14 +342,16 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     # a solution starts the course's world and reads scans, and its path often has a word such as controller;
     # False is better than True
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(str(file.place)))
-    # The fit is negative, because a larger `Fit` is better. With `by_content`, only launch files of this
-    # exercise name the world with the pillar, so the content comes first.
+    # The fit is negative, because a larger `Fit` is better. In exercise 3, which sets `by_content`, the world
+    # with the pillar is surer evidence than a number in the path, so the content comes first.
     fit_and_content = (content, -fit) if facts.by_content else (-fit, content)
-    has_other_use = bool(OTHER_USE.search(file.place.name))
-    # in an exercise on a filter of the robot, words such as ekf are right, so the nodes decide instead of the
-    # name
-    if facts.parts.by_submission:
-        has_other_use = not any(_package_of(node) in facts.parts.by_submission for node in file.nodes)
+    # packages of ROS whose nodes are graded in place of the student's own nodes; empty except in exercise 4
+    graded_packages = facts.robot_packages.by_submission
+    if graded_packages:
+        # words of OTHER_USE such as ekf are right in exercise 4, so the nodes decide instead of the name
+        has_other_use = not any(_package_of(node) in graded_packages for node in file.nodes)
+    else:
+        has_other_use = bool(OTHER_USE.search(file.place.name))
     return (
         file.is_template,  # an unchanged template has no work of the student, so it comes last
         fit == Fit.OTHER_EXERCISE,  # a path with the number of another exercise comes later

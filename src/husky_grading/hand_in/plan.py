@@ -16,10 +16,10 @@ from husky_grading.notes import Kind, Note
 from husky_grading.records import Launchable
 from husky_grading.submission import (
     COMPAT,
-    STUDENTS_OWN,
+    NO_ROBOT_PACKAGES,
     Event,
-    Parts,
     Plan,
+    RobotPackages,
     notes_on,
     read_events,
     starter,
@@ -78,14 +78,22 @@ def with_stand_ins(workspace: Workspace, visible_code: VisibleCode) -> Workspace
     return replace(workspace, packages=(*workspace.packages, *stand_ins), own=visible_code)
 
 
-def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN) -> Plan:
+def plan(
+    launchable: Launchable,
+    workspace: Workspace,
+    folder: Path,
+    robot_packages: RobotPackages = NO_ROBOT_PACKAGES,
+) -> Plan:
     """Return the nodes that one launch file or node would start; see `plans`."""
-    (planned,) = plans([launchable], workspace, folder, parts)
+    (planned,) = plans([launchable], workspace, folder, robot_packages)
     return planned
 
 
 def plans(
-    launchables: Sequence[Launchable], workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN
+    launchables: Sequence[Launchable],
+    workspace: Workspace,
+    folder: Path,
+    robot_packages: RobotPackages = NO_ROBOT_PACKAGES,
 ) -> List[Plan]:
     """Find out which nodes launch files or single nodes would start, but start nothing.
 
@@ -93,7 +101,7 @@ def plans(
         launchables: launch files or nodes.
         workspace: workspace in which they would be started.
         folder: folder for the events, which is made.
-        parts: packages of the robot whose nodes the submission or marking starts.
+        robot_packages: packages of ROS whose nodes the submission or `grade` starts.
 
     Returns:
         A plan for each launchable, in the same order. Each plan tells whether roslaunch can load the launch
@@ -103,7 +111,7 @@ def plans(
     events_file = folder / "plan.jsonl"
     create(events_file).close()  # an empty file replaces an earlier file, or a link of the submission
     # `problem` is used if the events in the file give no reason for a failure
-    problem = _write_events(launchables, workspace, events_file, parts)
+    problem = _write_events(launchables, workspace, events_file, robot_packages)
     # events of each launchable, by its number
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
@@ -132,7 +140,9 @@ def plans(
     return planned
 
 
-def _write_events(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
+def _write_events(
+    launchables: Sequence[Launchable], workspace: Workspace, events: Path, robot_packages: RobotPackages
+) -> str:
     """Let nodes/submission.py read launchables, in the sandbox, and write what it finds to a file of events.
 
     The sandbox is needed because launch files can run commands.
@@ -148,7 +158,7 @@ def _write_events(launchables: Sequence[Launchable], workspace: Workspace, event
     # some launch files start RViz only if there is a display, so one is set; here no node is started
     env["DISPLAY"] = ":0"
     process = Process(
-        starter(events, "describe", launchables, parts, workspace.own),
+        starter(events, "describe", launchables, robot_packages, workspace.own),
         folder / "plan.log",
         env,
         folder,

@@ -107,7 +107,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         robot=facts.find_robot(planned),
         sandbox=kind_of_sandbox(),
         network=private_network.reach(),  # says whether the network is kept apart from other networks
-        parts=facts.parts,
+        parts=facts.robot_packages,
         facts=facts.read_facts(planned),
         made_of=job.made_of,  # hash by which a later marking knows that nothing has changed
     )
@@ -128,7 +128,7 @@ def _prepare_launchable(
     is_our_package = launchable.package == NAME and not job.setups
     workspace = replace(workspace, own=VisibleCode.ALL if is_our_package else VisibleCode.NOTHING)
     workspace = _with_robot_packages(facts, workspace)
-    planned = plan(launchable, workspace, Path(job.out, "plan"), facts.parts)
+    planned = plan(launchable, workspace, Path(job.out, "plan"), facts.robot_packages)
     # a launch file that roslaunch can load need not be in a package, because its path may be given
     if launchable.kind == "launch" and planned.is_read:
         return Submission(launchable, workspace), planned
@@ -173,7 +173,7 @@ def _with_robot_packages(facts: Facts, workspace: Workspace) -> Workspace:
     In exercise 4, for example, the student's launch file starts robot_localization, which may not be
     installed on this machine.
     """
-    return with_stand_ins(workspace, facts.visible_code) if facts.parts.by_submission else workspace
+    return with_stand_ins(workspace, facts.visible_code) if facts.robot_packages.by_submission else workspace
 
 
 def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submission, Plan]:
@@ -247,7 +247,7 @@ def _prepare_choice(
         try:
             candidates = read_launch_files(
                 contents, [*packages, *public_packages], folders, public_folders,
-                _with_robot_packages(facts, unbuilt), override, facts.parts,
+                _with_robot_packages(facts, unbuilt), override, facts.robot_packages,
             )  # fmt: skip
             if override.launch:  # the teacher's launch file is the only candidate
                 notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
@@ -286,7 +286,7 @@ def _prepare_choice(
     # if the launch file could not be read before the build, it is read again, because it may need files of
     # the build
     if not planned.is_read:
-        planned = plan(launchable, workspace, out / "plan", facts.parts)
+        planned = plan(launchable, workspace, out / "plan", facts.robot_packages)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
     # a build that fails only in parts that the launchable does not need is not a problem
     build_errors = tuple(note for note in built.notes if note.kind is Kind.BUILD)

@@ -203,7 +203,7 @@ def launch_files(ann, exercise=3, **more):
     workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))
     override = Override(**more)
     files = launch_choice.read_launch_files(
-        contents, [*packages, *known], folders, copies, workspace, override, facts.parts
+        contents, [*packages, *known], folders, copies, workspace, override, facts.robot_packages
     )
     return launch_choice.choose_launch_files(files, exercise, facts)
 
