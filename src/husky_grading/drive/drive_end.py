@@ -19,10 +19,12 @@ ABANDONED = 3.0  # [s] no node of the submission runs any more, and the robot ha
 STILL = 15.0  # [s] the robot has moved, and then has stood for this time
 # [s] the robot has not moved for this time since the start; some controllers first sleep for 10 s
 NEVER = 12.0
-# A run also ends if the robot leaves the pillar for good. The robot is then PAST [m] farther from the pillar
-# than at its nearest point, and for LEAVING [s] it has driven away in a straight line, so its heading has
-# changed by less than STRAIGHT [rad]. A robot that turns so slowly would need 80 s to turn round.
-PAST, LEAVING, STRAIGHT = 10.0, 5.0, 0.2
+# a run also ends if the robot leaves the pillar for good: the conditions of PAST and LEAVING are both true
+PAST = 10.0  # [m] the gap between robot and pillar is larger by this than the smallest gap so far
+LEAVING = 5.0  # [s] the robot has driven away from the pillar in a straight line for this simulated time
+# [rad] a robot whose heading changes by more than this has left the straight line; a robot that stays below
+# this value for LEAVING would need 80 s to turn round
+STRAIGHT = 0.2
 NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
 NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")
 
@@ -33,18 +35,19 @@ class DriveEnd:
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         self._pillar = pillar  # x and y of the pillar in the world [m]
         self._robot = robot  # name of the robot, one of ROBOTS
-        # [s] simulated times of these states
-        self._now = 0.0  # latest state
-        self._drove_at = 0.0  # last state in which the robot drove
-        self._moved_at = 0.0  # last state in which the robot drove or turned on the spot
-        self._first_moved = inf  # first state in which the robot drove or turned; inf if there is none
-        self._reached_at = inf  # arrival at the pillar; inf if the robot is not there
-        self._touched_at = inf  # first touch of the pillar; inf if there is none
+        self._now = 0.0  # [s] simulated time of the latest state
+        self._drove_at = 0.0  # [s] time of the last state in which the robot drove
+        self._moved_at = 0.0  # [s] time of the last state in which the robot drove or turned on the spot
+        # [s] time of the first state in which the robot drove or turned; inf if there is none
+        self._first_moved = inf
+        self._reached_at = inf  # [s] time of the arrival at the pillar; inf if the robot is not there
+        self._touched_at = inf  # [s] time of the first touch of the pillar; inf if there is none
         # [m] gap between the robot's footprint and the pillar: now, and the smallest gap so far
         self._gap, self._nearest = 0.0, inf
-        # straight path away from the pillar: heading in the world [rad] and simulated time [s] at its begin
-        self._heading = 0.0
+        # [s] time since which the robot has driven away from the pillar in a straight line; set to the
+        # present time when the robot turns or comes nearer
         self._leaving_since = 0.0
+        self._heading = 0.0  # [rad] heading in the world at the time `_leaving_since`
 
     def update(self, state: TrueState) -> None:
         """Take the robot's next true state, and keep the times and gaps from which `reason` decides."""
@@ -58,7 +61,9 @@ class DriveEnd:
         # [m] gap between the robot's footprint and the pillar
         gap = float(hull_gaps(np.array([pose]), self._pillar, self._robot)[0])
         # a robot that comes nearer or turns does not leave, so a straight path away can begin only now
-        if gap <= self._gap or abs(wrap_angle(pose.yaw - self._heading)) > STRAIGHT:
+        comes_nearer = gap <= self._gap
+        has_turned = abs(wrap_angle(pose.yaw - self._heading)) > STRAIGHT
+        if comes_nearer or has_turned:
             self._heading, self._leaving_since = pose.yaw, now
         self._gap, self._nearest = gap, min(self._nearest, gap)
         # the time of arrival is forgotten if the robot leaves the pillar again; the time of a touch is kept
@@ -87,9 +92,10 @@ class DriveEnd:
             return NODES_ENDED
         if self._first_moved == inf and self._now >= NEVER:
             return Note(Kind.NEVER_MOVED, f"it did not move for {NEVER:g} s")
-        has_passed = self._gap > self._nearest + PAST
-        drives_away = self._now >= self._leaving_since + LEAVING
-        if has_passed and drives_away:
+        # the robot leaves the pillar for good, so it will not come back before the deadline
+        is_far_past = self._gap > self._nearest + PAST
+        has_driven_away = self._now >= self._leaving_since + LEAVING
+        if is_far_past and has_driven_away:
             far, near = f"{self._gap:.0f} m", f"{self._nearest:.0f} m"
             return Note(Kind.LEAVES, f"it was {far} from the pillar, {near} at its nearest, and drove on")
         if self._first_moved < inf and still >= STILL:

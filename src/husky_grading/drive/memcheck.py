@@ -80,7 +80,7 @@ class Read(NamedTuple):
     """Read of a value that was never written, as valgrind reports it."""
 
     # line of the submission that reads the value; None if only ROS reads the value, to send it in a message
-    line: Optional[Place]
+    place: Optional[Place]
     origin: Optional[Place]  # line of the submission that allocated the memory of the value; None if unknown
 
 
@@ -92,7 +92,7 @@ def is_worth_checking(submission: Submission) -> bool:
     root = submission.root
     if root is None or shutil.which(VALGRIND) is None:
         return False
-    # a submission that starts packages of the robot does not run the student's own code
+    # in exercise 4, students write no node, but start a node of a ROS package, so there is no code to check
     if submission.parts.by_submission:
         return False
     # a node is package/type, which is also the path of a built program below devel/lib
@@ -135,13 +135,16 @@ def find_unwritten_variable(
             process,
             node_count=len(submission.nodes),
             condition=subscribes,
+            # a submission that still registers new topics is active
             read_graph=lambda: read_registrations(network.uri, SIMULATOR_NODES),
         )
         final_choice = robot
-        if robot.is_guess:  # the topic of scans to which the submission has subscribed decides
-            listened_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
-            final_choice = robot.after_hearing(listened_config)
-        if final_choice.config != robot.config:
+        if robot.is_guess:
+            # settings with the robot to whose scans the submission has subscribed; if there is no such robot,
+            # they are None, and `after_hearing` keeps the guess
+            heard_config = robot_listened_to(network.uri, SIMULATOR_NODES, robot.config)
+            final_choice = robot.after_hearing(heard_config)
+        if final_choice.config != robot.config:  # the guess was wrong
             simulator.kill()
             simulate(network, trial, replace(final_choice.config, pace=PACE))
             # the submission has already subscribed to this robot's scans, and gets them if it still runs
@@ -211,9 +214,9 @@ def reads_in(log: str, sources: Path) -> List[Read]:
         reading_stack, _, creation_stack = text.partition("Uninitialised value was created")
         origin = _first_own_line(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
-            line = _first_own_line(reading_stack, own_files)  # None if the value is only printed
-            if line is not None:
-                found.append(Read(line, origin))
+            place = _first_own_line(reading_stack, own_files)
+            if place is not None:
+                found.append(Read(place, origin))
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
             # ROS reads the value to send it, so only the allocation is in a line of the submission
             found.append(Read(None, origin))
@@ -221,15 +224,18 @@ def reads_in(log: str, sources: Path) -> List[Read]:
 
 
 def _first_own_line(stack: str, own_files: Collection[str]) -> Optional[Place]:
-    """Return the innermost line of a call stack that is in one of the submission's `own_files`.
+    """Return the innermost line of a call stack that is in `own_files`; None if the value is only printed.
 
-    The result is None if none of the DEPTH innermost calls is in these files. It is also None if one of the
-    functions further inside prints the value, because a wrong printed value does no harm.
+    `own_files` are the names of the submission's source files. The result is also None if none of the DEPTH
+    innermost calls is in these files.
     """
-    for line in stack.splitlines()[: DEPTH + 1]:  # the line before the first call is a title
+    # the calls come from the innermost to the outermost; the line before the first call is a title
+    for line in stack.splitlines()[: DEPTH + 1]:
         frame = _FRAME.match(line.strip())
         if frame and frame["file"] in own_files:
             return Place(frame["file"], int(frame["line"]))
+        # The submission has called a function that prints, such as operator<<, and this function reads the
+        # value. A wrong printed value does no harm.
         if _PRINTS.search(line):
             return None
     return None
@@ -244,18 +250,20 @@ def sentence(reads: Sequence[Read], sources: Path) -> str:
         return ""
     texts = _texts(sources)
     declarations = _declared_without_value(texts)
-    for read_at, _ in reads:
-        if read_at is not None:
-            lines = texts.get(read_at.file, "").splitlines()
-            code = lines[read_at.line - 1] if 1 <= read_at.line <= len(lines) else ""
+    for place, _ in reads:  # each place is the line of the submission that reads the value
+        if place is not None:
+            lines = texts.get(place.file, "").splitlines()
+            code = lines[place.line - 1] if 1 <= place.line <= len(lines) else ""
             for name in re.findall(r"\w+", code):
                 if name in declarations:
-                    place = declarations[name]
-                    variable = f"`{name}` ({place.file}:{place.line})"
-                    return f"{variable} is read at {read_at.file}:{read_at.line} before it is written"
-    read_at, origin = reads[0]
-    if read_at is not None:
-        return f"a variable is read at {read_at.file}:{read_at.line} before it is written"
+                    declared_at = declarations[name]
+                    variable = f"`{name}` ({declared_at.file}:{declared_at.line})"
+                    return f"{variable} is read at {place.file}:{place.line} before it is written"
+    place, origin = reads[0]
+    if place is not None:
+        return f"a variable is read at {place.file}:{place.line} before it is written"
+    # no line of the submission reads the value, but ROS reads it to send it in a message; `origin` is the
+    # line of the submission that allocated the memory of the value
     object_place = f", in an object made at {origin.file}:{origin.line}" if origin else ""
     return f"it sends a value that was never written{object_place}"
 

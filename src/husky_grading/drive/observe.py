@@ -34,9 +34,10 @@ def observe(
     Before the runs, a C++ program may be started once in valgrind, to find variables that it reads before it
     writes them. Runs after the first one follow only if the robot moves in the first one.
 
-    If the robot is a guess, the check in valgrind finds the robot to whose scans the submission subscribes.
-    Without a check, or if the node dies in it, the first run finds this robot, and is repeated if the guess
-    was wrong.
+    The choice of the robot may be a guess between versions of the Husky, which send scans on different
+    topics. The topic of scans to which the submission subscribes then shows the right robot. The check in
+    valgrind finds this topic. Without a check, or if the node ends in the check before it subscribes, the
+    first run finds the topic, and is repeated if the guess was wrong.
 
     Raises:
         MarkingError: the network, the simulator or the recorder does not work.

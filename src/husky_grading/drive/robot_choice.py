@@ -26,7 +26,8 @@ class RobotChoice:
     def after_hearing(self, heard: Optional[MarkingConfig]) -> RobotChoice:
         """Return the choice after the submission has subscribed to scans, which ends a guess.
 
-        `heard` has the settings of the robot with these scans; None if the robot is unknown.
+        `heard` has the settings of the robot with these scans. It is None if there is no such robot; the
+        choice is then returned unchanged.
         """
         if heard is None or not self.is_guess:
             return self
