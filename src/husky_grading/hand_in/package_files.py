@@ -111,7 +111,9 @@ def _count_needed_displays(config: RvizConfig) -> int:
 def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     """Return sentences that tell the student which .rviz files are not graded.
 
-    These are the files that other launch files of the package name, and not the started launch file.
+    These are the files that other launch files of the package name, and not the started launch file. But if
+    the started launch file starts no RViz, the student may start a launch file that only shows RViz beside
+    it. The files of such a launch file are graded.
     """
     folder = planned.package_path
     if not folder:
@@ -150,10 +152,10 @@ def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
 def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dict[str, Path]:
     """Find out which .rviz files of a package belong to other launch files than the started one.
 
-    An .rviz file belongs to a launch file whose text contains the file's name. There is one exception: a
-    launch file that only views, so it plays no recordings and starts no node of the package. If the started
-    launch file starts no RViz, a student may start such a viewer beside it, so the viewer's files do not
-    belong to another launch file.
+    An .rviz file belongs to a launch file whose text contains the file's name. There is one exception. If the
+    started launch file starts no RViz, a student may start a viewer beside it: a launch file that plays no
+    recordings and starts no node of the package. The viewer's .rviz files then do not belong to another
+    launch file.
 
     Args:
         folder: folder of the package.
@@ -230,15 +232,16 @@ def named_robot(planned: Plan) -> NamedRobot:
         version, reason = SMB, "its launch file starts the SMB's nodes"
     else:
         version, mention = _robot_in_files(planned)
-        reason = "its package names no topic of scans"
-        if mention is not None:
+        if mention is None:  # no file names a robot, so `version` is DEFAULT_ROBOT
+            reason = "its package names no topic of scans"
+        else:
             reason = f"{mention.path.name} names {mention.match.group()}"
     sentence = f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
     return NamedRobot(version, sentence, is_certain=version == SMB)
 
 
 def _robot_in_files(planned: Plan) -> Tuple[str, Optional[Mention]]:
-    """Return the robot that the files of a package name, and the place; None if no file names a robot."""
+    """Return the robot that a package's files name, and where; without a name, DEFAULT_ROBOT and None."""
     if mention := first_mention(planned, SMB_NAMES):
         return SMB, mention
     # front/scan comes first, because a package that names both topics may publish /scan itself, for example

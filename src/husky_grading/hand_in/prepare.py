@@ -69,9 +69,12 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    # The results of an earlier call are deleted. But if the job names a launch file or node, no call makes
-    # FOLDERS. A folder such as `ws` may then be the teacher's, so it stays.
-    old_names = FILES if job.launchable else (*FILES, *FOLDERS)
+    # the results of an earlier call are deleted
+    old_names = [*FILES]
+    if job.launchable is None:
+        # FOLDERS are made only for delivered files. If the job names a launch file or node instead, a folder
+        # with such a name, for example `ws`, is the teacher's and must stay.
+        old_names += FOLDERS
     for old_path in [*(out / name for name in old_names), *out.glob("drive_*")]:
         remove_tree(old_path)
     workspace = Workspace(
@@ -168,9 +171,9 @@ def _check_sandbox_works(workspace: Workspace, folder: Path) -> None:
 
 
 def _with_robot_packages(facts: Facts, workspace: Workspace) -> Workspace:
-    """Add our replacements of missing robot packages to a workspace, if the exercise grades such packages.
+    """Add our replacements of missing ROS packages to a workspace, if the exercise grades nodes of them.
 
-    In exercise 4, for example, the student's launch file starts robot_localization, which may not be
+    This is so in exercise 4: the student's launch file starts a node of robot_localization, which may not be
     installed on this machine.
     """
     return with_stand_ins(workspace, facts.visible_code) if facts.robot_packages.by_submission else workspace
@@ -249,17 +252,19 @@ def _prepare_choice(
                 contents, [*packages, *public_packages], folders, public_folders,
                 _with_robot_packages(facts, unbuilt), override, facts.robot_packages,
             )  # fmt: skip
-            if override.launch:  # the teacher's launch file is the only candidate
+            if override.launch:  # only the launch file that the teacher names was read
                 notes.append(f"launch file {candidates[0].place}: named in marking.yaml")
             else:
                 candidates = choose_launch_files(candidates, exercise, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
+    # `launch` is the launch file that is started; None without candidates, so only if the teacher has named a
+    # node
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
     equal_places: List[str] = []  # the chosen launch file, and others that fit as well; empty without others
-    if launch is None:  # the teacher has named a node; `or ""` tells this to mypy
-        package, node = (override.node or "").split()
+    if launch is None:
+        package, node = (override.node or "").split()  # `or ""` tells mypy that there is a node
         launchable = Launchable("node", package, node, override.arguments)
         can_start = is_built(f"{package}/{node}", folders)
     else:
@@ -351,12 +356,13 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
     added = False
     # `folder` has files of the student, and `place` is its path inside the submission
     for folder, place in contents.places.items():
-        for path in walk(folder, BUILT):
+        # a student may hand in the folders of an own build (BUILT), which have copies of the packages' files
+        for path in walk(folder, skipped=BUILT):
             is_in_package = any(other.path in path.parents for other in contents.packages)
             fit = fit_of_path(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fit != Fit.OTHER_EXERCISE and not is_in_package:
-                # the build may have made a link with this name; `copy` replaces the link and does not follow
-                # it
+                # The package was built before, and its build runs code of the student. This code may have
+                # made a link with this name; `copy` replaces the link and does not follow it.
                 copy(path, package / path.name)
                 added = True
     return added

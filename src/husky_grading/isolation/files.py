@@ -14,8 +14,8 @@ import threading
 from pathlib import Path
 from typing import Any, BinaryIO, Collection, Iterator, Optional, Tuple
 
+import defusedxml.ElementTree
 import yaml
-from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -92,7 +92,7 @@ def texts_in(
 def read_xml(path: Path, max_size: int) -> Any:
     """Return the root element of an XML file.
 
-    Entities are rejected, because a few of them can expand to billions of characters.
+    The parser of defusedxml rejects entities, because a few of them can expand to billions of characters.
 
     Raises:
         UnreadableFileError: the file is not a regular file of at most `max_size` bytes, is not XML, or has
@@ -100,7 +100,7 @@ def read_xml(path: Path, max_size: int) -> Any:
     """
     content = read_regular(path, max_size)
     try:
-        return ElementTree.fromstring(content)
+        return defusedxml.ElementTree.fromstring(content)
     except Exception as error:  # a parser may raise any error, such as LookupError for an unknown encoding
         raise UnreadableFileError(f"{path}: not XML that can be read: {error}") from error
 
@@ -181,9 +181,9 @@ def write_whole(path: Path, content: str) -> None:
 
 
 def walk(folder: Path, skipped: frozenset = SKIPPED) -> Iterator[Path]:
-    """Yield the regular files below a folder, in order; links are not followed.
+    """Yield the regular files below a folder in order, without those in folders with a name in `skipped`.
 
-    Folders with a name in `skipped`, and folders that cannot be read, are left out.
+    Links are not followed. Folders that cannot be read are left out.
 
     Raises:
         UnreadableFileError: the folder has more than MAX_ENTRIES files and folders.
