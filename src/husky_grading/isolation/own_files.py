@@ -45,21 +45,29 @@ FILTER_PROGRAM = "planar_ekf"
 
 @dataclass(frozen=True)
 class OwnFiles:
-    """Files of this package in a sandbox."""
+    """Files of this package in a sandbox.
 
-    hidden: FrozenSet[Path]  # folders in which the program sees only the files and folders in `shown`
-    shown: FrozenSet[Path]  # files and folders
+    The sandbox first covers each folder in `hidden` by an empty folder, and then mounts each path in `shown`,
+    also inside of the covered folders.
+    """
+
+    hidden: FrozenSet[Path]  # folders in which the program sees only the paths in `shown`
+    shown: FrozenSet[Path]  # files and folders that the program sees
 
 
 def own_files(visible_code: VisibleCode) -> OwnFiles:
-    """Return the files of this package that a program sees, and the folders in which it sees nothing else."""
+    """Return the files of this package that a program sees, and the folders in which it sees nothing else.
+
+    The program sees a file in `shown` even if the file is inside of a folder in `hidden`, see `OwnFiles`.
+    """
     share = share_folder()
-    entries = [*DATA, *CODE] if visible_code is VisibleCode.ALL else [*DATA]
-    shown: Set[Path] = {STARTER, IN_WORKSPACE}
-    # All folders that hold this package are hidden. An entry of `share` may be a link into another folder,
-    # such as the source tree, so the folders of the link targets are hidden, too.
+    # The folder of this package is always hidden, because it may also have files such as the results of other
+    # students. An entry of `share` may be a link into another folder, such as the source tree, so the folders
+    # of the link targets are hidden, too.
     hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
-    shown |= {(share / name).resolve() for name in entries}
+    # some entries of the hidden folders are shown again
+    entries = [*DATA, *CODE] if visible_code is VisibleCode.ALL else [*DATA]
+    shown: Set[Path] = {STARTER, IN_WORKSPACE, *((share / name).resolve() for name in entries)}
     # folders of our Python packages, and folders of our programs
     code = {MODULES, *(MODULES.parent / name for name in OTHER_PACKAGES), *program_folders()}
     if visible_code is VisibleCode.ALL:

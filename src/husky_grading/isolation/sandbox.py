@@ -192,7 +192,8 @@ def _secrets(folder: str) -> List[Path]:
     return secrets
 
 
-# purposes of mounts, in the order in which mounts at the same depth are made
+# purposes of mounts: cover a folder by an empty folder, show a path read-only, and show a folder that the
+# program may write. At the same depth, mounts are made in the order of these numbers.
 HIDE, SHOW, WRITE = 0, 1, 2
 
 
@@ -200,7 +201,7 @@ class _Mount(NamedTuple):
     """Mount of a path in the sandbox."""
 
     path: Path
-    rank: int  # HIDE, SHOW or WRITE
+    purpose: int  # HIDE, SHOW or WRITE
     options: List[str]  # options of bubblewrap
 
 
@@ -212,19 +213,9 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         folder: the only folder that the program may write.
         env: environment of the program; its search paths name further folders that the program reads.
     """
-    homes = _homes_to_hide(env)
     writable = folder.resolve()
-    # files of the grader's package that the program may see, and folders in which it sees nothing else
-    our_files = own_files(workspace.own)
-    to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *our_files.hidden}
-    # a folder is not hidden if it is the writable folder or inside of it
-    hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
     needed = _needed_folders(workspace, env)
-    # folders such as /home are never shown as a whole, even if a search path names them
-    shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
-    shown |= our_files.shown
-    # home folders stay hidden, so a folder that contains a home folder is not shown either
-    shown = {path for path in shown if not any(path in home.parents for home in homes)}
+    hidden, shown = _hidden_and_shown(workspace, writable, needed, _homes_to_hide(env))
     mounts = [_Mount(path, HIDE, ["--tmpfs", str(path)]) for path in hidden]
     mounts += [_Mount(path, SHOW, ["--ro-bind", str(path), str(path)]) for path in shown]
     visible = {*shown, *(Path("/", name) for name in SYSTEM)}  # the system's folders are always shown
@@ -233,13 +224,41 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         mounts.append(_Mount(link, SHOW, ["--symlink", os.readlink(link), str(link)]))
     mounts.append(_Mount(writable, WRITE, ["--bind", str(writable), str(writable)]))
     # The mounts are made in this order. Outer folders come first, because inner paths are mounted into them.
-    # At the same depth, hidden folders come first.
-    mounts.sort(key=lambda mount: (len(mount.path.parts), mount.rank))
+    # At the same depth, hidden folders come first, so a path that is both hidden and shown is shown.
+    mounts.sort(key=lambda mount: (len(mount.path.parts), mount.purpose))
     options = chain.from_iterable(mount.options for mount in mounts)
     # / and the hidden folders are empty at first, so bubblewrap creates the folders in which it mounts the
     # other paths. The program must not write into these new folders.
     read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
     return [*_system(), *options, *read_only]
+
+
+def _hidden_and_shown(
+    workspace: Workspace, writable: Path, needed: Sequence[Path], homes: Set[Path]
+) -> Tuple[Set[Path], Set[Path]]:
+    """Return the folders that the sandbox hides, and the files and folders that it shows read-only.
+
+    A hidden folder is empty in the sandbox, except for the shown paths inside of it. In the same way, a
+    hidden folder inside of a shown folder is empty.
+
+    Args:
+        workspace: its `hidden` and `own` say what the program must not see.
+        writable: folder that the program may write.
+        needed: folders that the program reads.
+        homes: home folders, which are hidden.
+    """
+    our_files = own_files(workspace.own)
+    to_hide = {*homes, *(path.resolve() for path in workspace.hidden), *our_files.hidden}
+    # a folder is not hidden if it is the writable folder or inside of it
+    hidden = {path for path in to_hide if path.is_dir() and writable not in (path, *path.parents)}
+    # A needed folder that is hidden itself stays hidden. Folders such as /home are never shown as a whole,
+    # even if a search path names them.
+    shown = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
+    # the files of the grader's package that the program may see are shown, although their folder is hidden
+    shown |= our_files.shown
+    # home folders stay hidden, so a folder that contains a home folder is not shown either
+    shown = {path for path in shown if not any(path in home.parents for home in homes)}
+    return hidden, shown
 
 
 def _homes_to_hide(env: Dict[str, str]) -> Set[Path]:
