@@ -20,16 +20,18 @@ from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 import rospy
 
-# [s] a process counts as asleep if none of its threads has run for this wall time. A sleeping roscpp node
-# checks the clock every 1 ms, but a busy computer may wake the node later. With 3 ms, at a load average of
-# 11, two of three runs of such a node gave other results than before.
+# [s] wall time of the long check (see `Listeners.asleep`): a process counts as asleep if no look in this time
+# finds a running thread. A sleeping roscpp node checks the clock every 1 ms, but a busy computer may wake the
+# node later. With 3 ms, at a load average of 11, two of three runs of such a node gave other results than
+# before.
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] wall time between two checks whether the processes sleep
 STAT = "stat"  # file of a thread in /proc with the state of the thread
 # file of a thread in /proc that counts how often the kernel has let the thread run on a CPU (its turns); STAT
 # is read instead if the kernel does not count turns
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-COUNTS_TURNS = SCHEDULE != STAT  # true if the kernel counts the turns of each thread
+# true if the kernel counts the turns of each thread: how often it has let the thread run on a CPU
+COUNTS_TURNS = SCHEDULE != STAT
 READ_SIZE = 512  # [bytes] length of the part of each file that is read; it includes the state of the thread
 # largest number of threads of a process that are checked; their files stay open, because opening files takes
 # most of the time of a check
@@ -43,16 +45,7 @@ Turns = Dict[str, bytes]
 
 
 class Listeners:
-    """The processes on this machine that subscribe to a publisher's topic or to /clock.
-
-    Two checks find out whether the processes are asleep. One of them is enough.
-
-    - The short check is for nodes in Python. They do not run at all while they wait for simulated time. Its
-      conditions are: all receivers of the clock have run since the last tick, so they have seen it, and no
-      thread has run between two looks.
-    - The long check is for all languages. A node in C++ wakes every millisecond while it waits. Its condition
-      is that no receiver of the topic has had a running thread in any look for ASLEEP_FOR.
-    """
+    """The processes on this machine that subscribe to a publisher's topic or to /clock."""
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
         """Find the listeners of `publisher`, which is None if the topic is not published."""
@@ -68,7 +61,10 @@ class Listeners:
         self._clock_receivers: Set[int] = set()  # ids of the processes that receive the clock
         # true if all processes that receive the topic are on this machine, where they can be seen
         self._sees_all_receivers = False
-        self._all_in_python = False  # true if all processes in `_processes` run Python
+        # True if the short check of `asleep` is possible: all processes in `_processes` run Python, and the
+        # kernel counts turns. While a node in Python waits, its turns do not change. A node in C++ wakes
+        # every millisecond while it waits.
+        self._can_check_turns = False
         # turns of each process when all processes were last found asleep; if the turns of a process are now
         # different, it has run since then
         self._turns_when_idle: Dict[int, Optional[Turns]] = {}
@@ -77,7 +73,14 @@ class Listeners:
         """Return whether all listeners are asleep, and stay so until a message is sent.
 
         The result is false if a listener runs, or if it is on another machine, where it cannot be seen. The
-        call takes some milliseconds.
+        call takes some milliseconds. It looks at all threads again and again, until a look finds a running
+        thread (then the result is false), or one of two checks is passed:
+
+        - The short check is only possible for nodes in Python. No thread has run between two looks, and all
+          receivers of the clock have run since the last tick, so they have received it.
+        - The long check is for nodes in any language. A node in C++ wakes for a moment every millisecond
+          while it waits, so its turns may change. It is enough that no look within ASLEEP_FOR has found a
+          running thread.
         """
         self._find_processes()
         if not self._sees_all_receivers:
@@ -93,16 +96,17 @@ class Listeners:
                 return False
             # equal turns mean that no thread has run since the last look
             passes_short_check = (
-                self._all_in_python and turns == last_turns and self._have_worked_and_sleep(turns)
+                self._can_check_turns and turns == last_turns and self._have_worked_and_sleep(turns)
             )
-            # at `end`, the long check is passed; it ignores processes that receive only the clock
+            # at `end`, the long check is passed, because no look has found a running receiver of the topic;
+            # the long check ignores processes that receive only the clock
             if passes_short_check or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
-            # for nodes in Python, the second look comes without a pause, because two equal looks are enough
-            # for the short check
+            # if the short check is possible, the second look comes without a pause, because two equal looks
+            # are enough for this check
             is_first_look = last_turns is None
-            if not (is_first_look and self._all_in_python):
+            if not (is_first_look and self._can_check_turns):
                 time.sleep(LOOK_PERIOD)
             last_turns = turns
 
@@ -117,8 +121,7 @@ class Listeners:
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
-        # the short check compares turns, so it is not made if the kernel does not count the turns
-        self._all_in_python = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
+        self._can_check_turns = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
             threads.close()
         self._processes = {process: _Threads(process) for process in process_by_ports.values()}

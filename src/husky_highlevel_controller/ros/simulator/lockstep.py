@@ -1,8 +1,8 @@
 """Lockstep: holds the simulated clock until a command has answered the last scan.
 
 In: calls when a scan is sent, when the clock ticks, and when a command arrives. Out: waits of the thread that
-owns the simulation, as the table of `Mode` says. `LeadLimit` is for a clock that is neither in lockstep nor
-bound to wall time.
+owns the simulation, as `Mode` says. `LeadLimit` is for a clock that is neither in lockstep nor bound to wall
+time.
 """
 
 from __future__ import annotations
@@ -47,18 +47,7 @@ class Mode(Enum):
     """Rule for the waits of the simulator after a scan, and after a tick (a message on /clock).
 
     The listeners are the processes that receive the scans or the clock. They are idle if none of their
-    threads runs.
-
-    ==============  ==========================  ==========================
-    mode            wait after a scan           wait after a tick of /clock
-    ==============  ==========================  ==========================
-    WATCHED         for a command, then until   until listeners are idle;
-                    listeners are idle          the tick is sent twice
-    ALWAYS_WATCHED  as WATCHED                  as WATCHED
-    ANSWERING       for a command               none
-    SLEEPING        until listeners are idle    as WATCHED
-    FREE            none                        none
-    ==============  ==========================  ==========================
+    threads runs. In every mode that waits at ticks, each tick is sent twice.
 
     The first mode is WATCHED. The mode then changes:
 
@@ -77,15 +66,20 @@ class Mode(Enum):
     - any mode to FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
     """
 
+    # waits after a scan for a command, and then until listeners are idle; waits at a tick until listeners are
+    # idle
     WATCHED = 1
+    # waits as WATCHED, but answered scans do not end this mode, because the controller works at ticks
     ALWAYS_WATCHED = 2
-    ANSWERING = 3
+    ANSWERING = 3  # waits after a scan for a command; does not wait at a tick
+    # waits after a scan and at a tick until listeners are idle; does not wait for a command, because the
+    # controller sleeps by simulated time
     SLEEPING = 4
-    FREE = 5
+    FREE = 5  # never waits, because lockstep is off or has ended
 
 
-# modes in which the simulator waits at each tick until all listeners are idle, because a controller may begin
-# to sleep there
+# modes for a controller that is awake, in which the simulator waits at each tick until all listeners are
+# idle, because the controller may begin to sleep there
 _WATCHING_MODES = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
 
 
@@ -113,7 +107,7 @@ class Lockstep:
                 ends.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
-        self._mode_before_sleep = self._mode  # mode that comes back after SLEEPING
+        self._mode_before_sleep = self._mode  # mode that comes back when the mode SLEEPING ends
         self._listeners, self._tell = listeners, tell
         self._answered = threading.Event()  # set if a command has come since the last scan
         # topics on which a command has come since the last scan; None before the first scan
@@ -145,7 +139,8 @@ class Lockstep:
     def wait_for_partners(self, partners: Partners, meanwhile: Callable[[], None]) -> None:
         """Wait until controller and subscribers are connected; `meanwhile` is called again and again.
 
-        If they do not come within PARTNER_TIMEOUT, lockstep ends with a warning.
+        If they do not come within PARTNER_TIMEOUT, lockstep ends with a warning. Without lockstep, there is
+        no wait.
         """
 
         def have_joined() -> bool:
@@ -153,11 +148,12 @@ class Lockstep:
             meanwhile()
             return partners.joined()
 
-        if self._mode is not Mode.FREE:
-            rospy.loginfo(
-                f"lockstep: waiting for a subscriber of {partners.scan_topic} and a sender of "
-                f"{partners.command_topics}"
-            )
+        if self._mode is Mode.FREE:
+            return
+        rospy.loginfo(
+            f"lockstep: waiting for a subscriber of {partners.scan_topic} and a sender of "
+            f"{partners.command_topics}"
+        )
         missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
         self._wait_or_end_lockstep(have_joined, PARTNER_TIMEOUT, missing, period=PARTNERS_POLL_PERIOD)
 
@@ -187,7 +183,7 @@ class Lockstep:
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
         # A controller may begin a sleep after its command, and the clock must not go on before the sleep has
-        # begun. This call returns at once in the modes ANSWERING and FREE.
+        # begun. In the modes ANSWERING and FREE, this call returns at once.
         self._wait_until_idle(meanwhile)
         # a controller that has never sent a command may be waiting for a call of its start service, so it is
         # not reported as asleep
@@ -197,10 +193,11 @@ class Lockstep:
             )
         self._answer_is_due = False
         self._answered_in_a_row = self._answered_in_a_row + 1 if self._answered.is_set() else 0
-        # this controller is awake, so the simulator no longer waits at ticks, except in mode ALWAYS_WATCHED
         if self._answered_in_a_row >= AWAKE:
             if self._mode is Mode.SLEEPING:
                 self._mode = self._mode_before_sleep
+            # the controller answers each scan, so the simulator no longer waits at ticks, except in the mode
+            # ALWAYS_WATCHED
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ANSWERING
 
@@ -232,11 +229,13 @@ class Lockstep:
 
         If no command comes, one attempt is made to get it:
 
-        - If the controller has never sent a command, the scan may have been lost, so `resend` sends it again.
-        - If the controller has sent commands and is idle, it may sleep, so `nudge` moves the clock.
+        - If the controller has never sent a command, the scan or the command may have been lost while the
+          nodes connected, so `resend` sends the scan again after RESEND_TIMEOUT.
+        - If the controller has sent commands before, and the listeners are idle after SLEEP_TIMEOUT, the
+          controller may sleep until a time between two ticks, so `nudge` moves the clock.
 
-        If the listeners are idle after this attempt, and still no command has come, the controller sleeps by
-        simulated time.
+        If the listeners are idle SLEEP_TIMEOUT after this attempt, and still no command has come, the
+        controller sleeps by simulated time.
         """
         waits_for_first = not self._has_commanded  # true before the very first command
         # [s] wall time at which the wait began, or of the resend or the nudge after it
@@ -249,15 +248,15 @@ class Lockstep:
             meanwhile()
             waited = time.monotonic() - waiting_since  # [s]
             if waits_for_first and not has_retried:
-                # the controller has never sent a command, so the scan may have been lost
+                # `_has_commanded` is read again, because the first command may have just come, and then the
+                # scan must not be sent again
                 if waited > RESEND_TIMEOUT and not self._has_commanded:
                     waiting_since, has_retried = time.monotonic(), True
                     resend()
             elif waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if has_retried:  # the listeners are idle again, and still no command has come
+                if has_retried:  # the attempt has not helped, so the controller sleeps
                     self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
-                # the controller may sleep until a time between two ticks
                 waiting_since, has_retried = time.monotonic(), True
                 nudge()
             return self._answered.wait(POLL_PERIOD)  # true if a command has come within POLL_PERIOD
@@ -275,8 +274,9 @@ class Lockstep:
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:
         """Wait until the listeners are idle; return at once in the modes ANSWERING and FREE.
 
-        If the wait takes too long, the mode SLEEPING becomes FREE, with a warning. WATCHED and ALWAYS_WATCHED
-        become ANSWERING, because some listeners, such as RViz, are never idle.
+        If the wait takes ANSWER_TIMEOUT, the mode SLEEPING becomes FREE, with a warning. If the wait takes
+        WATCH_TIMEOUT, the modes WATCHED and ALWAYS_WATCHED become ANSWERING, because some listeners, such as
+        RViz, are never idle. From then on, the simulator waits only for commands.
         """
 
         def are_idle() -> bool:
