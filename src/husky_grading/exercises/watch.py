@@ -105,7 +105,10 @@ class Watch:
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Return whether the watch asked for a stop near the last command [s, simulated] or later."""
+        """Return whether the watch told the submission to stop near its last command [s, simulated] or later.
+
+        Missing commands after such a stop are not a fault. Only exercise 5 tells a submission to stop.
+        """
         return False
 
     def kept(self) -> Dict[str, Any]:

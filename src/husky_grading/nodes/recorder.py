@@ -90,14 +90,16 @@ class DriveRecorder:
         # keeps the markers of the submission, with their times and positions
         self._markers = MarkerWatch(lambda: self._now, self._task.packages)
         self._followed: Set[str] = set()  # topics whose messages the exercise gets by `on_message`
-        # true if the submission subscribes to the input topic of the exercise (`_subscribed`), subscribes to
-        # any topic (`_listens`), or has a publisher of velocity commands (`_advertises`)
-        self._subscribed = self._listens = self._advertises = False
-        self._joined_at = inf  # [s] wall time at which the recorder joined the run; inf before
+        self._subscribed = False  # true if the submission subscribes to the input topic of the exercise
+        self._listens = False  # true if the submission subscribes to any topic
+        self._advertises = False  # true if the submission has a publisher of velocity commands
+        # [s] wall time at which the recorder joined the run (`_join`), so that simulated time can begin; inf
+        # before
+        self._joined_at = inf
         self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
         self._services: Tuple[str, ...] = ()  # names of the services that the submission offers
-        # true after the end of the run (`_is_over`), and after the recording was sent (`_handed_over`)
-        self._is_over = self._handed_over = False
+        self._is_over = False  # true after the end of the run
+        self._handed_over = False  # true if the recording was sent, or must not be sent
         self._types: Dict[str, str] = {}  # types by topic
         # topics to which the submission subscribes, but on which no node publishes
         self._silent: List[str] = []
@@ -107,8 +109,9 @@ class DriveRecorder:
         self._violations: Dict[str, None] = {}
         # sentence on scans that the submission did not answer by a command; empty if it answered all scans
         self._unanswered = ""
-        # set when a message GoOn or Abandoned has come from the program that runs the submission
-        self._go_on, self._abandoned = threading.Event(), threading.Event()
+        self._go_on = threading.Event()  # set by the message GoOn: the submission will not become ready
+        # set by the message Abandoned: no node of the submission runs any more
+        self._abandoned = threading.Event()
         # after a shutdown from outside, the part of the run so far is sent, as a run that was cut off
         rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
@@ -140,11 +143,13 @@ class DriveRecorder:
         cause: Optional[Note] = None
         try:
             while cause is None and not rospy.is_shutdown():
-                # `_look_at_graph` may join the run. Simulated time must begin only at the look after that, so
-                # `_begin_when_connected` gets the value from before this look.
-                joined_at = self._joined_at
-                self._look_at_graph()
-                self._begin_when_connected(joined_at)
+                had_joined = self._joined_at < inf
+                self._look_at_graph()  # may join the run
+                # A submission may advertise a topic, such as markers, just after its commands. Only the next
+                # look finds this topic and subscribes to it. So simulated time does not begin at the look
+                # that joins the run.
+                if had_joined:
+                    self._begin_when_connected()
                 self._send(Now(self._now, self._subscribed))
                 if self._feed.failure is not None:  # error of `_on_truth` or `_on_event`, in another thread
                     raise self._feed.failure
@@ -156,8 +161,9 @@ class DriveRecorder:
                 self._send(Over())
                 self._hand_over(cause)
         except Exception:
-            # After an error, `_handed_over` is set, so that the end of this program does not send an
-            # incomplete recording. But if a shutdown has caused the error, the recording is sent.
+            # At the end of this program, rospy calls `_hand_over`. After an error it must not send an
+            # incomplete recording, so `_handed_over` is set. But if the error comes from a shutdown from
+            # outside, the recording is sent.
             if not rospy.core.is_shutdown_requested():
                 self._handed_over = True
             raise
@@ -211,15 +217,17 @@ class DriveRecorder:
     def _on_event(self, kind: str, text: str) -> None:
         """Take an event of the simulator: a call that changed the world, or a scan without an answer.
 
-        An event "asleep" does not count while the exercise's watch has stopped the submission on purpose,
-        because a stopped controller may sleep. An event "unanswered" always counts, because it means that the
-        simulator no longer waits for answers to its scans.
+        An event "asleep" does not count if the exercise has told the submission to stop, because a stopped
+        controller may sleep. An event "unanswered" always counts, because it means that the simulator no
+        longer waits for answers to its scans.
         """
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
         elif kind == "unanswered":  # an event that comes at most once in a run
             self._unanswered = text
         elif kind == "asleep":  # a sleeping controller does not answer one scan
+            # The exercise has stopped the submission only if it has asked for a stop about when the last
+            # command came, or later. If commands have come since then, the submission drives again.
             last_command = self._commands[-1] if self._commands else -inf
             if not self._watch.has_silenced(last_command):
                 self._unanswered = text
@@ -282,7 +290,8 @@ class DriveRecorder:
         listeners: Set[str] = set(subscribers.get(self._watch.input_topic, ()))
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
-        # the first look that finds silent topics counts, even if their publishers come later
+        # The first silent topics that are found are kept, because a node that ends loses its subscriptions. A
+        # topic is kept even if its publisher comes later.
         if not self._silent:
             self._silent = silent_topics(publishers, subscribers, self._our_nodes)
         # for unread topics only the latest look counts, because a subscriber may come after the publisher
@@ -326,12 +335,12 @@ class DriveRecorder:
             )
 
     def _join(self) -> None:
-        """Join the run as soon as the submission is ready, or as soon as marking has sent the message GoOn.
+        """Join the run, once, if the submission is ready or will not become ready (message GoOn).
 
-        In lockstep, simulated time begins only when a node subscribes to the scans and a node sends commands.
-        So the recorder subscribes to the scans only now, because otherwise time could begin too early. If the
-        submission is not ready, the recorder itself advertises commands, because otherwise time would never
-        begin.
+        In lockstep, simulated time begins only when a node subscribes to the scans and a node advertises
+        commands. So the recorder subscribes to the scans only now, because otherwise time could begin before
+        the submission is ready. If the submission will not become ready, for example because its nodes have
+        ended, the recorder itself advertises commands, because otherwise time would never begin.
         """
         is_ready = self._watch.is_submission_ready(self._state)
         has_joined = self._joined_at < inf
@@ -343,32 +352,25 @@ class DriveRecorder:
             return
         if not is_ready:
             self._access.advertise_commands()
-            # if the exercise drives the robot itself, it sends its first command now
+            # in exercise 2, the watch drives the robot and sends its first command before the first scan;
+            # the watches of other exercises do nothing here
             self._watch.on_scan(stamp=0.0)
         scans = self._initial.scan_topic
         self._subscribers.append(
             rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
         )
 
-    def _begin_when_connected(self, joined_at: float) -> None:
-        """Let simulated time begin after all recorded topics have connected.
+    def _begin_when_connected(self) -> None:
+        """Let simulated time begin if all recorded topics have connected, or CONNECTING after the joining.
 
         So two runs of the same submission are recorded alike from their first moment.
-
-        A topic that the submission advertises just after its commands is seen only at the next look at the
-        graph. So time begins at a later look than the one at which the recorder joined.
-
-        Args:
-            joined_at: wall time [s] at which the recorder joined the run; inf if it has not joined, or joined
-                only at the latest look. CONNECTING after this time, simulated time begins even if topics are
-                not connected.
         """
         subscribers = (*self._subscribers, *self._markers.subscribers)
         is_connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
             for each in subscribers
         )
-        if joined_at < inf and (is_connected or time.monotonic() > joined_at + CONNECTING):
+        if is_connected or time.monotonic() > self._joined_at + CONNECTING:
             self._feed.begin()  # only the first call has an effect
 
     def _send(self, message: Any) -> None:
@@ -386,7 +388,7 @@ class DriveRecorder:
             if self._handed_over:
                 return
             self._handed_over = True
-        states = list(self._truth)  # a copy, because another thread may append states during the loop
+            states = list(self._truth)  # a copy, because another thread may append further states
         rows = [(each.stamp, *pose_to_2d(each.pose_in_world), each.speed, each.yaw_rate) for each in states]
         table = np.array(rows).reshape(-1, 6)  # `reshape` gives the table six columns even if it has no rows
         # columns: stamp [s], then x, y [m] and yaw [rad], then speed [m/s] and yaw rate [rad/s]
