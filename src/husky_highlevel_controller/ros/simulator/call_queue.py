@@ -68,7 +68,7 @@ class CallQueue:
             work: function that the owner calls. It returns a sentence, which is the message. If it raises
                 HuskyError, the request is refused: the error is logged, and is the message.
             changes: whether the work changes the world; if so, `report` gets the sentence, too.
-            between_steps: as in `call`.
+            between_steps: true if the work must wait for the end of the present physics step.
         """
 
         def change() -> str:
@@ -87,13 +87,13 @@ class CallQueue:
             return False, str(error)
 
     def offer(self, name: str, kind: Any, work: Callable[[Any], str], **options: bool) -> None:
-        """Offer a service that lets the owner do `work` for each request.
+        """Offer a service that lets the owner do `work` for each request; by default, `changes` is true.
 
         Args:
             name: name of the service.
             kind: type of the service; its response has the fields success and message, or no fields (Empty).
             work: function that the owner calls with the request; it returns a sentence for the message.
-            **options: `changes` and `between_steps` of `ask`.
+            **options: `changes` (true if not given) and `between_steps` (false if not given) of `ask`.
         """
 
         def respond(request: Any) -> Tuple:

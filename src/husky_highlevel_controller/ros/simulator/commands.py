@@ -44,15 +44,18 @@ class Commands:
         Args:
             robot: its topics, in the order of their priority, and the time after which a command expires.
             lockstep: gets the topic of each command, as an answer to the last scan.
-            lead_limit: is notified of each command.
+            lead_limit: gets a call at each command, because it makes the simulation wait for a controller
+                that sends none.
             findings: gets sentences about mistakes of the senders.
         """
         topics = robot.topics
-        # Finds habits of senders that make the robot drive badly, such as commands that come too slowly. The
-        # nodes of `may_stand` may stop the robot on purpose, so their zero commands are not a habit.
+        # Finds habits of senders: which node drives the robot, and mistakes, such as commands that come too
+        # slowly. A node for which the function `may_stand` returns true may stop the robot on purpose, so its
+        # zero commands are not a mistake.
         self._habits = CommandHabits(robot.drive.timeout, may_stand)
-        # output topic of the twist_mux, which passes on commands by the priority of their topics; a node that
-        # publishes on the output topic bypasses these priorities
+        # Output topic of the mux, which passes on commands by the priority of their topics. A node that
+        # publishes on the output topic bypasses these priorities. This node also publishes on this topic, and
+        # `_on_twist` ignores the messages that come from this node itself.
         self._direct_topic = topics.wheel_command
         self._lockstep, self._lead_limit, self._findings = lockstep, lead_limit, findings
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)  # topics and commands, until `take`
@@ -65,7 +68,8 @@ class Commands:
         self.driver = ""
         self._mux = CommandMux(topics.velocity)  # decides by priority which command topic the robot obeys
         self._is_refusing = False  # true after a call of `refuse`; from then on, the robot obeys no command
-        # publishes the commands that the mux has passed; the twist_mux of a real Husky publishes them, too
+        # publishes the commands that the mux has passed, for other nodes; the twist_mux of a real Husky
+        # publishes them, too
         self._passed_publisher = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
             topic: rospy.Subscriber(
@@ -138,7 +142,8 @@ class Commands:
             self.driver = sender
         for finding in self._habits.note(stamp, topic, sender, is_zero, stronger_topic=blocking_topic):
             sentence = habit_sentence(finding._replace(topic=rospy.resolve_name(topic)))
-            if finding.habit is Habit.DRIVES:  # all other habits are mistakes
+            # DRIVES only tells which node now drives the robot; all other habits are mistakes
+            if finding.habit is Habit.DRIVES:
                 rospy.loginfo(sentence)
             else:
                 self._findings.tell(sender, sentence)

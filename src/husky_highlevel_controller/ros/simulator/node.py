@@ -341,7 +341,8 @@ class SimulatorNode:
         if snapshot.scan is not None:
             self._lead_limit.before_scan()  # waits for a controller that has not answered the last scans
             self._lockstep.begin_scan()  # commands that come after this call count as answers to this scan
-        # true if this step has published a message on /clock (a tick)
+        # True if this step has published a message on /clock (a tick). If so, `_hold_tick` was called after
+        # this message and before all other messages, and has waited for the controllers.
         is_tick = self._publishers.publish(snapshot, on_clock=self._hold_tick)
         self._publishers.publish_points(snapshot, self._simulation.points)
         self._gazebo.publish(snapshot)  # poses and velocities of all models, on the same topic as in Gazebo
@@ -457,8 +458,8 @@ class SimulatorNode:
         ):
             self._calls.offer(f"gazebo/{gazebo_name}", Empty, work, changes=changes, between_steps=changes)
             self._calls.offer(f"~{name}", Trigger, work, changes=changes, between_steps=changes)
-        self._calls.offer("~step", srv.StepWorld, self._step, between_steps=True)
-        self._calls.offer("~load_world", srv.LoadWorld, self._load_world, between_steps=True)
+        self._calls.offer("~step", srv.StepWorld, self._step, changes=True, between_steps=True)
+        self._calls.offer("~load_world", srv.LoadWorld, self._load_world, changes=True, between_steps=True)
 
     def _set_paused(self, paused: bool) -> str:
         """Pause or resume the world, and return a sentence with the time for the response."""

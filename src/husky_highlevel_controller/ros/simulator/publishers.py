@@ -60,12 +60,16 @@ class Publishers:
         # stamp [s] and sample of the odometry that was published last
         self._last_odometry: Optional[Tuple[float, OdometrySample]] = None
         self._kept_scan: Optional[Scan] = None  # scan for nodes that subscribe before simulated time begins
-        self._shown_stamp = 0.0  # [s] stamp of the transforms of the last change in a pause
+        # [s] stamp of the transforms that `show_change` has sent last. Simulated time stands still in a
+        # pause, but TF ignores a second transform with the same stamp, so this stamp is later than simulated
+        # time.
+        self._shown_stamp = 0.0
         # bodies that the robot has touched since the last message on the topic bumps
         self._bumped_bodies: Set[str] = set()
         # connections to the subscribers of /tf at the last check for new subscribers
         self._transform_connections: List[Any] = []
-        # true if another node estimates the pose of the robot and publishes it; any thread may set it
+        # true if another node estimates the pose of the robot, and publishes the filtered odometry and the
+        # transform odom -> base_link in place of this node; any thread may set it
         self.has_other_filter = False
 
         # true if nodes take the time from /clock; otherwise they use wall time
@@ -103,7 +107,7 @@ class Publishers:
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
-        if not self.is_graded:
+        if not self.is_graded:  # a graded program must not get the true poses
             # The true poses have a topic of their own. On /tf, they would give the frame odom a parent. But
             # odom can have only one parent, and a localization node may publish it, as on a real Husky.
             self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
@@ -147,9 +151,9 @@ class Publishers:
 
     @property
     def is_graded(self) -> bool:
-        """Return whether this run is graded, which means that a recorder reads the true poses.
+        """Return whether this run is graded; if so, no topic has true poses, and no node gets hints.
 
-        If so, no topic has true poses, and no node gets hints, because the graded program could use them.
+        The graded program could use them. A run is graded if a recorder reads the true poses.
         """
         return self.truth_log.is_open
 
@@ -171,8 +175,9 @@ class Publishers:
             on_clock()
         if odometry is not None:
             self._last_odometry = snapshot.stamp, odometry
-            # a robot_state_publisher, if one runs, publishes the transforms of the wheels, and another filter
-            # publishes the transform of odom; with both of them, nothing is left for this node to send
+            # A robot_state_publisher, if one runs, publishes the transforms of the wheels, and another filter
+            # publishes the transform of odom. `_moving_tree_to_msg` leaves these transforms out. With both
+            # nodes, nothing is left to send.
             with_wheels = snapshot.step % self._wheel_steps == 0 and not self._has_state_publisher()
             if with_wheels or not self.has_other_filter:
                 publish_if_subscribed(
@@ -259,6 +264,8 @@ class Publishers:
             later = snapshot._replace(stamp=self._shown_stamp)
             publish(self._world_transforms, self._world_tree_to_msg(later, odometry))
         with_wheels = self._has_wheels_in_pause(snapshot.stamp)
+        # the message has the wheels if `with_wheels`, and odom if no other filter publishes this transform;
+        # with neither, there is nothing to send
         if with_wheels or not self.has_other_filter:
             publish_if_subscribed(
                 self.transforms, self._moving_tree_to_msg, self._shown_stamp, odometry, with_wheels
@@ -313,11 +320,11 @@ class Publishers:
         self._bumped_bodies.clear()
 
     def _moving_tree_to_msg(self, stamp: float, odometry: OdometrySample, with_wheels: bool) -> MovingTree:
-        """Return a message for /tf with the moving transforms at `stamp` [s].
+        """Return a /tf message: odom -> base_link if no other filter runs, and wheels if `with_wheels`.
 
-        The message has odom -> base_link, unless another node publishes it, and base_link -> wheels if
-        `with_wheels`. The caller makes sure that at least one of them is left. All are in one message,
-        because each message costs a system call and wakes every subscriber.
+        The caller makes sure that the message has at least one of them. The stamp of the transforms is
+        `stamp` [s]. All are in one message, because each message costs a system call and wakes every
+        subscriber.
         """
         with_base = not self.has_other_filter
         poses = [pose_from_2d(odometry.filtered.pose_base_in_odom)] if with_base else []
