@@ -7,10 +7,10 @@ from typing import Iterable, Optional
 
 
 def likeness(name: str, other: str, separator: str) -> float:
-    """Return how similar two names are, 0 to 1 (1 if they are equal), by difflib's ratio.
+    """Return how similar two names are (0 to 1): the least similarity of their parts between separators.
 
-    The names are split at the separator, and the least similar pair of parts counts. Names with different
-    numbers of parts are compared as a whole, so front_scan is similar to front/scan.
+    Parts are compared by difflib's ratio, which is 1 if they are equal. Names with different numbers of parts
+    are compared as a whole, so front_scan is similar to front/scan.
     """
     parts, other_parts = name.split(separator), other.split(separator)
     if len(parts) != len(other_parts):

@@ -83,7 +83,7 @@ def _likeness(name: str, asked: str, node: str) -> float:
     set_name, asked_name = set_name.lower(), asked_name.lower()
     if set_name != asked_name and set_name.strip("0123456789") == asked_name.strip("0123456789"):
         return 0.0  # names that differ only in their number, such as gain1 and gain2, are two parameters
-    return likeness(set_name, asked_name, "_")
+    return likeness(set_name, asked_name, separator="_")
 
 
 class ParameterMaster(rosmaster.master_api.ROSMasterHandler):

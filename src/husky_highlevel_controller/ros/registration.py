@@ -38,12 +38,13 @@ class Registration:
     """Knowledge whether the master still lists this node; a lost registration stays lost."""
 
     def __init__(self) -> None:
-        self.is_lost = False
+        self.is_lost = False  # true after a master has answered that it does not list this node
         self._master_uri = rosgraph.get_master_uri()
 
     def look(self) -> Optional[bool]:
-        """Ask the master whether it lists this node; return None if it does not answer within DEADLINE.
+        """Ask the master whether it lists this node, and set `is_lost` if it does not.
 
+        The result is None if the master does not answer within DEADLINE.
         No answer does not mean that the registration is lost, because the master may be slow, or out of reach
         for a while.
         """
@@ -97,7 +98,7 @@ class RegistrationWatch:
             # the pause comes first, because the node has just registered and is busy with its start
             time.sleep(PERIOD)
             with contained("the look for this node's registration"):
-                self._registration.look()
+                self._registration.look()  # may set `is_lost`
         # [s] wall times of the last line in the log and of the last message on /diagnostics; with these start
         # values, both are due at once
         said_at = published_at = -REPORT_PERIOD

@@ -58,8 +58,9 @@ class SharedReceiver:
             _deliver(connection, callback)
             with self._lock:
                 self._connections[sock.fileno()] = connection, callback
-                # EPOLLET keeps the order in which the messages came. Without it, a connection that has just
-                # been read would be the first again when the next messages come.
+                # With EPOLLET, `poll` returns the sockets in the order in which their data came. Without it,
+                # the kernel keeps a socket that was returned in its list of ready sockets until the next
+                # `poll`, so newer data of this socket would come before older data of the others.
                 self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
         except Exception as error:
             _give_back(connection, callback, error)
@@ -95,7 +96,8 @@ def _receive(connection: TCPROSTransport, callback: MessagesCallback) -> None:
         count = recv_buff(connection.socket, connection.read_buff, size)
         connection.stat_bytes += count
         _deliver(connection, callback)
-        if count < size:  # the socket has no more data
+        # fewer bytes than `size` mean that the socket has no more data; `recv_buff` returns 0 if it has none
+        if count < size:
             return
 
 

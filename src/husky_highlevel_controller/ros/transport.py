@@ -42,7 +42,9 @@ class PromptConnection(QueuedConnection):
     connection (`_run`). Later messages wait in rospy's queue until this thread has sent all earlier ones.
     """
 
-    _queue: List[bytes]  # messages that wait; this and `_lock` are attributes of rospy's class
+    # these attributes and `_lock` are made by rospy's class
+    _connection: Any  # rospy's plain connection to the subscriber; its `write_data` waits until all is sent
+    _queue: List[bytes]  # messages that wait
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         """Make a connection with an empty queue."""
@@ -103,6 +105,7 @@ class PromptConnection(QueuedConnection):
                     self._unsent, self._queue = b"", []
                 for data in waiting:
                     try:
+                        # this method of rospy's plain connection waits until the socket has taken the data
                         self._connection.write_data(data)
                     except Exception as error:
                         with self._lock:

@@ -139,7 +139,7 @@ class Diagnostics:
     def update(self) -> None:
         """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
         now = rospy.get_time()
-        was_paused = self._is_still
+        was_paused = self._is_still  # follows from `_still_polls`, which changes below
         has_changed = self._has_changed.is_set()
         self._has_changed.clear()
         if now != self._last_time:

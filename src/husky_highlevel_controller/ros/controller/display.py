@@ -241,14 +241,14 @@ def _pillar_markers(
     Args:
         observation: the scan, and the poses at its stamp.
         output: the answer to the scan, with the pillar; no cylinder if this scan does not show the pillar.
-        ground: height of the ground in base_link [m].
+        ground: height of the ground in base_link, and also in odom [m].
         height: height of the pillar's top above the ground [m].
     """
     pillar, stamp = output.pillar, observation.scan.stamp
     if pillar is None:
         return []
     width = 2.0 * pillar.radius  # [m]
-    middle = ground + height / 2.0  # [m] height of the pillar's middle in base_link
+    middle = ground + height / 2.0  # [m] height of the pillar's middle in base_link, and also in odom
     # the cylinder in the frame of the lidar is slightly smaller, because two equal cylinders flicker in RViz
     size = (INNER_SCALE * width, INNER_SCALE * width, INNER_SCALE * height)
     center = Point(pillar.x, pillar.y, _height_in_laser(observation, middle))

@@ -88,12 +88,12 @@ class ScanPlacement:
         self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
         self._footprint = footprint
         self._lock = threading.Lock()  # held while the pending scan and the next scan change
-        self._pending_scan: Optional[_PendingScan] = None
+        self._pending_scan: Optional[_PendingScan] = None  # scan that waits for its transform
+        # newest scan that has come while the pending scan waits; it is the next pending scan
         self._next_scan: Optional[_PendingScan] = None
         self._has_placed = False  # true after the first observation
-        # Stamp of the newest transform of odometry when the last overdue scan gave up its wait; None if no
-        # scan was overdue. As long as this transform is the newest, odometry counts as stopped, and later
-        # scans do not wait.
+        # Stamp of the newest transform of odometry when a scan had waited for too long; None if no scan has.
+        # As long as no newer transform comes, odometry counts as stopped, and later scans do not wait.
         self._stamp_when_overdue: Optional[rospy.Time] = None
         self._clock_offset = ClockOffset(MIN_OFFSET)  # measures how far the scans' clock is from odometry's
         self._unplaced_scans = 0  # number of scans in a row without a pose of the lidar
@@ -209,11 +209,16 @@ class ScanPlacement:
         # the latest transform is looked up first, because it often has the scan's stamp; a lookup of a stamp
         # that TF does not have takes longer
         latest = self.lookup(ODOM, BASE)
-        if latest is None or latest.header.stamp == stamp:
-            return False, latest
+        if latest is None:
+            # there is no odometry; the first scan has waited for it in `_place`, so the others do not wait
+            return False, None
         newest_stamp = latest.header.stamp
+        if newest_stamp == stamp:
+            return False, latest
         has_passed = newest_stamp > stamp
-        # a transform with stamp 0 is fixed, or comes from the beginning of simulated time
+        # A newest stamp of 0 has two possible meanings. If the transform is fixed, it is valid at all stamps,
+        # so TF has it at the stamp of the scan, too. If it comes from the beginning of simulated time, TF
+        # does not have it at the stamp of the scan, and the scan waits for a newer transform.
         if has_passed or newest_stamp.is_zero():
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None:
@@ -224,7 +229,7 @@ class ScanPlacement:
         if overdue:
             self._stamp_when_overdue = newest_stamp
         has_odometry_stopped = newest_stamp == self._stamp_when_overdue
-        ahead = self.ahead_of_odometry  # [s]
+        ahead = self.ahead_of_odometry  # [s] 0 if the clocks of the scans and of odometry agree
         must_wait = not has_odometry_stopped and ahead == 0.0
         age = (stamp - newest_stamp).to_sec() - ahead  # [s] age of the pose by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE

@@ -227,8 +227,9 @@ class LocalizationNode:
         A pose is ignored with a warning if it is not finite, if it is not in odom, or if its stamp is in the
         future. With a stamp in the future, the filter would drop all readings until that time.
         """
+        place = msg.pose.pose.position
         # a quaternion of zeros is not valid, and counts as no turn
-        place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
+        quat = _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
         pose = [place.x, place.y, yaw_from_quat(quat)]
         covariance = _square(msg.pose.covariance)[PLANE]  # (3, 3) covariance of x, y and yaw
         frame, odom = msg.header.frame_id, self._config.options.odom_frame
@@ -244,7 +245,9 @@ class LocalizationNode:
             )
         else:
             with self._lock:
-                stamp = stamp or rospy.get_time()  # a stamp of 0 means now
+                # a stamp of 0 means the present time; after the wait for the lock, `now` may be out of date
+                if stamp == 0.0:
+                    stamp = rospy.get_time()
                 self._filter.set_pose(stamp, np.array(pose), covariance)
 
     def _complain(self, name: str, kind: str, sentence: str) -> None:
@@ -321,7 +324,10 @@ def _numbers(vector: Any) -> Vector3:
 
 
 def _unit(quat: Any) -> Optional[Quaternion]:
-    """Return a Quaternion message, scaled to length 1; None for zeros, which mean an unknown orientation."""
+    """Return the numbers (x, y, z, w) of a Quaternion message, scaled to length 1; None for zeros.
+
+    Zeros mean an unknown orientation.
+    """
     length = hypot(quat.x, quat.y, quat.z, quat.w)
     if length < 0.5:
         return None

@@ -112,7 +112,8 @@ class Guard:
         Args:
             stamp: stamp of the message [s].
             who: beginning of the warning that the clocks differ, such as "scans are".
-            effect: end of this warning, which says how the difference is handled.
+            effect: end of this warning, which says what the guard does until the user has set the clocks or
+                the stamps, as the sentence about the difference demands.
         """
         self.clocks.add(stamp, time.monotonic())
         # the clocks agree; an offset within the tolerance is exactly 0

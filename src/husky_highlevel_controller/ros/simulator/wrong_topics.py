@@ -307,7 +307,7 @@ def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
         return None
     if other.endswith(topic):  # only namespaces are missing, as in /scan for /front/scan
         return other.count("/") - topic.count("/"), 0.0
-    unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), "/")
+    unlikeness = 1.0 - likeness(topic.strip("/"), other.strip("/"), separator="/")
     return (0, unlikeness) if unlikeness <= 1.0 - MIN_LIKENESS else None
 
 
