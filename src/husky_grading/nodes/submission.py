@@ -101,13 +101,14 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._simulator_files = simulator_files
         self._included_count = 0  # number of included files, at most MAX_FILES
         self.uses: Set[str] = set()  # packages that the launch file names in $(find ...)
-        self.pillar = False  # true if the launch file names the world that the course uses
+        self.names_pillar_world = False  # true if the launch file names the world that the course uses
 
     def resolve_args(self, args: Any, context: Any) -> Any:
         """Keep the packages and worlds that an attribute names; roslaunch calls this for each attribute."""
         self.uses.update(re.findall(r"\$\(find +([^)]+?) *\)", args or ""))
         value = super().resolve_args(args, context)
-        self.pillar = self.pillar or bool(PILLAR.search(str(value)))
+        if PILLAR.search(str(value)):
+            self.names_pillar_world = True
         return value
 
     def _load_as_roslaunch(self, tag_name: str, *arguments: Any, **options: Any) -> Any:
@@ -250,10 +251,11 @@ def load_launchable(
         launchable: `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
             FILE is a name in the package, or an absolute path.
         reporter: writes events.
-        ours: facts that `starter` in husky_grading/submission.py has collected, because this program cannot
-            import our modules. Names of nodes are in `nodes` and `rviz`, launch files of the simulator in
-            `files`, see `is_own` for `places`. `by_submission` and `by_marking` are packages of the robot
-            whose nodes the submission or marking starts.
+        ours: names and paths from our package, which this program cannot import. `nodes` has the names of the
+            simulator's nodes, `rviz` the names of the RViz nodes in our launch files, and `files` the launch
+            files that start the simulator. `places` has the paths of our package.xml and of the folders of
+            our programs; it is empty if our nodes may start. `by_submission` has packages of ROS whose nodes
+            the submission starts, and `by_marking` packages whose nodes `grade` starts itself.
     """
     loader = TolerantLoader(reporter, ours["files"])
     config = read_launchable(launchable, reporter, loader)
@@ -274,7 +276,7 @@ def load_launchable(
         "rviz": nodes.rviz,
         "uses": sorted({*loader.uses, *(node.package for node in nodes.to_start)}),
         "digest": digest_of(config),  # two launch files with the same hash start the same programs
-        "pillar": loader.pillar,
+        "pillar": loader.names_pillar_world,
     }
     reporter.write("plan", plan=plan)
     return config
@@ -324,8 +326,8 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     will print into the output of this program, and run without a terminal or debugger. For `ours`, see
     `load_launchable`.
     """
-    # packages of the simulator or the robot, whose nodes are not started. In some exercises, the submission
-    # starts nodes of such a package, or `grade` starts nodes of one more package.
+    # Packages of the simulator or robot, whose nodes are not started. In exercise 4, the submission starts
+    # a node of such a package, and `grade` starts a node of one more package.
     leave_out = (SIMULATION - set(ours["by_submission"])) | set(ours["by_marking"])
     # true if the submission starts an RViz that does not come from our launch files
     has_own_rviz = any(node.package == "rviz" and node.name not in ours["rviz"] for node in nodes)
@@ -486,8 +488,9 @@ def main(arguments: List[str]) -> int:
 
     Args:
         arguments: EVENTS ACTION OURS LAUNCHABLE... EVENTS is the file for events. ACTION is describe, run, or
-            memcheck, which runs compiled programs in valgrind. OURS and each LAUNCHABLE are arguments of
-            `describe`, as JSON.
+            memcheck, which runs compiled programs in valgrind. OURS has names and paths from our package, as
+            a JSON object, see `load_launchable`. Each LAUNCHABLE is a launch file or node, as a JSON list,
+            such as ["--launch", PACKAGE, FILE].
     """
     events, action, ours, *launchables = arguments
     # our launch files read this variable; without it, they would refuse to start because a simulator is
