@@ -18,7 +18,7 @@ SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 START_PERIOD = 0.05  # [s] wall time between two checks whether a started program is ready
 # the simulator offers this service last, so the simulator is ready when the service exists
 SIMULATOR_IS_UP = "/husky_simulator/step"
-(SIMULATOR_NODE,) = SIMULATOR_NODES  # name of the simulator's node
+(SIMULATOR_NODE,) = SIMULATOR_NODES
 # cache: parameters and command-line arguments of the simulator, by the launch arguments from which they come
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}
 

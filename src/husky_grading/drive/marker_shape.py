@@ -73,7 +73,7 @@ def _references_and_outline(
     Of the points that can count, the point nearest to the pillar becomes the position. The covered space is
     the convex hull of the corners. All points are in the marker's frame [m].
     """
-    origin = (0.0, 0.0, 0.0)  # origin of the marker's frame
+    origin = (0.0, 0.0, 0.0)
     if kind == ARROW:
         # an arrow with points leads from the first to the second point; without points, it begins at the
         # marker's origin and points along x, and its length is scale.x

@@ -159,7 +159,7 @@ def find_unwritten_variable(
             if path.name.startswith(LOG):
                 with contextlib.suppress(UnreadableFileError):
                     log += read_text(path) + "\n"
-    # a submission without a root is never checked, see `is_worth_checking`; `or` tells this to mypy
+    # `or folder` is only for mypy: `is_worth_checking` lets no submission without a root come here
     sources = (submission.root or folder) / "src"
     return sentence(reads_in(log, sources), sources), final_choice
 

@@ -53,7 +53,7 @@ def observe(
     if is_worth_checking(submission):
         unwritten_variable, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
-        folder = out / DRIVE  # gets the number of the run at its end
+        folder = out / DRIVE  # renamed to drive_NUMBER after the run
         # progress bar in simulated seconds, which is full at the deadline; the run may end earlier
         bar = tqdm(
             total=robot.config.deadline, desc=f"drive {trial.number} of {len(trials)}", bar_format=BAR,

@@ -71,7 +71,8 @@ class RecorderChannel:
     def __init__(self, network: Network, assignment: Assignment) -> None:
         """Start the recorder of a run in its network."""
         self._connection, recorder_end = Pipe()
-        with recorder_end:  # the recorder gets a copy of its end, so ours is closed after its start
+        # The recorder gets a copy of `recorder_end`. After its start, `with` closes the end in this process.
+        with recorder_end:
             self.process = network.start("recorder", [RECORDER], handed=(recorder_end,))
         self.is_open = True  # false if the recorder has ended, so that no more messages come
         # true if the message `Ready`, `Joined` or `Over` has come

@@ -38,7 +38,7 @@ from husky_grading.submission import (
 STALL_DEADLINE = 90.0  # [s] a run ends if simulated time has not advanced for this wall time
 # [s] wall time between two checks whether a run is over
 PROGRESS_PERIOD = 0.2
-RECORDER_NODE = "marking_recorder"  # name of the recorder's node
+RECORDER_NODE = "marking_recorder"
 
 
 @dataclass(frozen=True)

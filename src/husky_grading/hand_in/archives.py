@@ -187,7 +187,8 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
     Raises:
         ArchiveError: the allowance is used up.
     """
-    allowance.files -= 1  # a file that is left out because of its size uses this allowance, but no bytes
+    # a file that is left out because of its size counts as a file, but its bytes are not counted
+    allowance.files -= 1
     size = 0  # [bytes] size of the part that was read so far
     with target.open("xb") as file:
         for chunk in iter(partial(content.read, CHUNK), b""):  # b"" is the end of the content
@@ -274,7 +275,8 @@ class PackedPath:
             # other filters would change permissions; this archive is safe, because `__getstate__` has made it
             keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
             archive.extractall(folder, **keep)  # type: ignore[arg-type]
-        return folder / names[0]  # `__getstate__` has packed the file or folder itself first
+        # the first name in the archive is the file or folder itself; the files in the folder follow
+        return folder / names[0]
 
 
 if __name__ == "__main__":

@@ -114,7 +114,7 @@ def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
             # an escape for each character and byte beyond ASCII shows how the name is really written
             exact = os.fsencode(entry).decode("utf-8", "backslashreplace")
             name = exact.encode("ascii", "backslashreplace").decode()
-        if name in names.values():  # another entry may be called like these escapes
+        if name in names.values():  # another entry may have the name with the escapes
             name = f"{name}~{_digest(entry)}"
         names[entry] = name
     return names

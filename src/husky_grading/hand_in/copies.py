@@ -19,7 +19,7 @@ MAX_TEXT = 1_000_000  # [bytes] paths of another computer are replaced only in l
 # first line of a Python script; its program may exist only on the student's computer, such as python2,
 # /home/ann/anaconda3/bin/python3, or python3 with a carriage return behind it, as on Windows
 _PYTHON = re.compile(rb"#!.*\bpython[\d.]*(?:\s.*)?")
-# first lines with which a script starts on every machine with ROS Noetic
+# first lines of a Python script that are right on every machine with ROS Noetic
 _USUAL_PYTHON = {b"#!/usr/bin/env python3", b"#!/usr/bin/python3"}
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")  # path below a home folder of Linux or macOS
 

@@ -291,7 +291,7 @@ def copies_of_public(packages: Sequence[Package]) -> List[Package]:
     """
     students_own = {each.name for each in packages} - PUBLIC
     extended: Dict[str, Package] = {}  # packages by name
-    # if there are several copies of a package, the first one replaces the others, because it comes last here
+    # in reversed order, the first of several copies of a package is put into the dict last, so it remains
     for package in reversed(packages):
         is_public = package.name in PUBLIC
         if package.name in EXTENDED or (is_public and _launched_packages(package) & students_own):

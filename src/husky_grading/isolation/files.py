@@ -193,7 +193,8 @@ def walk(folder: Path, skipped: frozenset = SKIPPED) -> Iterator[Path]:
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
-                # all entries could fill the memory, so they are read only to the first one that is too many
+                # A folder may have so many entries that they would fill the memory. So at most one entry more
+                # than allowed is read.
                 inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
         except OSError:  # the folder was deleted, cannot be read, or has a path that is too long
             continue

@@ -24,12 +24,13 @@ MEMORY = 6_000_000_000
 # memory
 TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")
 TEMPORARY_FILES = 500_000_000  # [bytes] capacity of each folder in TEMPORARY
-THREADS = 1000  # a program is ended if its processes have more threads than this together
+THREADS = 1000  # a program is ended if all its processes together have more threads than this
 # A submission is ended if its network has more sockets than this; a normal run has a few hundred. Sockets are
 # limited because each socket can hold 0.4 MB of unread data in the kernel (net.core.rmem_default and
 # wmem_default). The memory of a process does not include these data.
 SOCKETS = 1000
-DISK = 3_000_000_000  # [bytes] a submission is ended if all files in its folder are larger together
+# [bytes] a submission is ended if the sizes of all files in its folder add up to more than this
+DISK = 3_000_000_000
 MEMORY_POLL_PERIOD = 0.25  # [s]
 FILES = 200_000  # a submission is ended if its folder has more files and folders than this
 # columns of /proc/sysvipc/shm: number of attached processes, and size in memory [bytes]

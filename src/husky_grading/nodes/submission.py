@@ -261,7 +261,7 @@ def load_launchable(
     config = read_launchable(launchable, reporter, loader)
     nodes = sort_nodes(config.nodes, reporter, ours)
     config.nodes = nodes.to_start
-    # the event on the end of a node names its package
+    # when a node ends, `reporter` writes an event with the package of the node
     reporter.packages = {node.name: node.package for node in nodes.to_start}
     config.tests = []  # drop the nodes in <test> tags, because only rostest starts them
     # `grade` sets these parameters itself
