@@ -58,7 +58,8 @@ def never_read(names: Iterable[str], requests: Mapping[Request, bool]) -> Iterat
         is_read = any(name == read or name.startswith(f"{read}/") for read in read_names)
         if owner is None or is_read:
             continue
-        # the name that is most like the set parameter, among the names that the owner asked for in vain
+        # Compare the name of this parameter with the names that the owner has asked for and that are not set.
+        # The most similar name is probably the right spelling.
         likeness_and_asked = [(_likeness(name, asked, owner), asked) for asked in absent_by_node[owner]]
         greatest_likeness, most_similar = max(likeness_and_asked)
         if greatest_likeness >= MIN_LIKENESS:

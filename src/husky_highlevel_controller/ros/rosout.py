@@ -23,5 +23,6 @@ def remember_parameter() -> None:
     master still notifies rospy of a change. Call this after rospy.init_node, and before the first line of the
     log.
     """
-    # rospy itself keeps only the answer of a parameter that is set, so the false is put into the cache here
+    # if the parameter is not set, rospy itself puts nothing into its cache, so the value (then false) is put
+    # into the cache here
     get_param_server_cache().set(PARAMETER, rospy.get_param_cached(PARAMETER, False))

@@ -141,5 +141,6 @@ _RECEIVE_LOOP = TCPROSTransport.receive_loop  # rospy's own method, before it is
 def receive_in_one_thread() -> None:
     """Let one thread receive all topics of this process; call it before the first subscriber is made."""
     receiver = SharedReceiver()
-    # a function, not the method itself, because a method of another object would not get the connection
+    # Python passes the connection as the first argument only to a plain function. The method
+    # `receiver.receive_loop` would not get the connection, because this method belongs to `receiver`.
     TCPROSTransport.receive_loop = lambda connection, callback: receiver.receive_loop(connection, callback)

@@ -97,8 +97,9 @@ def _error(health: Health) -> Optional[str]:
     if health.scans_ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.scans_ahead, 'odometry')}"
     # Scans still come, because `scan_silence` was tested above. So a very old stamp is taken as a stamp of
-    # another clock. A stamp of 0 is a missing stamp, which causes only a warning. `clock_sentence` gets the
-    # time by which a clock is ahead, so the age, by which it is behind, has a minus sign.
+    # another clock. A stamp of 0 is a missing stamp, which causes only a warning. The age is the time by
+    # which this clock is behind, but `clock_sentence` needs the time by which it is ahead, so the age gets a
+    # minus sign.
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:
         return clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.tf_age > TOO_OLD:

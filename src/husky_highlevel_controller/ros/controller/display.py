@@ -193,7 +193,6 @@ class Display:
             point = Point(*output.target_in_base, 0.0)
             publish(self._pillar_publisher, PointStamped(conversions.header(stamp, BASE), point))
         if self._error_publisher.get_num_connections():
-            # x is the error of the distance, y the error of the bearing
             error = Vector3(output.distance_error, output.bearing_error, 0.0)
             publish(self._error_publisher, Vector3Stamped(conversions.header(stamp, BASE), error))
 

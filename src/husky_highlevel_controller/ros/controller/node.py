@@ -104,7 +104,8 @@ class ControllerNode:
         self._decision_lock = threading.RLock()
         self._has_ended = False  # true from the begin of the shutdown on; then all commands are zero
         self._last_announced: Optional[bool] = None  # last announcement on ~arrived; None before the first
-        # [m] last stop distance of which a warning said that the lidar does not see the pillar from there
+        # [m] stop distance at the last warning that the lidar cannot see the pillar at this distance; 0
+        # before the first warning
         self._blind_stop_distance = 0.0
         self._range_logged_at = -inf  # [s] stamp of the scan whose smallest range was logged last
 
@@ -438,7 +439,8 @@ class ControllerNode:
             scans_ahead=self._placement.ahead_of_odometry,
             state=state,
             pillar=self._pillar_status,
-            # after a start or a stop, the reason is out of date until the next scan, as the state is
+            # After a start or a stop, the reason is out of date until the next scan. Then the stored state is
+            # out of date, too, so it is not equal to `state`.
             reason=self._reason if state is self._controller_state.state else "",
             disobedience=self._disobedience_reason,
             scan_absence=self._absence_reason,

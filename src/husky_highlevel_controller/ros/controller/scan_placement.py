@@ -109,7 +109,8 @@ class ScanPlacement:
         """
         with self._lock:
             odometry_stamp = latest_stamp(self._transforms, ODOM, BASE)
-            if odometry_stamp > 0.0:  # 0 means that TF has no odometry yet, or that it is fixed
+            # 0 means that TF has no odometry yet, or that its transform is static, which has no stamp
+            if odometry_stamp > 0.0:
                 self._clock_offset.add_reference(odometry_stamp)
             # compares the scan's stamp with the newest stamp of odometry; stamps are compared for a window of
             # wall time, so the call also needs the wall time
@@ -200,7 +201,7 @@ class ScanPlacement:
         - The scans' clock is ahead of odometry's clock, so the stamp is always too new.
 
         The transform is None if TF has none, or if the latest one is older than the scan by MAX_AGE, because
-        the robot would drive blindly. A transform with stamp 0 is fixed, so it never gets old.
+        the robot would drive blindly. A transform with stamp 0 never counts as old, because it may be fixed.
 
         Args:
             stamp: stamp of the scan.
@@ -216,9 +217,9 @@ class ScanPlacement:
         if newest_stamp == stamp:
             return False, latest
         has_passed = newest_stamp > stamp
-        # A newest stamp of 0 has two possible meanings. If the transform is fixed, it is valid at all stamps,
-        # so TF has it at the stamp of the scan, too. If it comes from the beginning of simulated time, TF
-        # does not have it at the stamp of the scan, and the scan waits for a newer transform.
+        # A newest stamp of 0 has two possible meanings. If the transform is fixed (static), it is valid at
+        # all stamps, so TF also has it at the stamp of the scan. If it comes from the beginning of simulated
+        # time, TF does not have it at the stamp of the scan, and the scan waits for a newer transform.
         if has_passed or newest_stamp.is_zero():
             exact = self.lookup(ODOM, BASE, stamp)
             if exact is not None:
@@ -233,7 +234,8 @@ class ScanPlacement:
         must_wait = not has_odometry_stopped and ahead == 0.0
         age = (stamp - newest_stamp).to_sec() - ahead  # [s] age of the pose by odometry's clock
         is_old = not newest_stamp.is_zero() and age > MAX_AGE
-        return must_wait, None if is_old else latest
+        best = None if is_old else latest
+        return must_wait, best
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         """Return the pose of the lidar; None if TF does not have it, with a warning after many such scans.

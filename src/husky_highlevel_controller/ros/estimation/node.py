@@ -123,7 +123,8 @@ class LocalizationNode:
                 rospy.logwarn(
                     f"clock from {self._last_time:.3f} back to {now:.3f} s; the filter starts again"
                 )
-                self._start_filter()  # `_last_time` is 0 after this call, and no input was heard
+                # this call also sets `_last_time` to 0, and forgets when messages of the inputs came
+                self._start_filter()
                 heard_before = 0.0
             self._last_time = max(now, self._last_time)
             self._heard_at[name] = time.monotonic()

@@ -78,8 +78,9 @@ class Guard:
         # subscriber of the sensor that shows dangers, and whether a message has come since the last check
         self._sensor: Optional[rospy.Subscriber] = None
         self._has_sensor_message = threading.Event()
-        # Set when the shutdown begins. rospy calls this hook before `is_shutdown()` becomes true, and a hook
-        # that is added between the two would never be called, so it is added here.
+        # Set when the shutdown begins. rospy first calls the hooks of `on_shutdown`, and later
+        # `is_shutdown()` becomes true. A hook that is added after the call of the hooks would never be
+        # called, so the hook is added here and not in `run`.
         self._is_over = threading.Event()
         rospy.on_shutdown(self._is_over.set)
         topic = robot.topics.odometry
@@ -145,8 +146,8 @@ class Guard:
         """
         twist = self.twist(stamp)
         moving = twist is None or is_moving(twist)  # a robot without odometry may be moving
-        # the latch is tripped from a stop until somebody has started the robot again; while it is tripped, no
-        # danger stops the controller
+        # The latch remembers a stop (`tripped_at`) until somebody has started the robot again. As long as it
+        # remembers a stop, no danger stops the controller.
         latch, must_stop = advance_latch(self._latch, danger=danger is not None, moving=moving, stamp=stamp)
         if self._latch.tripped_at is not None and latch.tripped_at is None:
             rospy.loginfo("guard active again: the robot moves")

@@ -72,8 +72,9 @@ class StopRequest:
             while self.pending and not is_shutdown():
                 with contained("the stop of the controller"):
                     self._serve(danger, is_shutdown)
-                    # The next line needs no lock, because `start` changes nothing while `pending` is true. So
-                    # `start` ignores a danger that comes now, but the controller has just been stopped.
+                    # The next line needs no lock, because `start` changes nothing while `pending` is true. If
+                    # a danger comes just before the next line, `start` ignores the danger. This does no harm,
+                    # because the controller has just been stopped.
                     self.pending = False
                 if self.pending:  # an error has come before the last line, so the request is served again
                     time.sleep(ZERO_PERIOD)

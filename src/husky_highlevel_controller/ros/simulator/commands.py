@@ -180,7 +180,7 @@ class Commands:
             return  # this node has published the command itself, in `take`, so the command is ignored here
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            # a sender's first command too many causes no warning, because it may be the stop that a
+            # the first additional command of a sender causes no warning, because it may be the stop that a
             # controller sends when it ends
             if sender not in self._double_senders:
                 self._double_senders.add(sender)

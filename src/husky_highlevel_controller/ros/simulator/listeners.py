@@ -103,8 +103,8 @@ class Listeners:
             if passes_short_check or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
-            # if the short check is possible, the second look comes without a pause, because two equal looks
-            # are enough for this check
+            # if the short check is possible, there is no pause before the second look, because this check is
+            # passed when two looks have found the same turns
             is_first_look = last_turns is None
             if not (is_first_look and self._can_check_turns):
                 time.sleep(LOOK_PERIOD)

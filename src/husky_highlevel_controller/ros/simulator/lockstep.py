@@ -78,8 +78,8 @@ class Mode(Enum):
     FREE = 5  # never waits, because lockstep is off or has ended
 
 
-# modes for a controller that is awake, in which the simulator waits at each tick until all listeners are
-# idle, because the controller may begin to sleep there
+# Modes for a controller that is awake. It may begin to sleep at a tick, so the simulator waits at each tick
+# until all listeners are idle.
 _WATCHING_MODES = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
 
 
@@ -213,9 +213,9 @@ class Lockstep:
         if self._mode in (*_WATCHING_MODES, Mode.SLEEPING):
             again()
             self._wait_until_idle(meanwhile)
-        # `begin_scan` is called before the tick of a scan, so `_answer_is_due` means that this tick belongs
-        # to a scan. The scan is not sent yet, so a command that is already here was caused by the tick. This
-        # controller sends commands at ticks of /clock, so from now on the simulator always waits at ticks.
+        # `_answer_is_due` is true if this tick belongs to a scan, because `begin_scan` is called before the
+        # tick. The scan itself is sent only after the tick. So if a command has already come, the controller
+        # sends its commands at ticks of /clock, and from now on the simulator always waits at ticks.
         if self._answer_is_due and self._answered.is_set():
             if self._mode is Mode.WATCHED:
                 self._mode = Mode.ALWAYS_WATCHED
@@ -238,7 +238,8 @@ class Lockstep:
         controller sleeps by simulated time.
         """
         waits_for_first = not self._has_commanded  # true before the very first command
-        # [s] wall time at which the wait began, or of the resend or the nudge after it
+        # [s] wall time at which the wait began; after a resend or a nudge, the wall time of the resend or the
+        # nudge
         waiting_since = time.monotonic()
         has_retried = False  # true after `resend` or `nudge` was called; only one of them is called, once
 
@@ -266,8 +267,10 @@ class Lockstep:
         self._wait_or_end_lockstep(is_over, ANSWER_TIMEOUT, missing="no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
-        elif has_retried and not waits_for_first and self._mode is not Mode.FREE:
-            # the command came only after a nudge, so the controller sleeps by simulated time; from now on,
+            return
+        was_nudged = has_retried and not waits_for_first
+        if was_nudged and self._mode is not Mode.FREE:
+            # the command came only after the nudge, so the controller sleeps by simulated time; from now on,
             # the simulator waits after each tick
             self._mode = Mode.ALWAYS_WATCHED
 
@@ -290,9 +293,10 @@ class Lockstep:
             )
         elif self._mode in _WATCHING_MODES:
             end = time.monotonic() + WATCH_TIMEOUT
-            while self._mode in _WATCHING_MODES and not are_idle():
+            while not are_idle():
                 if time.monotonic() >= end or rospy.is_shutdown():
-                    self._mode = Mode.ANSWERING  # this ends the loop
+                    self._mode = Mode.ANSWERING
+                    return
                 time.sleep(0.001)
 
     def _wait_or_end_lockstep(
@@ -357,5 +361,5 @@ class LeadLimit:
             self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)  # false if no command came in this time
             self._lead = 0  # the next wait comes only after MAX_LEAD more unanswered scans
         if self._answered_in_a_row >= FOLLOWING_SCANS:
-            self._follows = True  # the controller answers again, so waits for it make sense again
+            self._follows = True  # the controller answers again, so the simulation may wait for it again
         self._arrived.clear()

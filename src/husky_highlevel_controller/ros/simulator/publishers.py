@@ -34,7 +34,8 @@ STATE_PUBLISHER = "robot_state_publisher"
 # number of messages that wait for a slow subscriber; older ones are dropped, so a subscriber that hangs
 # cannot stop the simulation
 QUEUE = 200
-# [s] time between the transforms of two changes of the world in a pause, much shorter than a physics step
+# [s] if the world changes several times in a pause, the stamps of the transforms after each change differ by
+# this time, which is much shorter than a physics step
 LATER = 1e-6
 
 
@@ -105,6 +106,7 @@ class Publishers:
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
         # the command after the limits of the robot were applied; the wheels follow it
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
+        # true pose of the robot, and its transforms; None in a run that is graded
         self._truth: Optional[rospy.Publisher] = None
         self._world_transforms: Optional[rospy.Publisher] = None
         if not self.is_graded:  # a graded program must not get the true poses
@@ -253,7 +255,8 @@ class Publishers:
 
         The time stands still, but TF ignores a second transform with the same stamp. So the stamp of these
         transforms is later than the stamp of the last ones by LATER. New subscribers first get the transforms
-        with the present time.
+        with the present time as their stamp, because they have no earlier transforms, and could not look up
+        any at the present time.
         """
         assert snapshot.odometry is not None  # a snapshot that is taken in a pause always has odometry
         odometry, self._kept_scan = snapshot.odometry, snapshot.scan

@@ -168,7 +168,8 @@ class WorldDisplay:
             is_upright = shown is not None and dist(shown.up, up) < TIPPED_ANGLE
             if shown and is_upright:
                 self._server.setPose(name, conversions.pose_to_msg(pose_in_odom))
-                up = shown.up  # the marker keeps its old vertical direction, because only its pose was sent
+                # the marker is not made again, so the plane in which it can be dragged stays the old one
+                up = shown.up
             else:
                 self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
             self._shown_markers[name] = _Shown(body, up, pose)

@@ -280,7 +280,7 @@ def _suggestion(topic: str, node: str, other_side: Nodes, types: Mapping[str, st
         other_side: nodes by topic; all publishers if `node` subscribes, all subscribers if it publishes.
         types: types of messages by topic; only topics of the same type are suggested.
     """
-    candidates = []  # each similar topic, after its distance
+    candidates = []  # pairs of the distance of a similar topic and its name
     for other, nodes in other_side.items():
         is_used_by_others = any(name != node for name in nodes)
         if is_used_by_others and types.get(other) == types[topic]:
