@@ -215,7 +215,9 @@ def reads_in(log: str, sources: Path) -> List[Read]:
         origin = _first_own_line(creation_stack, own_files)
         if reading_stack.startswith(("Conditional jump", "Use of uninitialised value")):
             place = _first_own_line(reading_stack, own_files)
-            if place is not None:
+            if (
+                place is not None
+            ):  # otherwise the value is only printed, or no line of the submission reads it
                 found.append(Read(place, origin))
         elif reading_stack.startswith("Syscall param") and "ros::" in reading_stack and origin is not None:
             # ROS reads the value to send it, so only the allocation is in a line of the submission

@@ -348,7 +348,8 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[Any, ...]:
     # packages of ROS whose nodes are graded in place of the student's own nodes; empty except in exercise 4
     graded_packages = facts.robot_packages.by_submission
     if graded_packages:
-        # words of OTHER_USE such as ekf are right in exercise 4, so the nodes decide instead of the name
+        # in exercise 4, the name of a solution often has a word of OTHER_USE, such as ekf, so the nodes and
+        # not the name show another use
         has_other_use = not any(_package_of(node) in graded_packages for node in file.nodes)
     else:
         has_other_use = bool(OTHER_USE.search(file.place.name))

@@ -112,8 +112,8 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     """Return sentences that tell the student which .rviz files are not graded.
 
     These are the files that other launch files of the package name, and not the started launch file. But if
-    the started launch file starts no RViz, the student may start a launch file that only shows RViz beside
-    it. The files of such a launch file are graded.
+    the started launch file starts no RViz, a student may start a second launch file only for RViz. The files
+    of such a launch file are graded, too.
     """
     folder = planned.package_path
     if not folder:
@@ -153,9 +153,9 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
     """Find out which .rviz files of a package belong to other launch files than the started one.
 
     An .rviz file belongs to a launch file whose text contains the file's name. There is one exception. If the
-    started launch file starts no RViz, a student may start a viewer beside it: a launch file that plays no
-    recordings and starts no node of the package. The viewer's .rviz files then do not belong to another
-    launch file.
+    started launch file starts no RViz, a student may start a second launch file only for RViz: a launch file
+    that plays no recordings and starts no node of the package. Its .rviz files then count as if they belonged
+    to the started launch file.
 
     Args:
         folder: folder of the package.
@@ -169,8 +169,9 @@ def _owners_of_configs(folder: Path, launch_file: str, starts_rviz: bool) -> Dic
     for path, text in texts_in(folder, {".launch"}, MAX_FILE):
         packages_of_nodes = set(_NODE.findall(text))
         # the folder of the package has the name of the package
-        is_viewer = "rosbag" not in packages_of_nodes and folder.name not in packages_of_nodes
-        if path.name != launch_file and (starts_rviz or not is_viewer):
+        is_only_for_rviz = "rosbag" not in packages_of_nodes and folder.name not in packages_of_nodes
+        is_started_too = is_only_for_rviz and not starts_rviz
+        if path.name != launch_file and not is_started_too:
             for name in re.findall(r"([\w.-]{1,200}\.rviz)\b", text):
                 owners[name] = path
     return owners

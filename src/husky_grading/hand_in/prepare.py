@@ -258,8 +258,8 @@ def _prepare_choice(
                 candidates = choose_launch_files(candidates, exercise, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
-    # `launch` is the launch file that is started; None without candidates, so only if the teacher has named a
-    # node
+    # `launch` is the launch file that is started; None if the teacher has named a node, because there are no
+    # candidates then
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
     equal_places: List[str] = []  # the chosen launch file, and others that fit as well; empty without others
