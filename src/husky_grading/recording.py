@@ -97,7 +97,7 @@ class Recording:
     marker_types: Mapping[str, str] = field(default_factory=dict)
     subscribed: bool = False  # true if the submission subscribes to the scans
     advertised: bool = True  # true if the submission has a publisher of velocity commands
-    # topics to which the submission subscribes, but on which no node publishes
+    # topics to which the submission has subscribed, but on which no node has ever published
     silent_topics: Tuple[str, ...] = ()
     # topics of type geometry_msgs/Twist on which the submission publishes, but which no node reads
     unread_topics: Tuple[str, ...] = ()

@@ -130,16 +130,26 @@ def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
     return any(set(nodes) - our_nodes for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
 
 
-def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) -> List[str]:
-    """Return the topics to which the submission subscribes, but on which no node publishes.
+class SilentTopics:
+    """Topics to which the submission has subscribed, but on which no node has ever published.
 
-    Often the name of such a topic is misspelt, or belongs to another robot.
+    Often the name of such a topic is misspelt, or belongs to another robot. A topic stays silent after its
+    subscriber has ended. A topic is not silent if its publisher comes after its subscriber, or has ended.
     """
-    return sorted(
-        topic
-        for topic, nodes in subscribers.items()
-        if set(nodes) - our_nodes and not publishers.get(topic) and topic not in EVERY_NODE_HAS
-    )
+
+    def __init__(self) -> None:
+        self._subscribed: Set[str] = set()
+        self._published: Set[str] = set()
+
+    def update(self, publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) -> None:
+        """Take in the ROS graph of now."""
+        self._published |= {topic for topic, nodes in publishers.items() if nodes}
+        self._subscribed |= {topic for topic, nodes in subscribers.items() if set(nodes) - our_nodes}
+
+    @property
+    def names(self) -> Tuple[str, ...]:
+        """Names of the silent topics, in alphabetical order."""
+        return tuple(sorted(self._subscribed - self._published - EVERY_NODE_HAS))
 
 
 def unread_topics(

@@ -31,9 +31,9 @@ from husky_grading.drive.recorder_channel import (
 )
 from husky_grading.drive.ros_graph import (
     TRUTH,
+    SilentTopics,
     forged_topics,
     listens,
-    silent_topics,
     topics_of_truth,
     unread_topics,
 )
@@ -101,8 +101,7 @@ class DriveRecorder:
         self._is_over = False  # true after the end of the run
         self._handed_over = False  # true if the recording was sent, or must not be sent
         self._types: Dict[str, str] = {}  # types by topic
-        # topics to which the submission subscribes, but on which no node publishes
-        self._silent: List[str] = []
+        self._silent = SilentTopics()
         self._unread: List[str] = []  # topics on which the submission sends commands, but which no node reads
         # sentences on broken rules. They are the keys of a dict, so each sentence occurs once, and their
         # order is kept.
@@ -290,10 +289,7 @@ class DriveRecorder:
         listeners: Set[str] = set(subscribers.get(self._watch.input_topic, ()))
         # each of these facts stays true once it was seen, because a node may end during the run
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
-        # The first silent topics that are found are kept, because a node that ends loses its subscriptions. A
-        # topic is kept even if its publisher comes later.
-        if not self._silent:
-            self._silent = silent_topics(publishers, subscribers, self._our_nodes)
+        self._silent.update(publishers, subscribers, self._our_nodes)
         # for unread topics only the latest look counts, because a subscriber may come after the publisher
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         self._check_for_violations(publishers, subscribers)
@@ -417,7 +413,7 @@ class DriveRecorder:
             marker_types=self._markers.types,
             subscribed=self._subscribed,
             advertised=self._advertises,
-            silent_topics=tuple(self._silent),
+            silent_topics=self._silent.names,
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
             notes=tuple(notes),
