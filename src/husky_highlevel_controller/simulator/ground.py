@@ -39,6 +39,7 @@ MAX_RISE = 5.0
 # put higher stands on the floor at once
 MAX_DROP = 1.0
 _WHEEL_REACH = 0.3  # [m] approximate distance from base_link to the wheels along x and y
+# points in the middle of the robot and between its wheels, at which an object would be inside the hull [m]
 _MIDDLE_POINTS = (
     (0.0, 0.0),
     (-_WHEEL_REACH, 0.0),
@@ -82,11 +83,10 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
         for part in body.collisions
     ]
     scene = make_scene(shapes_and_poses)
-    # If the start is below z = 0, a floor at z = 0 is enough, too, because the robot is lifted out of a plane
-    # that it would start in.
-    for search_height in (max(height, 0.0), height):
-        if has_floor(scene, (start.x, start.y, search_height)):
-            return world
+    # A start below z = 0 may be below a plane at z = 0. The robot is then put on top of this plane, so the
+    # plane is a floor, too. A search down from z = 0 finds this plane, and also all that is below the start.
+    if has_floor(scene, (start.x, start.y, max(height, 0.0))):
+        return world
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts; adding a plane", world.name, place)
     plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))  # endless, but drawn with edges of 100 m
@@ -116,13 +116,15 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     The result is 0 if there is no such floor: without any body below the wheels, in an obstacle, or at the
     edge of a floor.
     """
-    top, drops = _drops_at_wheels(scene, pose_on_ground)
+    ray_height, drops = _drops_at_wheels(scene, pose_on_ground)
     # height of the floor under the first wheel [m]; if the floor is level, under all wheels
-    height = top - drops[0]
+    height = ray_height - drops[0]
     if height < 0.0:
-        # the floor is below the pose, so the robot is put lower; an object between the wheels would then be
-        # inside its hull. The drops at the middle points show such an object.
-        drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE_POINTS]
+        # The floor is below the pose, so the robot would be put lower. If an object stands between the
+        # wheels, the object would then be inside the robot's hull. The drops at the middle points show such
+        # an object. A robot that is not put lower cannot get an object into its hull in this way.
+        middle = [transform_point(pose_on_ground, (x, y, ray_height)) for x, y in _MIDDLE_POINTS]
+        drops += [_drop(scene, point) for point in middle]
     is_in_body, is_without_floor = 0.0 in drops, inf in drops
     if is_in_body or is_without_floor:
         return 0.0
@@ -131,23 +133,23 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
         # a floor within the tolerance of the pose counts as 0, so that the pose stays as it is
         return height if abs(height) > _LEVEL_TOLERANCE else 0.0
     if unevenness < _MAX_UNEVENNESS:
-        outline = [transform_point(pose_on_ground, (x, y, top)) for x, y in _OUTLINE]
-        height_of_highest_point = top - min(_drop(scene, point) for point in outline)
+        outline = [transform_point(pose_on_ground, (x, y, ray_height)) for x, y in _OUTLINE]
+        height_of_highest_point = ray_height - min(_drop(scene, point) for point in outline)
         return height_of_highest_point + _CLEARANCE
     return 0.0
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
-    """Return a height above the floor, and the drops from this height to the floor at the four wheels [m].
+    """Return the height above a pose at which rays look down, and their drops at the four wheels [m].
 
-    The height is relative to the pose. It is MAX_SLAB, or more if the pose is inside a wide body. If the top
-    of the wide body is not found up to MAX_RISE, all drops are 0.
+    The height is MAX_SLAB. But if the pose is inside a wide body, such as a thick floor, the height is above
+    the top of this body. All drops are 0 if the top is more than MAX_RISE above the pose, and also if the
+    pose is inside a smaller body, which is an obstacle.
     """
     drops = _drops(scene, pose_on_ground, _WHEEL_REACH, MAX_SLAB)
-    # the drop of a point inside a body is 0; a wide body contains the wheels and the corners of a larger
-    # square
-    is_in_body = not any(drops)
-    if is_in_body and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB)):
+    are_wheels_in_body = not any(drops)  # the drop of a point inside a body is 0
+    # in a wide body, the drops are also 0 at the corners of a larger square
+    if are_wheels_in_body and not any(_drops(scene, pose_on_ground, _FLOOR_REACH, MAX_SLAB)):
         for step in range(1, round(MAX_RISE / _RISE_STEP)):
             height_above = MAX_SLAB + _RISE_STEP * step
             drops_above = _drops(scene, pose_on_ground, _WHEEL_REACH, height_above)
