@@ -170,5 +170,6 @@ def beams_of(first: Indices, count: Indices) -> Indices:
     """
     ends = count.cumsum()  # number of results up to the end of each shape
     place_of_first = ends - count  # place of the first beam of each shape among the results
-    # a result is its own place, shifted by the same number for all beams of a shape
+    # The beams of a shape are numbered one by one, like the places of the results. So the beam at a place is
+    # the place plus `first - place_of_first`, which is the same number for all beams of a shape.
     return np.arange(ends[-1]) + (first - place_of_first).repeat(count)

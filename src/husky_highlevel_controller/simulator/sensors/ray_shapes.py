@@ -2,16 +2,10 @@
 
 In: numbers of one shape, or arrays of many shapes; the formulas are the same. Out: distances along the beams.
 
-The beam with the direction d = (d_x, d_y, 0) has the points t d, with the distance t >= 0 from the laser. A
-formula finds the t at which the beam enters a shape. Most of the work does not depend on the beam, so each
-formula has two functions:
-
-- `prepare` is called once for a shape. It takes the centre, the axes and the size of the shape in the
-  laser's frame: numbers, or arrays (K,) for K shapes. It returns rows (F, 2[, K]) and numbers (G[, K]). A row
-  is the x and y of a vector whose scalar product with d the formula needs.
-- `enter` is called for all beams at once. It takes `along`, the scalar products of the rows with the d of
-  each beam (F, P), and `numbers` (G, 1 or P). It returns the distance at which each beam enters the shape,
-  (P,) [m]; inf or nan if the beam misses the shape.
+The laser is the origin of all coordinates. A beam has the direction d = (d_x, d_y, 0), a unit vector, and the
+points t d, with the distance t >= 0 from the laser. A formula finds the t at which the beam enters a shape.
+Most of the work does not depend on the beam, so a formula has two functions: `prepare` is called once for a
+shape, and `enter` for all beams at once, see `Formula`.
 """
 
 from __future__ import annotations
@@ -27,17 +21,21 @@ BOX, CYLINDER, SPHERE = 0, 1, 2
 
 Number = Any  # a number of one shape, or an array with a number for each shape
 Number3 = Tuple[Number, Number, Number]
-Prepared = Tuple[Sequence[Any], Sequence[Number]]  # rows and numbers, see the docstring of this module
+# Rows and numbers of a shape, (F, 2[, K]) and (G[, K]); K is the number of shapes if there are several. A row
+# is the x and y of a vector whose scalar product with the direction d of each beam is needed. As d is
+# horizontal in the laser's frame, the vector's z is not needed. The numbers do not depend on the beam.
+Prepared = Tuple[Sequence[Any], Sequence[Number]]
 
 
 def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
-    """Return the rows and numbers of a box.
+    """Return the rows and numbers of a box with its centre, axes and half edges in the laser's frame.
 
     A box is the intersection of three slabs. A slab is the space between two opposite faces of the box.
 
-    - rows: x and y of each axis of the box, for the component of d along this axis
-    - numbers, each for all three axes: the centre along the axis, half of the edge, and the depth of the
-      laser in the slab, which is negative if the laser is outside of the slab
+    - rows: x and y of each axis of the box. The scalar product with a beam's direction d is the component of
+      d along this axis.
+    - numbers, each for all three axes: the component of the centre along the axis, half of the edge, and the
+      distance from the laser to the nearer face of the slab, negative if the laser is outside of the slab
     """
     x_axis, y_axis, z_axis = axes
     half_x, half_y, half_z = size
@@ -60,8 +58,9 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
     """Return the rows and numbers of a cylinder with the centre c, and its axis as the unit vector e.
 
-    A beam meets the side of the cylinder where its point t d is `radius` away from the axis. The distance of
-    a point p from the axis is |(p - c) x e|. With m = c x e and s = d x e, this is an equation for t::
+    The laser is the origin. A beam has the points t d, where d is a unit vector with d_z = 0. It meets
+    the side of the cylinder where its point t d is `radius` away from the axis. The distance of a point p
+    from the axis is |(p - c) x e|. With m = c x e and s = d x e, this is an equation for t::
 
         |t s - m| = radius
         (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0
@@ -69,16 +68,17 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
           = (s.m -+ sqrt(radius^2 s.s - (d.m)^2)) / s.s
 
     The last line holds because s.s m.m - (s.m)^2 = (d.m)^2. This form of the root is precise for a cylinder
-    far away, too, but the form above it is not. `_flank` computes the terms of the last line.
+    far away, too, but the form above it is not. `_flank` computes the terms of the last line. The rows are
+    for the terms that depend on d: the product of a row (u, v) with d is d_x u + d_y v.
     """
     (cx, cy, cz), ((ex, ey, ez),), (radius, _, half_length) = center, axes, size
     mx, my, mz = cy * ez - cz * ey, cz * ex - cx * ez, cx * ey - cy * ex
     c_along_e, square = cx * ex + cy * ey + cz * ez, radius * radius
     rows = (
-        (mx, my),  # d.m, for the root
-        (ey * mz - ez * my, ez * mx - ex * mz),  # s.m, which is d.(e x m)
-        (ey, -ex),  # z component of s; s.s is ez^2 plus its square, because d is a unit vector
-        (ex, ey),  # d.e, for the ends
+        (mx, my),  # the product with d is d.m
+        (ey * mz - ez * my, ez * mx - ex * mz),  # the product with d is d.(e x m), which is equal to s.m
+        (ey, -ex),  # the product with d is s_z, from which `_flank` computes s.s
+        (ex, ey),  # the product with d is d.e, for the slab between the two ends
     )
     # positive if the laser is inside the cylinder without ends, otherwise negative
     depth = square - mx * mx - my * my - mz * mz
@@ -119,7 +119,8 @@ def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarr
     In the last equation of `_prepare_cylinder`, a is s.s, ahead is s.m, and root is the square root, which is
     nan if the beam misses the cylinder.
     """
-    d_m, ahead, s_z, _ = along  # products of the rows: d.m, s.m, z component of s, d.e
+    d_m, ahead, s_z, _ = along  # products of d with the four rows of `_prepare_cylinder`
+    # s = d x e is (d_y ez, -d_x ez, s_z), and d_x^2 + d_y^2 = 1, so s.s = ez^2 + s_z^2
     a = numbers[0] + s_z * s_z
     return a, ahead, np.sqrt(numbers[1] * a - d_m * d_m)
 
@@ -149,10 +150,14 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 class Formula(NamedTuple):
-    """Intersection formula of one kind of shape; see the module's docstring for `prepare` and `enter`."""
+    """Intersection formula of one kind of shape, for beams in the xy plane of the laser's frame."""
 
     axes: slice  # indices of the shape's axes that the formula needs
+    # takes the centre, these axes and the half edges of the shape in the laser's frame; returns its rows and
+    # numbers, which `enter` needs
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
+    # takes the scalar product of each row with the direction of each beam (F, P), and the numbers (G, 1 or
+    # P); returns the distance at which each beam enters the shape (P,) [m], inf or nan if the beam misses it
     enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 

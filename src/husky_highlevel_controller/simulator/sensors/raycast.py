@@ -161,7 +161,9 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
         # if this is false, no beam reaches the plane, for example the floor below a level laser
         if abs(height) <= hypot(x, y) * max_range:
-            # the way along the normal, divided by the way along the normal for each metre of the beam
+            # For each metre of its length, a beam moves along the normal by the scalar product of its
+            # direction and the normal. The beam meets the plane where its whole motion along the normal is
+            # `height`.
             to_plane = height / np.dot((x, y), beams.directions)
             to_plane[to_plane < 0.0] = inf  # the plane is behind the laser
             np.fmin(distances, to_plane, out=distances)
@@ -179,7 +181,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     return distances
 
 
-# ---------------------------------------------------------------------------- few shapes
+# ------------------------------------------------------------ scenes of few shapes, one after the other
 
 
 def _meet_one(
@@ -206,18 +208,20 @@ def _meet_one(
     if radius_squared < 0.0 or level - solid.bound > max_range:
         return 0.0
     farthest, radius = level + solid.bound, sqrt(radius_squared)
-    # 3. `prepare` computes the rows and numbers that are the same for all beams, and `enter` computes the
-    # distances of beams from them, see the module `ray_shapes`
+    # 3. A formula has two functions. `prepare` computes rows and numbers of the solid, which are the same for
+    # all beams. A row is the x and y of a vector whose scalar product with the direction of each beam is
+    # needed. `enter` takes these products and the numbers, and returns the distances of the beams.
     needed_axes, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed_axes]]
     row_terms, number_terms = prepare(center, axes, solid.size)
     rows, numbers = np.array(row_terms), np.array(number_terms)[:, None]
     if solid.kind == CYLINDER and level > radius:
         ((u, v, w),) = axes  # the formula of a cylinder needs one axis, along its length
-        # A faster formula is enough if no beam can pass an end of the cylinder. The sum is the largest
-        # distance from the cylinder's middle, along its axis, that any point of a beam up to `farthest` has.
-        half_length = solid.size[2]
-        if abs(dot(center, (u, v, w))) + hypot(u, v) * farthest <= half_length:
+        # A faster formula is enough if no beam can pass an end of the cylinder. Along the axis, the laser is
+        # `laser_offset` away from the cylinder's middle, and each metre of a beam adds at most hypot(u, v),
+        # because beams have no z component.
+        laser_offset, half_length = abs(dot(center, (u, v, w))), solid.size[2]
+        if laser_offset + hypot(u, v) * farthest <= half_length:
             enter = enter_flank
     # 4. only the beams towards the circle are computed, or all beams if the laser is inside the circle
     half_angle = asin(radius / level) if level > radius else pi
@@ -246,7 +250,7 @@ def _beams_around(beams: Beams, middle: float, half_angle: float) -> List[Tuple[
     return [(first, end) for first, end in beams.bearings.searchsorted(limits).tolist() if first < end]
 
 
-# ---------------------------------------------------------------------------- many shapes
+# ------------------------------------------------------------ scenes of many shapes, all at once
 
 
 def _meet_many(
@@ -275,13 +279,16 @@ def _meet_many(
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
     # A kind (BOX, CYLINDER or SPHERE) is the place of its formula in FORMULAS. A formula has the indices of
-    # the axes that it needs, and the functions `prepare` and `enter`, see the module `ray_shapes`.
+    # the axes that it needs, and two functions. `prepare` computes rows and numbers of each solid, which are
+    # the same for all beams. A row is the x and y of a vector whose scalar product with the direction of each
+    # beam is needed. `enter` takes these products and the numbers, and returns the distances of the beams.
     for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
             # solid of each candidate (K,), and number of its beams (K,)
             solid, count = solids[chosen], beam_counts[chosen]
-            # beam of each pair (P,); the pairs of one candidate come one after the other
+            # There are P pairs of a candidate and one of its beams. These are the indices of the beams (P,);
+            # the pairs of one candidate come one after the other.
             beam = beams_of(first_beams[chosen], count)
             # axes in the laser's frame, from (K, axis, xyz) to (axis, xyz, K), as `prepare` takes them
             axes = (scene.axes[solid, needed_axes] @ laser.T).transpose(1, 2, 0)
