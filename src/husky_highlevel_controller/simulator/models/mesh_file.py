@@ -158,7 +158,8 @@ def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
         if has_triangles and is_part:
             rotation, translation = transform[:3, :3], transform[:3, 3]
             corners.append(mesh.vertices @ rotation.T + translation)
-            # faces have indices of corners, which are counted on from the meshes before this one
+            # A face has the indices of its corners. The corners of this mesh are added after those of the
+            # meshes before, so their indices become larger by `corner_count`.
             faces.append(np.asarray(mesh.faces) + corner_count)
             corner_count += len(mesh.vertices)
     return np.concatenate(corners), np.concatenate(faces)

@@ -113,8 +113,8 @@ def robot_model(
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; the wheels' joints are {', '.join(wheel_joints)}")
 
-    # 1. parent, child, and pose of the child in the parent, for each fixed joint; and the pose in base_link
-    # of each link that these joints connect with base_link, also of base_link itself
+    # 1. `fixed_joints` has the parent, the child, and the pose of the child in the parent, for each fixed
+    # joint. `poses` has the pose of base_link and of all links fixed to it, in base_link.
     joint_elements = [joint for joint in joints.values() if joint.get("type") == "fixed"]
     fixed_joints = urdf.joined_links(links, joint_elements)
     poses = urdf.poses_of_links("base_link", fixed_joints)
@@ -238,7 +238,7 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
     inertia = np.zeros((3, 3))
     for part_mass, com, about_com in parts:
         # parallel axis theorem: the inertia about a point that is `arm` away from the part's centre of mass
-        # is larger by m (|arm|^2 1 - arm arm^T)
+        # is larger by m (|arm|^2 E - arm arm^T), where E is the unit matrix
         arm = np.array(com) - centre
         inertia += about_com + part_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     inertia.setflags(write=False)  # `RobotModel` is immutable, so its array must not be writable

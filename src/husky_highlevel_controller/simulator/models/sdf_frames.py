@@ -30,7 +30,8 @@ class FrameScope:
     name: str = "world"  # name of the model, or "world"
     outer: Optional[FrameScope] = None  # frames of the world or model around this model; None for the world
     pose_in_outer: Optional[Pose] = None  # pose in `outer`; None if it is not known yet
-    # poses in this world or model of the members that have been looked up so far, by name
+    # poses of the members that have been looked up so far, by name; each pose is in the frame of this world
+    # or model
     _resolved: Dict[str, Pose] = field(default_factory=dict)
     # names of the members whose poses are being computed. The pose of each member in this list depends on the
     # pose of the next member. If a pose depends on a member that is already in the list, the frames form a
@@ -111,17 +112,18 @@ class FrameScope:
 
     def _resolve(self, name: str) -> Pose:
         """Return the pose of a member in this world or model. Raises WorldError if it depends on itself."""
-        pose, default_frame = self._members[name]
+        pose_element, default_frame = self._members[name]  # the element <pose> is None if the member has none
         # `pose_of` below looks up the frame of this member, and so calls `_resolve` for another member. If
         # such calls come back to a member that is not finished, the member depends on itself.
         if name in self._unfinished:
             first = self._unfinished.index(name)
             circle = " > ".join([*self._unfinished[first:], name])
-            element = pose or self.holder  # the error names the line of this element
+            # the error names the line of the <pose>, or of this world or model if there is no <pose>
+            element = pose_element or self.holder
             raise element.error(f"frames are relative to each other: {circle}")
         if name not in self._resolved:
             self._unfinished.append(name)
-            self._resolved[name] = self.pose_of(pose, default_frame)
+            self._resolved[name] = self.pose_of(pose_element, default_frame)
             self._unfinished.pop()
         return self._resolved[name]
 

@@ -60,8 +60,8 @@ def shape_of_geometry(holder: Node) -> Optional[Shape]:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
-        # Counted for the warning that the lidar sees nothing. The shape of a <visual> counts, too, although
-        # the lidar would not see it; this does no harm, because the warning only asks if the count is 0.
+        # This count is for the warning that the lidar sees nothing. The lidar would not see a <visual>, but a
+        # <visual> is counted, too. The warning only asks whether the count is 0, so it need not be exact.
         node.load.missed_by_lidar += 1
     return None
 

@@ -104,7 +104,8 @@ def _included(include: Node) -> Optional[Node]:
         return None
     path, files = _find_model(uri, include.source), include.load.files
     if path is None:
-        # both are counted for the warning that the lidar sees nothing
+        # These two numbers are for the warning that the lidar sees nothing. This model is one of the world's
+        # models, and the lidar would see it if it were not left out.
         include.load.model_count += 1
         include.load.missed_by_lidar += 1
         include.note(

@@ -110,8 +110,9 @@ class Assembly:
         if name == _WORLD:
             return _WORLD
         name = f"{scope}::{name}"
-        # The end may be a frame that is attached to a frame, and so on, up to a link. Each round follows one
-        # attachment. There are at most as many attachments as frames, and a circle of frames ends here, too.
+        # The name may be that of a frame, which is attached to a link or to another frame. Each round goes
+        # from a frame to what it is attached to. There are as many rounds as frames. This is enough to reach
+        # a link, and the loop also ends if the frames are attached in a circle.
         for _ in self.frames:
             name = self.frames.get(name, name)
         return name if name in self.links else ""

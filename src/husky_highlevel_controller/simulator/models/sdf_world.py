@@ -159,9 +159,10 @@ def _log_notes(load: Load) -> None:
 class _Place:
     """World or model that contains an element, with everything that the element inherits from it."""
 
-    frames: FrameScope  # frames of the world or model
-    state: SavedState = field(default_factory=SavedState)  # saved state of the world or model
-    # name of the model, with the names of the models around it in front, as in "outer::inner"
+    frames: FrameScope  # finds the frame that a <pose> names
+    # poses and scales that were saved with the world; they replace those of the file
+    state: SavedState = field(default_factory=SavedState)
+    # name of the model, after the names of the models that contain it: "outer::inner"; empty for the world
     full_name: str = ""
     pose_in_world: Pose = IDENTITY
     static: bool = False  # true if this model, or a model around it, never moves
@@ -255,6 +256,8 @@ def _read_model(model: Model, parent: _Place) -> None:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
     _read_links(node, place, assembly)
     for frame in node.children("frame"):
+        # A frame without `attached_to` gets the full name of "", which no link has. So a joint of this frame
+        # is left out, with a note.
         attached_to = frame.element.get("attached_to", "")
         assembly.frames[place.full_name_of(frame.named())] = place.full_name_of(attached_to)
     for joint in node.children("joint"):
@@ -271,11 +274,13 @@ def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:
         node.note("a <model> without a <link> is left out")
     is_lone = len(links) == 1
     for link in links:
-        name_in_file = model.full_name_of(link.named())
-        # The body of a lone link has the name of its model, because users call the model by its name. Joints
-        # and frames refer to a lone link by its name in the file.
-        body_name = model.full_name if is_lone else _reserve_link_name(link, model)
-        link_name = name_in_file if is_lone else body_name
+        # Joints and frames find the link by `link_name`, which is its name in the file. If several links have
+        # this name, the second one gets a number, so joints and frames find the first one.
+        if is_lone:
+            link_name = model.full_name_of(link.named())
+            body_name = model.full_name  # users call the model by its name, so its only body has this name
+        else:
+            link_name = body_name = _reserve_link_name(link, model)
         body = _read_link(link, model, body_name)
         if body:
             assembly.links[link_name] = body
@@ -289,8 +294,10 @@ def _place_of_model(model: Model, name: str, parent: _Place) -> _Place:
     `name` is the name of the model in its parent; `_free_name` may have added a number to the name in the
     file.
     """
-    pose_in_parent, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
-    static = model.child("static")
+    # an <include> may replace the <pose> and the <static> of the model that it includes, but SDF allows no
+    # <self_collide> in an <include>
+    pose_in_parent, static = parent.frames.pose_of(model.child("pose")), model.child("static")
+    state = parent.state.of("model", name)
     return _Place(
         # a <pose> refers to the model by its name in the file, so the frames get this name
         frames=FrameScope(model.node, model.name, parent.frames, pose_in_parent),
