@@ -21,19 +21,24 @@ from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
-# Each sensor has a random generator (stream) of its own, so that no sensor changes the noise of another
-# sensor. The generators come from one seed and from these numbers, as the spawn key of NumPy's SeedSequence.
-# The lidar is the oldest sensor and has no number, so that its noise stayed the same when the others came.
-LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
+# Each sensor has a random generator (stream) for its own noise, so that no sensor changes the noise of
+# another sensor. The generators come from one seed and from these numbers, as the spawn key of NumPy's
+# SeedSequence. The lidar is the oldest sensor and has no number, so that its noise stayed the same when the
+# others came.
+LIDAR_STREAM = None
+IMU_STREAM = 1  # number of the random generator for the IMU's noise, see LIDAR_STREAM
+GPS_STREAM = 2  # number of the random generator for the noise of the GPS
+MAG_STREAM = 3  # number of the random generator for the noise of the magnetometer
+POINTS_STREAM = 4  # number of the random generator for the noise of the 3D lidar
 
 
 class Sensor(NamedTuple):
-    """A sensor and its sampling period."""
+    """A sensor, its sampling period, its field in `Snapshot`, and the number of its random generator."""
 
     steps: int  # number of physics steps between two samples
     device: Any  # sensor, an object with reset(rng) and sample(state, stamp)
     field: str  # name of the sensor's field in `Snapshot`
-    stream: Optional[int]  # number of the sensor's random stream, such as IMU_STREAM
+    stream: Optional[int]  # number of the random generator for the sensor's noise, such as IMU_STREAM
 
 
 class Equipment(NamedTuple):
@@ -42,7 +47,7 @@ class Equipment(NamedTuple):
     drive: Drive
     imu: Union[Imu, VibratingImu]
     sensors: List[Sensor]
-    points: Optional[PointLidar]  # 3D lidar, sampled only on request; None if the robot has none
+    points: Optional[PointLidar]  # 3D lidar, sampled only by `Simulation.points`; None if the robot has none
     power: Optional[Power] = None  # None for Gazebo's robot
 
 
@@ -79,8 +84,8 @@ def equip(
         lidar = _lidar(config, model, cast, scan_steps * dt)
         sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))
         if config.points_rate:
-            # the 3D lidar is not in `sensors`, because the steps of the simulation do not sample it, but only
-            # `Simulation.points` on request
+            # the 3D lidar is not in `sensors`, because it is sampled only when `Simulation.points` is called;
+            # `Simulation.step` samples all devices in `sensors`
             points = PointLidar(config.points, cast, model.fixed_poses[model.laser_frame])
     if config.gps_rate:
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")

@@ -152,6 +152,8 @@ class Simulation:
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
         self._chassis.place(self._pose_on_or_above_floor(self._start_pose), self._world.gravity)
+        # [m] height at which the robot's wheels were put last, on the floor or a little above it. A robot far
+        # below this height has fallen off the world (`has_fallen`).
         self._height_of_last_floor = self.ground_height
         self._odometer.reset(self._chassis.wheels())
 
@@ -248,7 +250,8 @@ class Simulation:
         """Return a snapshot of now, with odometry and a scan, without a step.
 
         A caller may look at any time, and as often as it wants, without a change of the results of later
-        steps. So copies of the odometer and of the lidar make these measurements.
+        steps. So copies of the odometer and of the lidar make these measurements. The snapshot has no command
+        and no contacts, because they belong to a step.
         """
         yaw_rate, step = self._equipment.imu.yaw_rate, self._steps_since_reset
         odometry = copy(self._odometer).sample(wheels=None, yaw_rate=yaw_rate, step=step)
@@ -262,7 +265,15 @@ class Simulation:
                 # The real lidar gives a scan the time of the first beam, some milliseconds ago. This time may
                 # be before the start of the simulation, so this scan gets the present time.
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
-        return Snapshot(self.stamp, step, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
+        return Snapshot(
+            self.stamp,
+            step,
+            self._chassis.state,
+            command=Twist2D(),
+            contacts=(),
+            odometry=odometry,
+            **samples,
+        )
 
     def points(self) -> np.ndarray:
         """Return the points that the 3D lidar measures now, in the lidar's frame, (rings, columns, 3) [m].

@@ -46,7 +46,8 @@ from husky_highlevel_controller.datatypes import Vector3
 
 Vector2 = Tuple[float, float]
 
-LOAD_SENSITIVITY = -1.0 / 3.0  # power of N in the coefficient of friction
+# exponent of the wheel's load in the coefficient of friction: a heavily loaded tyre has a smaller coefficient
+LOAD_SENSITIVITY = -1.0 / 3.0
 # `ground_forces` ends after this number of rounds
 MAX_ITERATIONS = 3
 # `ground_forces` also ends if a round has changed the velocity by less than this multiple of the slip speed
@@ -61,7 +62,8 @@ class TractionConfig:
     # coefficient of friction of a wheel that carries a quarter of the robot's weight (Husky URDF: mu1 = mu2 =
     # 1.0)
     friction: float = 1.0
-    # slip speed vs [m/s] below which friction is viscous; a robot on a slope creeps at about tan(slope) * vs
+    # [m/s] If the slip is slower than this speed, friction is viscous: it is proportional to the slip. So a
+    # robot on a slope creeps at about tan(slope) * slip_speed.
     slip_speed: float = 0.01
     # ratio of sideways to lengthwise friction; 1.0 if friction is equal in all directions
     lateral_grip: float = 1.0
@@ -145,11 +147,13 @@ def ground_forces(
             pw -= kdt * speed * y
         # Put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the third equation, solve this
         # equation for the yaw rate, and compute vx and vy from the yaw rate. The quotient c / e is written as
-        # `c_a_by_e` / a, because this has no rounding error if the grip is equal in all directions (a == e).
+        # `c_a_by_e` / a. If the grip is equal in all directions, a == e, so `c_a_by_e` is exactly c. The
+        # results are then equal to the last bit to those of a model with a single coefficient of friction.
         c_a_by_e = c * (a / e)
         yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
         last_vx, last_vy, last_yaw_rate = last_velocity
+        # [m/s] change of the velocity; the yaw rate counts as the speed at a distance of 1 m
         change = hypot(vx - last_vx, vy - last_vy, yaw_rate - last_yaw_rate)
         if change < SETTLED * config.slip_speed:
             break
