@@ -100,8 +100,8 @@ def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint
     """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
     half_size = (footprint.half_length, footprint.half_width)
-    # the points below are rows, which are multiplied by this matrix from the left, so it is the transposed
-    # rotation matrix
+    # Each point below is a row vector on the left of this matrix. A row vector is rotated by the transposed
+    # rotation matrix.
     transposed_rotation = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
     # corners of the outline, and of an arrow on it, as multiples of half the length and half the width
     outline = ((1, 1), (-1, 1), (-1, -1), (1, -1))

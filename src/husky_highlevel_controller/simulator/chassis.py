@@ -253,7 +253,8 @@ class Chassis:
         x, y, z = point
         for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
             if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:
-                # the surface of a tyre is the tread, at depth 0, and the flanks, at FLANK_DEPTH
+                # The shape of a tyre in Bullet is a narrow cylinder with the wheel's radius, and a wide
+                # cylinder whose radius is smaller by FLANK_DEPTH. A contact may be on either of them.
                 depth = radius - hypot(x - wheel_x, z - wheel_z)
                 if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
                     return index

@@ -60,7 +60,8 @@ class _Sender:
     # rate of the sender is measured from there.
     moves_since: Optional[float] = None
     moves_count: int = 0  # number of commands after `moves_since`
-    # [s] the last gaps in a row in which a command expired; a command that comes in time empties the list
+    # [s] lengths of the last gaps between commands, if the command before each gap expired in it. A command
+    # that comes in time empties the list.
     slow_gaps: Tuple[float, ...] = ()
     # [s] stamp of the first command that was blocked by another topic; None if the last command was not
     # blocked

@@ -38,7 +38,8 @@ class WorldObjects:
     def __init__(self, bullet: BulletWorld) -> None:
         self._bullet = bullet
         self._bodies: Dict[str, Body] = {}
-        # present poses in the world of bodies that are only drawn, by name, if they have been moved
+        # Bullet does not know the bodies that are only drawn. These are the poses in the world of those that
+        # have been moved, by name.
         self._drawn_poses: Dict[str, Pose] = {}
 
     @property
@@ -71,7 +72,6 @@ class WorldObjects:
                 if body.collisions:
                     self._bullet.check_room(body.name)
         except Exception:
-            # the bodies that were added before the error are removed again
             for name in added:
                 self._drop(name)
             raise

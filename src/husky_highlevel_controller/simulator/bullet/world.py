@@ -49,7 +49,8 @@ _BREAKING_THRESHOLD = 0.005
 # wheels in many ways. On springs, only one distribution is possible, which depends neither on the solver nor
 # on the time step.
 _GROUND_STIFFNESS = 1e6  # [N/m] stiffness of each contact; a Husky's wheel sinks 0.15 mm
-_GROUND_DAMPING = 8e3  # [N s/m] roughly the critical damping of a quarter of the Husky
+# [N s/m] roughly the critical damping for a quarter of the Husky's mass, which is the part on each wheel
+_GROUND_DAMPING = 8e3
 _LIFT_FROM = 1e-3  # [m] a movable body that is deeper in the ground than this is put on top of the ground
 # Places of two values in the tuples that Bullet's getClosestPoints(first, second) returns: the unit normal,
 # which points from the second body to the first, and the distance [m], which is negative if they overlap.
@@ -331,8 +332,8 @@ class BulletWorld:
             for other in sorted(self._ids_near(checked_id) - may_overlap):
                 points = self._engine.getClosestPoints(checked_id, other, 0.0)
                 if any(point[_DISTANCE] < -_TOO_DEEP for point in points):
-                    # a user chooses the start of the robot by the launch arguments x, y and z; the start is
-                    # the only pose of the robot that is checked without a copy
+                    # A user chooses the start of the robot by the launch arguments x, y and z. At the start,
+                    # the robot itself is checked. At any later pose, a copy of the robot is checked.
                     is_start = name == ROBOT and copy is None
                     remedy = "; choose another x, y or z" if is_start else ""
                     raise PlacementError(f"'{name}' would stand inside '{self._name_by_id[other]}'{remedy}")
@@ -473,7 +474,7 @@ class BulletWorld:
         """
         for plane in self._planes:
             points = self._engine.getClosestPoints(body_id, plane, 0.0)
-            # depth of each point in the plane [m], and the plane's normal, which points out of the ground
+            # depth of each point below the plane [m], and the plane's normal, which points out of the ground
             depths_and_normals = [(-point[_DISTANCE], point[_NORMAL]) for point in points]
             depth, normal = max(depths_and_normals, default=(0.0, ()))  # the deepest point
             if depth > _LIFT_FROM:

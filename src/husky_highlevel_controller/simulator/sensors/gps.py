@@ -38,7 +38,7 @@ class Gps:
     def __init__(self, config: GpsConfig, period: float) -> None:
         """Make a receiver; `period` is the time from sample to sample [s]."""
         self._config = config
-        self._kept_fraction = exp(-period / DRIFT_TIME)  # fraction of the last error in the next error
+        self._kept_fraction = exp(-period / DRIFT_TIME)  # part of the last error that stays in the next one
         # The earth is an ellipsoid, so motion to the north and motion to the east are on circles of different
         # radii [m]. `sample` computes latitude and longitude with these radii.
         latitude = radians(config.latitude)

@@ -207,8 +207,9 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         fraction = light.sum(axis=1)
         # mean of the distances, weighted by the light; 1e-12 avoids a division by zero
         mean = (light * np.where(in_echo, depth, 0.0)).sum(axis=1) / np.maximum(fraction, 1e-12)
-        # An echo is strong enough if at least as much light comes back as from a whole spot on a dark surface
-        # at DARK_RANGE. The light falls with the square of the distance.
+        # The lidar detects a dark surface (DARK_REMISSION) that fills the spot, up to DARK_RANGE. An echo is
+        # strong enough if its light is not less than the light from there. The light falls with the square of
+        # the distance.
         has_light = fraction > 0.0
         is_strong = has_light & (fraction * config.remission >= DARK_REMISSION * (mean / DARK_RANGE) ** 2)
         ranges[beams[is_strong]] = mean[is_strong]

@@ -59,8 +59,9 @@ class PointLidar:
         self._planes: List[Pose] = [
             Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, azimuth)) for azimuth in azimuths
         ]
-        # 2. the angles of the beams in a plane, within -pi to pi: first of the column, whose angles are its
-        # elevations, then of the opposite column, whose angles are pi minus its elevations
+        # 2. The angles of the beams in a plane, within -pi to pi. The beams of the column come first, and
+        # their angles are the elevations. Then come the beams of the opposite column, and their angles are pi
+        # minus the elevations.
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         opposite_angles = np.where(elevations > 0.0, pi, -pi) - elevations  # -pi is the same direction as pi
         angles = np.append(elevations, opposite_angles)  # (2 rings,)

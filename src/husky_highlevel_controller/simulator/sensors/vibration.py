@@ -35,7 +35,7 @@ from husky_highlevel_controller.simulator.sensors.imu import Imu
 CORRELATION_1, CORRELATION_2 = 0.15, -0.40
 # parameter of Student's distribution; with 7, a sample reaches 8 standard deviations once in 5 minutes
 DEGREES_OF_FREEDOM = 7
-# The noise is x[n] = LAST x[n-1] + BEFORE_LAST x[n-2] + RANDOM draw[n]. These factors give the noise the
+# The noise is x[n] = LAST x[n-1] + BEFORE_LAST x[n-2] + RANDOM draw[n]. With these factors, the noise has the
 # correlations above and the variance 1 (Yule-Walker equations). A draw from Student's distribution has the
 # variance DEGREES_OF_FREEDOM / (DEGREES_OF_FREEDOM - 2).
 LAST = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
