@@ -140,7 +140,7 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
 
 
 def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List[float]]:
-    """Return the height above a pose at which rays look down, and their drops at the four wheels [m].
+    """Return a height above a pose, and the distances (drops) from there to the floor at the four wheels [m].
 
     The height is MAX_SLAB. But if the pose is inside a wide body, such as a thick floor, the height is above
     the top of this body. All drops are 0 if the top is more than MAX_RISE above the pose, and also if the
@@ -159,7 +159,7 @@ def _drops_at_wheels(scene: RayScene, pose_on_ground: Pose) -> Tuple[float, List
 
 
 def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
-    """Return the drops at the four corners of a square around a pose [m].
+    """Return the distances (drops) from four corners around a pose down to the first body [m].
 
     The corners are `height` m above the pose, and `reach` m from it along both of its axes.
     """

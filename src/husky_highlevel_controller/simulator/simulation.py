@@ -406,6 +406,7 @@ class Simulation:
         # the last sample of odometry may be some steps old, so a new sample adds the way that the robot has
         # driven since then
         self._odometer.sample(self._chassis.wheels(), self._equipment.imu.yaw_rate, self._steps_since_reset)
+        # the world keeps its pose in odom, so this pose is computed from the robot's poses before the move
         pose_world_in_odom = world_in_odom(pose_before, self._odometer.filtered.pose_base_in_odom)
         self._height_of_last_floor = self.ground_height
         self._equipment.imu.restart()

@@ -89,10 +89,10 @@ def ground_forces(
 ) -> List[Vector2]:
     """Return the ground's force on each wheel over the next step, in base_link's x and y [N].
 
-    The force on a wheel is -k times its slip after the step (see the docstring of this module). The slip
-    depends on the velocity after the step, and k depends on the slip. So each round computes k from the
-    velocity that the round before has found, and then a better velocity from three linear equations:
-    momentum along x, momentum along y, and spin.
+    The force on a wheel is -k times its slip after the step, see the docstring of this module. The slip is
+    the velocity of the tread over the ground. The slip depends on the robot's velocity after the step, and k
+    depends on the slip. So each round computes k from the velocity that the round before has found, and then
+    a better velocity from three linear equations: momentum along x, momentum along y, and spin.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -135,7 +135,8 @@ def ground_forces(
             k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
             ks.append(k)
             # The friction of the wheel changes the momentum along x by -k dt (vx - yaw_rate y - speed), and
-            # the momentum along y by -k dt grip (vy + yaw_rate x). The terms with the unknown velocity are
+            # the momentum along y by -k dt grip (vy + yaw_rate x). The angular momentum changes by x times
+            # the change along y, minus y times the change along x. The terms with the unknown velocity are
             # added to the left sides of the equations, and the terms with the known `speed` to the right.
             kdt = k * dt
             a += kdt

@@ -256,8 +256,8 @@ def _read_model(model: Model, parent: _Place) -> None:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
     _read_links(node, place, assembly)
     for frame in node.children("frame"):
-        # A frame without `attached_to` gets the full name of "", which no link has. So a joint of this frame
-        # is left out, with a note.
+        # Without `attached_to`, the frame leads to the name "MODEL::", which no link has. So a joint that
+        # names this frame is left out, with a note.
         attached_to = frame.element.get("attached_to", "")
         assembly.frames[place.full_name_of(frame.named())] = place.full_name_of(attached_to)
     for joint in node.children("joint"):
