@@ -256,15 +256,21 @@ def _read_model(model: Model, parent: _Place) -> None:
         assembly.name, assembly.pose_in_world = full_name, place.pose_in_world
     _read_links(node, place, assembly)
     for frame in node.children("frame"):
-        # Without `attached_to`, the frame leads to the name "MODEL::", which no link has. So a joint that
-        # names this frame is left out, with a note.
-        attached_to = frame.element.get("attached_to", "")
+        # SDF attaches a frame without `attached_to` to the model itself
+        attached_to = frame.element.get("attached_to") or "__model__"
         assembly.frames[place.full_name_of(frame.named())] = place.full_name_of(attached_to)
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
     # read the models inside this model, which yield no bodies; a generator does nothing until it is iterated
     for _ in _bodies_in(node, place):
         pass
+    # A joint or a frame may name the model itself, as `__model__` or by its name. This means a link of the
+    # model, which is the link in `canonical_link`, or otherwise the first link, also of a model inside it.
+    links = [link for link in assembly.links if link.startswith(f"{full_name}::")]
+    named_link = node.element.get("canonical_link")
+    if named_link or links:
+        link_of_model = place.full_name_of(named_link) if named_link else links[0]
+        assembly.frames[full_name] = assembly.frames[place.full_name_of("__model__")] = link_of_model
 
 
 def _read_links(node: Node, model: _Place, assembly: Assembly) -> None:

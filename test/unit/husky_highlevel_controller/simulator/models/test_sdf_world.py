@@ -573,6 +573,44 @@ def test_links_that_joints_hold_together_are_one_body_and_pass_through_the_other
     assert [("joints do not move" in message) for message in caplog.messages] == [True] * warned
 
 
+@pytest.mark.parametrize(
+    ("inside", "held_together"),
+    [
+        (('<frame name="hub"/>', joint("hub", "c")), "ac"),
+        (('<frame name="hub" attached_to="__model__"/>', joint("hub", "c")), "ac"),
+        (('<frame name="hub" attached_to="inner"/>', joint("hub", "c")), "lc"),
+        ((joint("inner", "c"),), "lc"),
+        ((joint("c", "deep"),), "cl"),
+    ],
+    ids=[
+        "frame of the model",
+        "__model__",
+        "frame of a model inside",
+        "model inside",
+        "model without a link",
+    ],
+)
+def test_a_joint_at_a_model_holds_the_first_link_of_the_model(inside, held_together, caplog):
+    inner = assembled(link("l", 7), name="inner")
+    if "deep" in "".join(inside):
+        inner = assembled(inner, name="deep")
+    read = parse_world(sdf(assembled(*WHEELED, inner, *inside), version="1.7"), "test.world").bodies
+    place_of = {"a": 0.0, "b": 2.0, "c": 5.0, "l": 7.0}
+    places = [
+        {transform_point(b.pose_in_world, part.pose_in_body.position)[0] for part in b.collisions}
+        for b in read
+    ]
+    assert {place_of[name] for name in held_together} in places
+    assert caplog.text == ""
+
+
+def test_a_model_may_name_the_link_that_a_joint_at_the_model_holds():
+    model = assembled(*WHEELED, '<frame name="hub"/>', joint("hub", "c"))
+    model = model.replace('<model name="m"', '<model name="m" canonical_link="b"')
+    names = [body.name for body in parse_world(sdf(model, version="1.7"), "test.world").bodies]
+    assert names == ["m::a", "m::b"], "c is part of the body of b"
+
+
 def test_a_joint_of_a_link_that_is_not_there_is_left_out(caplog):
     read = parse_world(sdf(assembled(*WHEELED, joint("a", "z"))), "test.world").bodies
     assert [body.name for body in read] == ["m::a", "m::b", "m::c"]
