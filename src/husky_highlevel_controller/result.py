@@ -141,7 +141,7 @@ class Result:
     tables: Sequence[Table]
     verdict: str = ""
     failed: bool = False  # true if the result is bad, so that the exit code is 1
-    source: str = ""  # sentence with the hash of the runs, the machines and the versions
+    source: str = ""  # sentence with the machines, the versions, and a hash of the runs
 
     def __post_init__(self) -> None:
         """Turn the tables into a tuple, so that a result from a JSON file equals the one that was written."""

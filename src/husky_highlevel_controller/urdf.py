@@ -153,7 +153,7 @@ def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[s
 
     The other links may be below or above `root`. `joined` is a result of `joined_links`.
     """
-    # links that a joint connects with each link, and their poses in this link
+    # for each link, its neighbours (the links that a joint connects with it), and their poses in the link
     neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
     for parent, child, pose_child_in_parent in joined:
         neighbours[parent].append((child, pose_child_in_parent))

@@ -6,14 +6,24 @@ The change of velocity counts, not the peak of a sample, because on a real A200 
 (flooring) to 90 m/s^2 (snow) are vibration. Vibration swings back within 0.1 to 0.2 s, but the speed that a
 collision takes stays lost. So the detector computes
 
-    change = mean velocity of the last AFTER seconds - mean velocity of BEFORE seconds, `window` earlier
+    change = mean velocity after the collision - mean velocity before the collision
     loss = speed that this change takes from the robot - speed that the wheels lose in the same time
 
-and compares the loss with a limit. Without vibration the limit is `max_loss`. Vibration of the other two axes
-raises the limit in two ways. The limit grows from `max_loss` to `max_loss_rough`, which it reaches at
-ROUGH_VIBRATION. On every ground, `vibration_factor` times the vibration is added. A push from the side is a
-crash, too. Its size is the sideways velocity that the robot gains within `window` and then keeps, without the
-part that driving a curve causes. For a push, vibration raises the limit twice as much.
+and compares the loss with a limit. The change that ends at the time `end` has three parts:
+
+         BEFORE         window        AFTER
+    |--------------|--------------|-----------|
+     mean velocity    collision     mean      end
+     before                         velocity
+                                    after
+
+The *age* of a sample is the time from the sample to `end`.
+
+Without vibration the limit is `max_loss`. Vibration of the other two axes raises the limit in two ways. The
+limit grows from `max_loss` to `max_loss_rough`, which it reaches at ROUGH_VIBRATION. On every ground,
+`vibration_factor` times the vibration is added. A push from the side is a crash, too. Its size is the
+sideways velocity that the robot gains within `window` and then keeps, without the part that driving a curve
+causes. For a push, vibration raises the limit twice as much.
 
 The direction of gravity is tracked from gyro and accelerometer, so neither the orientation in the messages
 nor a level mount is needed.
@@ -43,9 +53,8 @@ LEVELLING_FORCE = 20.0
 # [s] Odometry may come this much later than IMU samples. So with each IMU sample, the detector judges a
 # change of velocity that ended this long before the sample.
 LATENESS = 0.05
-# [s] a change of velocity is the mean velocity over the last AFTER minus the mean velocity over an earlier
-# time of length BEFORE
-AFTER, BEFORE = 0.15, 0.4
+AFTER = 0.15  # [s] time after the collision over which the velocity is averaged
+BEFORE = 0.4  # [s] time before the collision over which the velocity is averaged
 MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
 # [s] time after the first sample in which no crash is detected, on smooth ground and on rough ground; in this
 # time, the direction of gravity becomes known
@@ -54,8 +63,9 @@ LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between
 PATIENCE = 2.0  # [s] IMU samples are evaluated without odometry if no odometry has come for this time
 LONGEST_WAIT = 2.5  # [s] an IMU sample that has waited this long for its odometry is evaluated without it
 LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that come later than odometry
-# [m/s^2] A shock from below also causes horizontal force. So the part of the force ahead that is above this
-# limit is reduced by the size of the vertical force. The vertical force itself is cut off at this limit.
+# [m/s^2] A shock from below also causes horizontal force. If the force ahead is larger than this limit, the
+# size of the vertical force is subtracted from the part above the limit. A larger vertical force counts as
+# this limit.
 SHOCK_FORCE = 6.0
 # [m/s] Ground with this vibration or more counts as fully rough, and ground with less vibration as partly
 # rough. A real Husky A200 measures 0.005 at rest and 0.03 on flooring.
@@ -138,12 +148,14 @@ class CrashDetector:
         """Forget the judged samples, as after a jump of time; later samples are judged without them."""
         # unit vector upwards in the IMU's frame; None before the first sample
         self._vertical: Optional[Vector3] = None
-        # [s] time constant of `_vertical`; it begins at 0 and grows, so `_vertical` is at first a plain mean
-        # of the samples
+        # [s] Time constant of the filter of `_vertical`. It is the time since the first sample, up to
+        # LEVELLING_TIME, because then `_vertical` is at first the plain mean of all samples. `_judge_sample`
+        # increases it before each update of `_vertical`.
         self._levelling_time = 0.0
         self._last_stamp = -inf  # [s] stamp of the last judged sample
         # [s] time between the last two stamps; number of samples with the last stamp, which are averaged
         self._period, self._samples_of_stamp = 0.0, 1
+        # changes of velocity from sample to sample, by the IMU, with ages up to AFTER + window + BEFORE
         self._increments: Deque[_Increment] = deque()
         # stamp [s]; squared velocity that the body gained sideways and upwards in the time `config.window`
         # before this stamp [m^2/s^2]
@@ -166,11 +178,14 @@ class CrashDetector:
             self._wheel_speeds.clear()
         self._wheel_speeds.append((stamp, twist_in_base.linear))
         self._odometry_silent_since = inf  # no IMU sample has come since this odometry
-        # Wheel speeds that no later sample needs are dropped. A sample needs wheel speeds up to this age [s].
+        # Wheel speeds that no later sample needs are dropped. With a sample, the change that ended LATENESS
+        # before the sample is judged. So the sample needs the wheel speeds since the beginning of this
+        # change, and a little more, because the odometry may be shifted in time.
         needed_age = LATENESS + AFTER + self._config.window + BEFORE + self._config.odometry_delay
-        # The next sample is not older than the last judged sample. It may be older than this odometry, but
-        # only by LONGEST_DELAY; a sample that is even older is judged without changes of the wheels' speed.
-        oldest_next_sample = max(min(stamp, self._last_stamp), stamp - LONGEST_DELAY)
+        # [s] lower limit of the next sample's stamp, because samples come in the order of their stamps
+        oldest_next_sample = min(stamp, self._last_stamp)
+        # a sample that is older than the odometry by more than LONGEST_DELAY is judged without wheel speeds
+        oldest_next_sample = max(oldest_next_sample, stamp - LONGEST_DELAY)
         oldest_needed = oldest_next_sample - max(needed_age, MEMORY)
         while self._wheel_speeds[0][0] < oldest_needed:
             self._wheel_speeds.popleft()
@@ -234,8 +249,9 @@ class CrashDetector:
         periods = [after - before for after, before in zip(newest_stamps, newest_stamps[1:])]
         # a lost message makes a period too long, so the shorter period counts
         period = min(periods, default=0.0)
-        # with this sample, a change is judged that ended LATENESS before it (see `_judge_change`); the last
-        # odometry before this end may be one period older than the end
+        # With the sample, `_judge_change` judges the change of velocity that ended LATENESS before the
+        # sample. The odometry covers this change if the next odometry would come after its end. So the newest
+        # odometry may be older than the end by one period.
         return stamp - newest_stamps[0] <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
@@ -285,7 +301,8 @@ class CrashDetector:
         The gyro turns it, and the accelerometer pulls it slowly towards the measured force, which points
         upwards if the robot is at rest. Driving adds the accelerations of the wheels and of the curve, so
         these are subtracted from the force. A force that still differs much from gravity is a shock, so it
-        pulls less. `duration` is the time since the last sample [s].
+        pulls less. `duration` is the time since the last sample [s]. The caller has already added it to
+        `_levelling_time`, so `_levelling_time` is above 0.
         """
         assert self._vertical is not None
         # Seen from the IMU, the vertical turns against the gyro's rate w, by -(w x vertical) * duration.
@@ -338,7 +355,7 @@ class CrashDetector:
     def _increment(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Increment:
         """Return the change of velocity in the time of a sample: its acceleration times its duration [s].
 
-        Gravity, and the acceleration to the side that driving a curve causes, are subtracted before.
+        Gravity, and the acceleration to the left that driving a curve causes, are not part of the change.
         """
         assert self._vertical is not None
         ahead, left = self._ground_axes(imu_in_base)
@@ -348,6 +365,7 @@ class CrashDetector:
         # force ahead is reduced by the size of the vertical force at the same time. The forces to the left
         # and up are cut off; the limit to the left is higher, because the body rolls on its tyres.
         force_ahead = _damped(dot(force, ahead), force_up)
+        # the whole force is cut off, with the part by driving a curve, because the shock acts on all of it
         force_left = _clamped(dot(force, left), SIDEWAYS_FACTOR * SHOCK_FORCE)
         return _Increment(
             sample.stamp,
@@ -359,20 +377,20 @@ class CrashDetector:
     def _judge_change(self) -> Optional[float]:
         """Judge the change of velocity that ended LATENESS ago; return its size [m/s] if it is a crash.
 
-        The change is the mean velocity of the last AFTER seconds, minus the mean velocity of BEFORE seconds.
-        The time `window` lies between the two. `self.change` gets the part of the change that neither wheels
-        nor curve explain, and the vibration of the ground. Nothing is judged until the direction of gravity
-        is known, which takes LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
+        The change is the mean velocity over the time AFTER, minus the mean velocity over the time BEFORE. The
+        time `window` lies between them. `self.change` gets the part of the change that neither wheels nor
+        curve explain, and the vibration of the ground. Nothing is judged until the direction of gravity is
+        known, which takes LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
         """
         window, end = self._config.window, self._last_stamp - LATENESS
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
         change_ahead = change_left = 0.0  # changes of the mean velocity, ahead and to the left
-        # velocity to the left that was gained between the times of the two mean velocities
+        # velocity to the left that was gained in the time `window` between BEFORE and AFTER
         pushed_left = 0.0
-        # velocity gained to the left and upwards within the last `window` seconds; on rough ground, it is
-        # vibration
+        # Velocity gained to the left and upwards in the last `window` seconds before `end`. It is a new value
+        # for the vibration of the ground, which is measured all the time, also without a collision.
         swung_left = swung_up = 0.0
         # ages have rounding errors, so the limits of the ages are shifted by 1e-6 s; then an increment
         # exactly at a limit always counts on the same side
@@ -380,6 +398,7 @@ class CrashDetector:
             age = end - stamp
             if age < -1e-6:
                 break  # this increment and all later ones come after the end of the change
+            # a sum of weighted increments is the difference of the two mean velocities
             weight = self._weight(age)
             change_ahead += weight * ahead_by
             change_left += weight * left_by
@@ -408,8 +427,9 @@ class CrashDetector:
         The velocity is the one that the body gained sideways and upwards within the last `window` seconds.
 
         Returns:
-            The vibration of the ground at the time `end` [s], and the vibration at the time AFTER + `window`
-            earlier, when the judged change began. Both are the root of the mean of these squares over MEMORY
+            The vibration of the ground until the time `end` [s], and the vibration until AFTER + `window`
+            before `end`. The second one is the vibration before a collision in the time `window`, so a
+            collision does not count as vibration. Both are the root of the mean of these squares over MEMORY
             [m/s].
         """
         self._squared_swings.append((end, squared_swing))
@@ -422,11 +442,12 @@ class CrashDetector:
         return vibration, self._vibrations[0][1]
 
     def _weight(self, age: float) -> float:
-        """Return the weight, 0 to 1, of a velocity increment in the change of the mean velocity.
+        """Return the weight, 0 to 1, of a velocity increment in the change between the two mean velocities.
 
-        `_judge_change` defines this change. An increment between the times of the two means counts fully. An
-        increment within one of these times changes only a part of that mean, so it counts partly. `age` is
-        the time from the increment to the end of the change [s].
+        An increment in the time `window` changes only the mean after it, so it counts fully. An increment
+        within AFTER changes only the later part of that mean, so it counts less, the later it comes. An
+        increment within BEFORE also changes a part of the mean before, so it counts less, the earlier it
+        comes. `age` is the time from the increment to the end of the change [s].
         """
         since_begin = AFTER + self._config.window + BEFORE - age  # [s] time from the beginning of the change
         return max(min(age / AFTER, since_begin / BEFORE, 1.0), 0.0)
@@ -442,11 +463,13 @@ class CrashDetector:
             change_ahead: change of the velocity ahead, by the IMU [m/s].
             end: time at which the change ended [s].
         """
-        # speed of the wheels before the change, which tells the direction of travel; None if unknown
+        # speed of the wheels at the end of the time BEFORE, which gives the direction of travel; None if
+        # unknown
         speed_before = self._speed_at(end - AFTER - self._config.window)
         # Possible changes of the wheels' speed. The first is 0, because wheels that only become faster take
-        # no speed from the robot. The others are by odometry, for five shifts in time. In each of them, a
-        # change of speed between two messages has the weight of an increment of the IMU at the same age.
+        # no speed from the robot. The others come from odometry, for five shifts in time. As for the IMU,
+        # each is a weighted sum of increments. Here an increment is the change of speed between two messages,
+        # and its age is the age of the middle between them.
         wheel_changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
             shifted_end, change = end + shift * self._config.odometry_delay, 0.0
@@ -457,9 +480,10 @@ class CrashDetector:
                     age = shifted_end - 0.5 * (stamp + next_stamp)
                     change += (next_speed - speed) * self._weight(age)
             wheel_changes.append(change)
-        # the loss is the robot's change of velocity against the direction of travel, minus the change of its
-        # wheels' speed
         losses = []
+        # Forwards, a loss of speed is a negative change. If the robot's velocity changes by -0.5 m/s, and the
+        # speed of its wheels by -0.2 m/s, the loss is 0.3 m/s. The most negative change of the wheels
+        # explains most of the loss. Backwards, all signs are the other way round.
         if speed_before is None or speed_before > -STANDING_SPEED:  # the robot may have driven forwards
             losses.append(min(wheel_changes) - change_ahead)
         if speed_before is None or speed_before < STANDING_SPEED:  # the robot may have driven backwards

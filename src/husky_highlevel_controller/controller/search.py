@@ -22,7 +22,8 @@ LOOK_AHEAD = 1.0
 SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
 _FREE_BESIDE = 0.15  # [m] the way is free only if there is this much space on either side of the footprint
 _OWN_BODY = 0.01  # [m] returns nearer to the footprint than this come from the robot itself
-# [rad] turns away from the goal that `free_bearing` tries: 0, and up to 120 degrees to the left and right
+# [rad] angles between the goal and the directions that `free_bearing` tries: 0, and up to 120 degrees to the
+# left and right
 _SIDESTEPS = [radians(angle) for angle in range(120, -121, -15)]
 # [m] returns with a longer range are ignored, because they are not within LOOK_AHEAD of the robot
 _NEAR_RANGE = 2.0
@@ -55,7 +56,7 @@ def search_on(
     in front of an obstacle. Then the robot turns only to the next side, without the look around.
 
     Args:
-        search: result of the last call; Search() at first.
+        search: result of the last call; `Search()` at first, which begins with a full turn.
         base_in_odom: pose of the robot.
         points_in_base: obstacles near the robot, which are ends of beams, (N, 2) [m].
         outline: footprint of the robot.

@@ -82,17 +82,18 @@ class ClockOffset:
             return 0.0
         period = progress / self._new_references  # [s] period of the reference
         message_period = abs(stamp - first) / (self._message_count - 1)
-        # [s] if the clocks are equal, the smallest difference is at most this. A message is newer than the
-        # last reference by at most one period of the reference. The first message after a reference is newer
-        # by at most one period of the messages.
+        # [s] If the clocks are equal, the smallest difference is at most this. The reference comes once in
+        # its period, so no message is newer than the last reference by more than this period. One message
+        # comes within `message_period` after a reference.
         slack = min(period, message_period)
         # the tolerance is for delays in wall time; if simulated time passes faster than wall time, the same
         # delay is longer in simulated time
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
         if self._smallest_difference > tolerance:
             return self._smallest_difference
-        # if the clocks are equal, the largest difference is about one period, because some message comes
-        # shortly before the next message of the reference
+        # If the clocks are equal, the largest difference is about one period of the reference. It belongs to
+        # the message that comes shortly before the next reference. If the clock of the messages is behind,
+        # the largest difference is smaller by the offset.
         behind = self._largest_difference - period
         return behind if behind < -tolerance else 0.0
 

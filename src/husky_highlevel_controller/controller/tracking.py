@@ -39,7 +39,8 @@ _DRIFT = 0.02
 # A pillar of a scan can be the remembered pillar only if it is near the remembered position. The limit of the
 # distance is _GATE [m], plus _GATE_FRACTION of the pillar's range, plus the uncertainty of the position.
 _GATE, _GATE_FRACTION = 0.5, 0.03
-# [m] a larger standard deviation of a position counts as this, which limits the distance of a match
+# [m] a larger standard deviation of a position counts as this, because otherwise a pillar far away from an
+# old position would match it
 _LARGEST_DEVIATION = 0.3
 _MAX_REJECTED = 8  # largest number of rejected positions that are remembered
 # [m], [s] a pillar is confirmed if the lidar has seen it from two positions that are BASELINE apart, or for
@@ -91,7 +92,8 @@ class Track(NamedTuple):
     anchor: Optional[Anchor] = None
     # true if the pillar was seen for WATCH_TIME, or from two positions BASELINE apart
     confirmed: bool = False
-    # [m] position in odom to which the last tracked object has walked; None if it has not walked
+    # [m] position in odom to which the last tracked object has walked, which was probably a person; None if
+    # no object has walked. It is kept after the object is given up, so that other pillars are preferred.
     walked_to: Optional[Tuple[float, float]] = None
 
     @property
@@ -121,7 +123,7 @@ def follow(
         pillars: pillars of this scan, nearest first.
         scan: the scan.
         laser_in_odom: pose of the lidar at the scan.
-        keep_hidden: whether to keep a near pillar although something hides it.
+        keep_hidden: whether to keep a near pillar although something hides it; true after the arrival.
 
     Returns:
         The new track, the tracked pillar if the scan shows it, and whether its position is seen, hidden, out
@@ -151,8 +153,9 @@ def follow(
             # or out of view; its position is rejected only if it looks empty.
             track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
 
-    # No pillar is tracked now, so the nearest pillar that is not at a rejected position is taken. The object
-    # that walked comes last, because `sorted` puts false before true.
+    # No pillar is tracked now, so the nearest pillar that is not at a rejected position is taken. The last
+    # choice is the object that was given up because it walked, because it is probably a person. This object
+    # is taken only if more beams fall on it than before. `sorted` puts false before true.
     walker_last = sorted(sightings, key=lambda sighting: _is_at(track.walked_to, sighting))
     for sighting in walker_last:
         if not _is_rejected(sighting, track):
@@ -247,7 +250,8 @@ def _give_up(track: Track, reject: bool) -> Track:
     """Return a track that no longer has a pillar.
 
     With `reject`, the pillar's position is added to the rejected positions, so that the same object is not
-    tracked again at the next scan.
+    tracked again at the next scan. The new track keeps the rejected positions and `walked_to`, because both
+    say which objects not to track.
     """
     assert track.estimate is not None
     rejected = track.rejected
@@ -277,9 +281,10 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     # `first` to `last` are the indices of the beams that should meet the pillar, without the outermost tenth
     # of the pillar
     half_width = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)
-    # index of the beam that would point exactly to the pillar's centre, usually not a whole number; `%` adds
-    # whole turns until it is positive
-    middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
+    # Index of the beam that would point exactly to the pillar's centre, usually not a whole number. A scan
+    # may begin at any angle, so whole turns are added until the index is positive.
+    beams_per_turn = 2.0 * pi / abs(step)
+    middle = (atan2(y, x) - scan.angle_min) / step % beams_per_turn
     first, last = int(middle - half_width + 1.0), int(middle + half_width)
     # the pillar lies at an end of the scan, or is so far away that it gets fewer than two beams
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:
@@ -288,6 +293,7 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     # nearer object hides the pillar
     slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
     nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
+    # [m] a beam that meets nothing is inf here, so it passes beyond the pillar
     readings = scan.returns[first : last + 1].tolist()
     not_hidden = sum(reading >= nearest_expected for reading in readings)
     return Visibility.EMPTY if 2 * not_hidden > len(readings) else Visibility.HIDDEN
