@@ -282,9 +282,10 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
 
 
 def installed_packages(setups: Sequence[str]) -> str:
-    """Return a fingerprint of the names of the packages of Debian, ROS and Python on this machine.
+    """Return a hash of the names of the packages of Debian, ROS and Python on this machine.
 
-    `setups` are the setup.bash files of catkin workspaces, whose packages count, too.
+    A submission that misses a package is marked again if this hash has changed. `setups` are the setup.bash
+    files of catkin workspaces, whose packages count, too.
     """
     # folders of catkin workspaces, such as /opt/ros/noetic
     workspaces = os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep)
@@ -367,8 +368,8 @@ def _mark_jobs(jobs: Sequence[Job], workers: Workers, elsewhere: bool) -> Iterat
         """Return the files that take the place of a worker's files if its job failed."""
         return {RESULT: to_json(_failed(packed[0], error)).encode()}
 
-    # a `PackedPath` reads a submission's files only when it is sent to a worker, so the whole class is never
-    # in memory
+    # a `PackedPath` reads a submission's files only when it is sent to a worker, so the files of all
+    # submissions are never in memory at the same time
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
     for index, files in workers.as_completed(run_there, packed, title, starts_programs=True, on_error=failed):
         try:
@@ -431,12 +432,13 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
         problem = f"the grader failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
             problem = f"it was not graded within {deadline:g} s; --time-limit sets this limit"
-            # The fingerprint makes the next call with this time limit keep the result. workspace.json is
-            # removed, so the next call does not judge the incomplete runs by new rules. After a crash of the
-            # grader, neither is done: the next call marks the submission again, and workspace.json saves a
-            # build.
+            # The next call with this time limit finds the fingerprint, and keeps this result. With
+            # workspace.json, it would judge the stored runs again if the rules have changed, although these
+            # runs are incomplete. So workspace.json is removed.
             (out / WORKSPACE).unlink(missing_ok=True)
             write_whole(out / FINGERPRINT, _fingerprint_of_timeout(job))
+        # if the grader has crashed instead, there is no fingerprint, so the next call marks the submission
+        # again; workspace.json is then kept, because with it the submission is not built again
         result = unmarked(job, problem)
         write_result(result, out)
         return result
@@ -463,7 +465,8 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         (folder / "hand_ins").mkdir()
         path = content.unpack(folder / "hand_ins")
         out = folder / "out" / Path(job.out).name
-        # paths on this machine replace the paths in the job; the sandbox hides `folder`, which has the result
+        # Paths on this machine replace the paths in the job. The sandbox hides `folder`, because the
+        # result is there, and shows in it only the submission's own workspace and the folder of its run.
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, skipped=NOT_RETURNED):

@@ -54,7 +54,8 @@ class RvizView(RvizConfig):
     robot: bool = False  # true if the robot model is visible
     scan: bool = False  # true if the laser's points are visible
     hidden: Tuple[Tuple[str, str], ...] = ()  # topic and namespace of markers that no display shows
-    # visible displays of markers whose topic has messages of the other type, which RViz does not show
+    # visible displays that show no marker, because the display is for Marker and the topic has MarkerArray,
+    # or the reverse
     mistyped: Tuple[RvizDisplay, ...] = ()
 
     @property

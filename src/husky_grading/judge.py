@@ -108,7 +108,8 @@ def failure_text(error: Exception) -> str:
 
 def _without_machine_paths(result: MarkingResult, job: Job) -> MarkingResult:
     """Return the result without paths of this machine, because a student only knows the delivered paths."""
-    # folders whose paths are cut off in front of the names that the student knows
+    # `hide_places` removes these folders from the beginnings of paths, so only the part that the student
+    # knows stays
     folders = [Path(folder) for folder in (job.out, job.hand_in, *job.hidden, *job.packages) if folder]
     items = [
         replace(item, evidence=hide_places(item.evidence, folders), hint=hide_places(item.hint, folders))

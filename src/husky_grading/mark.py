@@ -55,15 +55,16 @@ def mark(job: Job) -> MarkingResult:
     """
     out, exercise = Path(job.out), EXERCISES[job.config.exercise]
     problem = ""  # sentence that says why the submission could not be marked; empty if it was marked
-    # hash of everything that the result depends on. The next `grade` keeps the result if the hash is still
-    # the same. The hash is empty if the result must not be kept.
+    # Hash of everything that the runs depend on; empty if the runs must not be kept. If the hash is still the
+    # same at the next `grade`, there are no new runs. `batch` then keeps the result, or judges the runs again
+    # if rules or points by hand have changed.
     fingerprint = ""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
             remove_tree(out / name)
         submission = kept_submission(job) or prepare(job, exercise.facts)
-        # a robot in marking.yaml, for this student only, comes before the robot of the class
+        # a robot in marking.yaml, for this student only, is used instead of the robot of the class
         config = replace(job.config, robot=job.override.robot or job.config.robot)
         trials = draw_trials(exercise.number_of_runs(config.trials), config.seed)
         observe(submission, trials, config, exercise.bring_up, out)
@@ -79,9 +80,9 @@ def mark(job: Job) -> MarkingResult:
     except NotMarkableError as error:  # a fault that marking again would not repair, such as a broken archive
         problem, fingerprint = _text_of(error), job.fingerprint
     except HuskyError as error:
-        # The fingerprint stays as it is. If this machine has a fault, the fingerprint is not set yet. If the
-        # teacher's points have an error, it is set, so the next `grade` keeps the runs, and judges them by
-        # the corrected points.
+        # An error before `judge`, such as a fault of this machine, leaves the fingerprint empty, so the next
+        # `grade` marks the submission again. If `judge` finds an error in the teacher's points, the
+        # fingerprint is already set, so the next `grade` judges the same runs by the corrected points.
         problem = _text_of(error)
     except OSError as error:  # a fault of this machine, also while the pictures are written
         problem = error.strerror or _text_of(error)
@@ -105,7 +106,7 @@ def mark(job: Job) -> MarkingResult:
 
 def _judge_and_draw(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
     """Return the result, and write the pictures of the runs, also if `judge` rejects the teacher's points."""
-    cause = None  # first item that lost points; one picture shows its moment
+    cause = None  # first item that lost points; one picture shows the moment of this loss
     try:
         result = judge(submission, recordings, job)
         cause = result.cause

@@ -50,7 +50,7 @@ class Kind(Enum):
     NO_COMMANDS = "no commands"  # the submission has a publisher of commands, but sends none
     ZERO_COMMANDS = "zero commands"
     IN_SPITE_OF_COMMANDS = "in spite of commands"  # the robot does not move, although commands came
-    COMMANDS_CEASE = "commands cease"  # no command comes any more long before the end of the run
+    COMMANDS_CEASE = "commands cease"  # the commands end long before the end of the run
     UNANSWERED_SCANS = "unanswered scans"
     FLOOD = "flood"  # the submission sends far too many commands
     # faults of markers
@@ -65,7 +65,7 @@ class Kind(Enum):
     AT_ORIGIN = "at the origin"  # the marker is always at the origin of its frame, or at the lidar
     NO_RETURN = "no return"  # the marker is at the lidar when no beam measures a range
     WRONG_HEIGHT = "wrong height"
-    NO_FRAME = "no frame"  # TF has no frame of the marker's name
+    NO_FRAME = "no frame"  # TF does not have the frame that the marker's header names
     INVISIBLE = "invisible"
     DELETED = "deleted"  # each marker is deleted as soon as it has come, so RViz never draws one
     OLD_ONES = "old ones"  # most markers are right, but RViz also shows older markers, which are wrong

@@ -50,7 +50,7 @@ class MarkerSample:
     action: str = ADD
     problem: str = ""  # reason why RViz would not draw the marker; empty if RViz draws it
     finite: bool = True  # false if a number of the marker is inf or nan
-    has_frame: bool = True  # false if TF never had a frame of the marker's name
+    has_frame: bool = True  # false if TF never had the frame of the marker's header
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,9 @@ class Recording:
     marker_topics: Tuple[str, ...] = ()
     # type of each of these topics, such as "visualization_msgs/Marker"; older recordings have no types
     marker_types: Mapping[str, str] = field(default_factory=dict)
-    subscribed: bool = False  # true if the submission subscribes to the scans
+    # true if the submission subscribes to the topic that the exercise needs: in exercise 4 the wheel odometry
+    # of the bag, otherwise the scans
+    subscribed: bool = False
     advertised: bool = True  # true if the submission has a publisher of velocity commands
     # topics to which the submission has subscribed, but on which no node has ever published
     silent_topics: Tuple[str, ...] = ()

@@ -296,7 +296,7 @@ def printable(text: str, limit: int = MAX_TEXT) -> str:
     text = text if len(text) <= limit else text[:limit] + " [...]"
     try:
         data = text.encode("utf-8", "surrogateescape")
-    except UnicodeEncodeError:  # half of a pair of surrogates, which JSON can have as an escape
+    except UnicodeEncodeError:  # an escape in JSON, such as "\ud800", can stand for half a character
         data = text.encode("utf-8", "backslashreplace")
     text = data.decode("utf-8", "backslashreplace")
     return "".join(letter if letter.isprintable() else " " for letter in text)

@@ -83,7 +83,7 @@ class Submission:
     notes: Tuple[Note, ...] = ()
     rviz: RvizConfig = field(default_factory=RvizConfig)
     robot: NamedRobot = field(default_factory=NamedRobot)
-    sandbox: str = ""  # kind of sandbox
+    sandbox: str = ""  # kind of sandbox in which `grade` prepared the submission, see `kind_of_sandbox`
     network: str = ""  # "loopback only", or "not kept apart" if the submission is in the machine's network
     own: Tuple[str, ...] = ()  # names of the packages that the student has delivered; empty if unknown
     # the chosen launch file, then the launch files that fit the exercise equally well but start other nodes;
@@ -154,7 +154,8 @@ def starter(
         action: `describe` reads launch files, `run` starts one, and `memcheck` starts one with its compiled
             nodes in valgrind.
         launchables: launch files or nodes.
-        robot_packages: packages of ROS whose nodes the submission or `grade` starts.
+        robot_packages: packages of ROS, not of the student. The nodes of `by_submission` are started and
+            graded like the student's. The nodes of `by_marking` are left out, because `grade` starts them.
         visible_code: files of this package that the program sees. Nodes of this package are left out, because
             they are not part of any submission; with ALL, they are started.
     """
