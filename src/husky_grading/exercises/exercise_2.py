@@ -127,7 +127,7 @@ class PrintedLine(NamedTuple):
 
     numbers: List[float]
     stamp: Optional[float]  # [s] simulated time at which the line was printed; None if it has no such stamp
-    is_list: bool  # true if the line has more than MOST_NUMBERS numbers, inf and nan
+    is_list: bool  # true if the line has more than MOST_NUMBERS values; inf and nan count as values
 
 
 def read_lines(output: str) -> List[PrintedLine]:
@@ -180,8 +180,8 @@ def judge_output(recording: Recording) -> Item:
         return with_cause(item, "nothing to print", reasons[0] if reasons else NO_SCANS)
     lines = read_lines(recording.output)
     printed = []  # [m] first number of each line that can be the smallest range
-    # While the robot stands, all scans have the same smallest range. So a line that prints another range then
-    # is not just late, but wrong.
+    # While the robot stands, all scans have the same smallest range. So a line that prints another range at
+    # that time is wrong, and not just late.
     wrong_at_rest = []  # [m] such wrong numbers
     is_right_at_rest = False  # true if a line printed the smallest range while the robot stood
     for line in lines:

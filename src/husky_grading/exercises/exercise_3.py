@@ -43,7 +43,7 @@ from husky_highlevel_controller.datatypes import TrueState
 HALF_WAY = 0.5  # a robot that covers this fraction of the way to the pillar gets all points for the approach
 # A robot drives past the pillar if two conditions hold. At its nearest point, it is still farther from the
 # pillar than MIN_PASSING [m] and farther than the fraction PASSING_FRACTION of the way. At the end of the
-# run, it is again more than MIN_PASSING farther away than at its nearest point. It then gets half of the
+# run, it is more than MIN_PASSING farther away than at its nearest point. It then gets half of the
 # points for the approach.
 PASSING_FRACTION, MIN_PASSING = 0.1, 1.0
 # a robot that covers at least this fraction of the way, but less than HALF_WAY, gets half of the points
@@ -290,12 +290,13 @@ def _judge_miss(item: Item, recording: Recording, rules: Rules, approach: Option
         return replace(item, points=None, evidence=by_hand(why), at=at, hint=SLOW)
     evidence = f"nearest {gaps[nearest]:.2f} m from the pillar at {at:.2f} s"
     evidence += f", at most {rules.reached:g} m is needed"
-    # the robot stops short if it has driven, but not after it was nearest to the pillar
+    # the robot stops short if it has driven ahead or back, but has only stood or turned since it was nearest
+    # to the pillar
     if recording.driving.any() and not recording.driving[nearest + 1 :].any():
         evidence = f"stops short: {evidence}"
     # the first explanation that fits gives the hint, and sometimes an ending of the sentence
     ending, cause = "", cause_of_stop(recording)
-    if not recording.moving.any():
+    if not recording.moving.any():  # the robot has never driven or turned
         hint = hint_on(first_cause(recording))
     elif approach is not None and not approach.full:
         hint = approach.hint  # the mistake in the approach has also kept the robot from the pillar
@@ -404,7 +405,7 @@ def _runs_out_of_time(recording: Recording) -> bool:
         return False
     before = int(np.searchsorted(times, times[-1] - LATELY))  # index of the pose LATELY before the end
     approach_speed = (gaps[before] - gaps[-1]) / (times[-1] - times[before])  # [m/s]
-    # at this speed, the robot would cover the rest of the way within one more deadline
+    # true if, at this speed, the robot would cover the rest of the way in a second run of the same length
     return bool(approach_speed * recording.deadline > gaps[-1])
 
 
@@ -470,7 +471,7 @@ def judge_shown(
             right_namespaces |= placement.namespaces
     topics = {topic for topic, _ in right_namespaces}
     if not topics:
-        # the student must first place the marker right, so the hint is the one on its place
+        # the student must first place the marker right, so this hint says how to do that
         hint = places[0].hint if places else CHECK
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
@@ -540,7 +541,7 @@ def judge_exercise_3(
         over_trials(places, rules.other_worlds),
         judge_shown(view, all_placements, places, rules),
     ]
-    # `forfeited` takes the points of a submission that has interfered with the simulator, and `weighted`
+    # `forfeited` removes the points if the submission has interfered with the simulator, and `weighted`
     # applies the weights of the teacher's rubric
     return weighted(forfeited(items, recordings), rules)
 

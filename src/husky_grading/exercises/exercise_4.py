@@ -287,7 +287,8 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # without a better explanation, the filter's inputs are probably wrong
+        # The filter's inputs are probably wrong in two cases: no cause is known but the missing odometry, or
+        # no fault such as a crash was noted, and no node subscribes to the bag's wheel odometry.
         is_cause_unknown = cause.kind is Kind.NO_ODOMETRY
         lacks_only_input = not causes(recording) and not recording.subscribed
         hint = INPUTS_HINT if is_cause_unknown or lacks_only_input else hint_on(cause)
@@ -311,7 +312,7 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
 
 
 def _cause_of_no_estimate(recording: Recording) -> Note:
-    """Return the most probable reason why there are too few estimates."""
+    """Return the most probable reason for too few estimates; NO_ODOMETRY if no better reason is known."""
     reasons = causes(recording)
     if reasons:
         return reasons[0]
@@ -340,7 +341,7 @@ def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> V
 
     If RViz shows several point clouds, the one with the best style counts.
     """
-    styles = []  # share of the points, and description, of each cloud
+    styles = []  # fraction of the item's points, and a description, for each point cloud
     for cloud in view.clouds:
         share = 0.5 if cloud.colouring == COLOURING else 0.0
         if abs(cloud.size - SIZE) <= SIZE_TOLERANCE:

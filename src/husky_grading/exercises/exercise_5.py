@@ -245,6 +245,8 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not effects:
         evidence = by_hand(f"{service}: the run ended before the effect of a call could be seen")
         return [replace(item, points=None, evidence=evidence) for item in (stop, start)]
+    # A restart is a call that repeats the value by which the robot has just stopped, and starts the robot. So
+    # its value is the value that stops the robot.
     effects, restarts = _take_out_repeats(effects)
     calls_while_driving = [effect for effect in effects if effect.drove_before]
     if calls_while_driving and not any(effect.stopped for effect in calls_while_driving):
@@ -322,7 +324,7 @@ def _judge_no_stop(
         callers: number of times that each node has asked the ROS master for the address of the service (a
             lookup). A node does this at each call, so a node with MANY lookups calls the service.
     """
-    # two calls are enough for the sentence, because they most often have both values
+    # two calls are enough for the sentence, because most often one of them has true and the other has false
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in effects[:2]]
     evidence, hint = f"{service}: neither value stops it: {', '.join(speeds)}", NEITHER
     first_call = effects[0].call
@@ -389,7 +391,7 @@ def _judge_stops(
         evidence = by_hand(f"{service}: the robot already stood before each call")
         return replace(item, points=None, evidence=evidence)
     failures = [effect for effect in while_driving if not effect.stopped]
-    # a restart is a call with the value for a stop, so it is one more failure
+    # each restart is a failure, too, because a call with the value for a stop has started the robot
     return _with_points(item, f"{service}: stands", [*while_driving, *restarts], [*failures, *restarts])
 
 

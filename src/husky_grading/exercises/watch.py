@@ -59,7 +59,8 @@ class DriveState:
     now: float  # [s] simulated time
     speed: float  # [m/s] true speed
     subscribed: bool = False  # true if the submission subscribes to the topic that the exercise needs
-    listens: bool = False  # true if the submission subscribes to a topic; those of every node do not count
+    # true if the submission subscribes to a topic; topics to which every ROS node subscribes do not count
+    listens: bool = False
     advertises: bool = False  # true if the submission has a publisher of velocity commands
     commands: int = 0  # number of velocity commands that the submission has sent so far
     abandoned: bool = False  # true if no node of the submission runs any more
