@@ -10,7 +10,7 @@ from urllib.parse import quote
 from husky_grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.drawing.templates import render
 
-LEAD = 1.0  # [s] a replay begins this simulated time before the moment of the evidence
+LEAD = 1.0  # [s] simulated time by which a replay begins earlier than the moment of the evidence
 BARS = 10  # number of bars of the histogram below 100 % of the points; 100 % has one more bar
 BAR_HEIGHT = 60  # [pixels] height of the highest bar
 # CSS class of a result's state; the page counts the results of each state in this order

@@ -25,7 +25,8 @@ COLORS = "viridis"  # colour map; the colour of a position shows its time
 # [m] a marker that is farther from the robot's start is left out, because it would make the rest of the plot
 # too small
 MAX_DISTANCE_FROM_START = 40.0
-MAX_MARKERS, MAX_RAYS = 500, 120  # about the largest numbers of markers and of lidar beams that are drawn
+# approximate largest numbers of markers and of lidar beams that are drawn
+MAX_MARKERS, MAX_RAYS = 500, 120
 SCAN = "#c2185b"
 
 
@@ -64,7 +65,7 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
     if len(recording.poses):
         for row in (0, -1):  # the robot at the start and at the end
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
-        _write_label(axis, "start", (x[0], y[0]), recording.pillar, gap=18)
+        _write_label(axis, "start", (x[0], y[0]), seen_from=recording.pillar, gap=18)
     start = recording.start.x, recording.start.y
     _name_pillar(axis, recording, start)
     # about MAX_MARKERS markers, evenly distributed over the run
@@ -79,16 +80,17 @@ def _draw_run(recording: Recording, axis: Any, end: float) -> Any:
         name = "marker" if len(markers) == 1 else "markers"
         arrow = {"arrowstyle": "-", "color": MARKER}
         # a thin line leads from the text to one of the markers
-        _write_label(axis, name, places[len(places) // 2], start, gap=30, color=MARKER, arrowprops=arrow)
+        middle = places[len(places) // 2]
+        _write_label(axis, name, middle, seen_from=start, gap=30, color=MARKER, arrowprops=arrow)
     return dots
 
 
 def _write_label(
     axis: Any, text: str, at: Sequence[float], seen_from: Sequence[float], gap: float, **more: Any
 ) -> None:
-    """Write a text next to a position.
+    """Write a text next to a position `at`, beside the line from `seen_from` to `at`.
 
-    The text is moved at right angles to the line from `seen_from` to `at`, so it does not cover this line.
+    The text is moved at right angles to this line, so it does not cover the line.
 
     Args:
         axis: axes of the plot.

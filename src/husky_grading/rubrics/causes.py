@@ -133,7 +133,7 @@ def silent_text(topics: str) -> str:
 def first_cause(recording: Recording) -> Note:
     """Return why the robot stands: the first step that fails, from the start of a node to its commands."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
-    reasons = causes(recording)  # notes that can be the cause, such as an exception, the first one first
+    reasons = causes(recording)  # notes that can be the cause, such as an exception
     if reasons:
         return reasons[0]
     # The tests go step by step from the scans to the motion of the robot. The first step that fails is the

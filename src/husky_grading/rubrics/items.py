@@ -119,9 +119,10 @@ def _losses_by_hand(items: Sequence[Item], reason: str, later_reason: str) -> Li
     """Return the items, and let a person grade those that lost points.
 
     Args:
-        items: items with the points of our runs.
-        reason: why these points may be wrong, for the first item that lost points.
-        later_reason: the same for all later items.
+        items: items with their points in the runs that `grade` made.
+        reason: why the submission could get other points from the student's launch file or machine; evidence
+            of the first item that lost points.
+        later_reason: reason for the later items; it may be shorter, because the first item explains more.
     """
     judged = []
     for item in items:

@@ -137,13 +137,14 @@ def _find_direction_fault(
     if not seen_markers:
         return None
     frame = wrong[0].frame  # the first marker stands for all, because few submissions use several frames
-    # Every frame except odom counts as a frame that turns with the robot. In such a frame, the student has
-    # computed x and y as seen from the robot, so y = 0 or whole metres are visible in `Seen`.
+    # Every frame except odom counts as a frame that turns with the robot. The student's coordinates in such a
+    # frame differ from x and y of `Seen` only by `origin_x`, and by y's sign if the lidar is upside down. So
+    # `Seen` shows whether the student's y is 0, or both coordinates are whole metres.
     turns_with_robot = frame != "odom"
     # [m] x of the origin of the marker's frame in base_link; every frame except base_link counts as the
     # lidar's frame
     origin_x = 0.0 if frame == "base_link" else load_robot(recording.robot).lidar_mount.x
-    # test of each fault on one marker; the first fault that most markers have counts
+    # test of each fault on one marker; the result is the first fault that is found on most of the markers
     tests: Dict[Kind, Callable[[Seen], bool]] = {
         Kind.Y_IS_ZERO: lambda seen: (
             turns_with_robot and abs(seen.y) <= COORDINATE_TOLERANCE and seen.x > 0.0
@@ -153,8 +154,9 @@ def _find_direction_fault(
             turns_with_robot and _is_whole(seen.x - origin_x) and _is_whole(seen.y)
         ),
         Kind.MIRRORED: lambda seen: seen.is_near(seen.pillar_x, -seen.pillar_y),
-        # The second position is for a lidar that is mounted upside down. In its frame, the pillar is at
-        # (x, -y), which the student swaps to (-y, x). In base_link, this is (-y, -x).
+        # The pillar is at (x, y) in base_link, and the first position is (y, x). The second position is for
+        # an upside-down lidar, in whose frame each y has the other sign. In this frame, the pillar is at
+        # (x, -y), and the swapped marker at (-y, x). Seen from base_link, that is (-y, -x).
         Kind.SWAPPED: lambda seen: (
             seen.is_near(seen.pillar_y, seen.pillar_x) or seen.is_near(-seen.pillar_y, -seen.pillar_x)
         ),
@@ -176,14 +178,15 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
     """
     seen_markers = []
     for marker in wrong:
-        # a marker with a `problem` is not drawn, so it has no position
+        # A marker with a `problem` is not drawn, so it has no position. Whether the pillar is off the axis is
+        # tested at the time at which the marker came, as for the score of the marker.
         if not marker.problem and is_off_axis(recording, marker.at, rules):
-            at = _time_of_position(marker)
+            at = _time_of_position(marker)  # [s] the coordinates are those of this earlier time
             pillar_distance, pillar_bearing = pillar_from_robot(recording, at)
-            # [m] tolerance with which the marker is compared with a mirrored or swapped pillar: the distance
-            # at which a marker still gets half of the points, and more if the pillar is far away
-            slack = rules.marker_half + slack_of(recording, pillar_distance, rules)
-            slack += IMAGE_SLOPE * pillar_distance
+            # [m] distance from the pillar at which the rubric still gives a marker half of the points
+            half_distance = rules.marker_half + slack_of(recording, pillar_distance, rules)
+            # [m] a mirrored or swapped marker gets more tolerance than the rubric gives
+            slack = half_distance + IMAGE_SLOPE * pillar_distance
             x, y = _from_robot(recording, marker.position, at)
             seen_markers.append(Seen(x, y, pillar_distance, pillar_bearing, slack))
     return seen_markers
@@ -228,10 +231,13 @@ def _is_at_origin(recording: Recording, marker: MarkerSample, lidar_x: float) ->
 
 
 def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
-    """Return the smallest valid range [m] of the scan before a marker came; inf if no beam had a return."""
+    """Return the smallest valid range [m] of the scan before a marker came.
+
+    It is inf if no beam had a return, and 0 if no scan came before the marker.
+    """
     # (N, 2) [s, m] time and smallest range of the scans before the marker; 1e-6 is a tolerance for rounding
     before = recording.nearest[recording.nearest[:, 0] <= marker.at + 1e-6]
-    # without a scan the range is unknown; 0 says that the missing returns are not the reason of the fault
+    # the range is unknown without a scan; 0 keeps the caller from explaining the fault by missing returns
     return float(before[-1, 1]) if len(before) else 0.0
 
 

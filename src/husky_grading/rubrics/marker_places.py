@@ -55,7 +55,8 @@ class Moment(NamedTuple):
 
     at: float  # [s] simulated time
     seconds: float  # [s] time from this moment to the next, at most MAX_DURATION
-    score: float  # score that at least the fraction MOST of the drawn markers reaches, 0 to 1
+    # 0 to 1; at least the fraction MOST of the drawn markers has this score or a higher score
+    score: float
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[P
     in many namespaces, and one guess would be right by chance.
     """
     markers = [marker for marker in recording.markers if marker.at < until]
-    # additions and deletions of each namespace, by topic and namespace; first without any
+    # additions and deletions, by topic and namespace; the lists are empty until the loop below
     by_namespace: Dict[Tuple[str, str], List[MarkerSample]] = {
         (marker.topic, marker.namespace): [] for marker in markers if marker.action == ADD
     }
@@ -275,8 +276,9 @@ def _seconds(moments: Sequence[Moment]) -> float:
 def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
     """Return the mean score of the moments with a score above 0, times a factor for their fraction of time.
 
-    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. The time with the pillar ahead
-    counts as half of the time at most, because a wrong sign of y does not show then.
+    The factor is 0 up to the fraction NEVER of the time, and 1 from ALWAYS on. If there are two groups, the
+    time with the pillar ahead counts as half of the time at most, because a wrong sign of y does not show
+    then. A single group has the whole weight, also if it has the pillar ahead.
 
     Args:
         groups: result of `_by_direction`, so the moments with the pillar to the side come first.
@@ -285,13 +287,16 @@ def _score_over_time(groups: Mapping[str, Sequence[Moment]]) -> float:
     if not scoring:
         return 0.0
     mean_score = sum(each.seconds * each.score for each in scoring) / _seconds(scoring)
-    first_group, *other_groups = groups.values()
-    scoring_fraction = _time_fraction(first_group)
-    if other_groups:  # the first group has the pillar to the side, and the second one has the pillar ahead
-        seconds_aside, seconds_ahead = _seconds(first_group), _seconds(other_groups[0])
+    if len(groups) == 1:
+        (moments,) = groups.values()
+        scoring_fraction = _time_fraction(moments)
+    else:
+        aside, ahead = groups.values()
+        seconds_aside, seconds_ahead = _seconds(aside), _seconds(ahead)
         weight_ahead = min(seconds_ahead / (seconds_aside + seconds_ahead), 0.5)
-        # the result is the weighted mean of the two groups
-        scoring_fraction += weight_ahead * (_time_fraction(other_groups[0]) - scoring_fraction)
+        # weighted mean of the two groups' fractions
+        fraction_aside, fraction_ahead = _time_fraction(aside), _time_fraction(ahead)
+        scoring_fraction = fraction_aside + weight_ahead * (fraction_ahead - fraction_aside)
     factor = (scoring_fraction - NEVER) / (ALWAYS - NEVER)
     return mean_score * min(max(factor, 0.0), 1.0)
 
@@ -312,7 +317,9 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     # because the next line divides by this distance
     half_loss = max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / half_loss
-    touches = marker.reach <= size.radius  # a part of the marker's shape is inside the pillar
+    # `reach` is the distance from the pillar's axis to the nearest point of the marker's shape, so a part of
+    # the shape is inside the pillar
+    touches = marker.reach <= size.radius
     # a huge marker touches the pillar from anywhere, so its position must also be near the pillar; for a
     # thicker pillar than the course's, the limit is larger
     if touches and distance <= MAX_TOUCH_DISTANCE + size.radius - PILLAR_RADIUS:
