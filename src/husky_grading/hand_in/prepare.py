@@ -262,7 +262,8 @@ def _prepare_choice(
     # candidates then
     launch, built, build_notes = _build_candidates(candidates, packages, folders, underlay)
     notes += [*repair_notes, *build_notes]
-    equal_places: List[str] = []  # the chosen launch file, and others that fit as well; empty without others
+    # the chosen launch file and all launch files that are equally good; empty if no other one is equally good
+    equal_places: List[str] = []
     if launch is None:
         package, node = (override.node or "").split()  # `or ""` tells mypy that there is a node
         launchable = Launchable("node", package, node, override.arguments)

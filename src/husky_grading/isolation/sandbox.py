@@ -38,7 +38,7 @@ FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000
 # largest number of open files and sockets of one process; sockets are limited because they use memory of the
 # kernel
 DESCRIPTORS = 1024
-PROBE_DEADLINE = 30.0  # [s] longest wall time of a program that only tests whether the machine allows it
+PROBE_DEADLINE = 30.0  # [s] longest wall time of a test whether a kind of sandbox works on this machine
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
 # folders that are never shown as a whole, because they also have files that have nothing to do with ROS

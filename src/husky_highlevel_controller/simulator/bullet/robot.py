@@ -55,8 +55,8 @@ class RobotWorld(BulletWorld):
         finally:
             os.remove(path)
         _, _, _, com_position, com_quat, *_ = self._engine.getDynamicsInfo(body_id, BASE_INDEX)
-        # Bullet takes and returns poses of the centre-of-mass frame; `_set_pose` and `_pose` convert them to
-        # poses of base_link with this pose of the centre-of-mass frame in base_link
+        # Bullet takes and returns the poses of a frame at the centre of mass. `_set_pose` and `_pose` need
+        # the offset of this frame from base_link to convert between these poses and the poses of base_link.
         self._inertial_in_body[body_id] = Pose(com_position, com_quat)
         self._name_by_id[body_id] = ROBOT
         self._put(body_id, pose)

@@ -124,7 +124,7 @@ class BulletWorld:
         # `_ids_by_name` is the whole body if the body has no plane.
         self._name_by_id: Dict[int, str] = {}
         self._ids_by_name: Dict[str, List[int]] = {}
-        # Bullet's numbers of collision shapes by the content of the shape, so that equal shapes are made once
+        # Bullet's id of each collision shape. Its key describes the shape, so equal shapes are made once.
         self._shapes: Dict[Tuple[Any, ...], int] = {}
         # parts of each body by its id: its base, and then links if it has more than MAX_SHAPES shapes
         self._parts: Dict[int, List[_Part]] = {}

@@ -227,7 +227,8 @@ def _read_included(model: Model, place: _Place) -> None:
         raise include.error(
             f"more than {MAX_INCLUDES} models are included; check whether each includes several others"
         )
-    # while the model is read, its file is on this list, so that an <include> of the same file is found above
+    # while the model is read, its file is on this list, so that the check at the beginning of this function
+    # finds an <include> of the same file inside the model
     load.open_files.append(file)
     _read_model(model, place)
     load.open_files.pop()

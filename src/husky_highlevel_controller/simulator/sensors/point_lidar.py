@@ -64,7 +64,7 @@ class PointLidar:
         # minus the elevations.
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         opposite_angles = np.where(elevations > 0.0, pi, -pi) - elevations  # -pi is the same direction as pi
-        angles = np.append(elevations, opposite_angles)  # (2 rings,)
+        angles = np.append(elevations, opposite_angles)  # shape (2 * rings,)
         self._order = np.argsort(angles)  # ray casting needs ascending angles
         self._beams = beams_at(angles[self._order])
         # 3. the unit vectors of all beams in the lidar's frame, (rings, columns, 3)
@@ -90,15 +90,15 @@ class PointLidar:
         """
         config, rings = self._config, self._config.rings
         pose_lidar_in_world = compose(state.pose_in_world, self._pose_in_base)
-        # Ranges with a column for each plane: the first half of the rows is a column of beams, and the second
-        # half is the opposite column.
+        # Ranges of the beams, with one column of this array for each plane. A plane has two columns of the
+        # lidar: one is in the first half of the rows, and the opposite one is in the second half.
         ranges_of_planes = np.empty((2 * rings, len(self._planes)))
         for column, plane in enumerate(self._planes):
             pose_plane_in_world = compose(pose_lidar_in_world, plane)
             sorted_ranges = self._cast_rays(pose_plane_in_world, self._beams, config.range_max)
             # the beams are sorted by their angles; `_order` puts their ranges back in the order of the rows
             ranges_of_planes[self._order, column] = sorted_ranges
-        # the opposite columns are the second half turn, so they come behind the columns of the first half
+        # the opposite columns have azimuths from 180 to 360 degrees, so they come after the others
         ranges = np.hstack([ranges_of_planes[:rings], ranges_of_planes[rings:]])  # (rings, columns)
         # the true range decides whether there is a point, and then noise is added
         ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan

@@ -153,8 +153,9 @@ def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: 
     beam, segment = beams_of(first_beam, count), segment[has_beams].repeat(count)
     (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
     direction_x, direction_y = beams.directions[:, beam]
-    # A beam meets the line of a segment at the distance t with t direction = start + s along. The cross
-    # product of both sides with `along` removes the unknown s and gives t.
+    # A beam meets the line of a segment at the distance t if t * direction = start + s * along, for some
+    # number s. The cross product of both sides with `along` removes s, because along x along is 0, and gives
+    # t.
     entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
     entries[entries < 0.0] = inf  # the line of the segment crosses the beam behind the laser
     # A beam along its segment gives 0 / 0 = nan, which `fmin` ignores. A beam may be in several pairs;
