@@ -22,15 +22,17 @@ _Y_WEIGHT = 1e-3
 _X_WEIGHT = 1e-6
 # weight instead of _RADIUS_WEIGHT and _Y_WEIGHT when the radius is computed from the beams alone
 _FREE_WEIGHT = 1e-4
-# a smaller cosine of the angle at which a beam meets the circle counts as this one; otherwise, beams that
-# only touch the circle's edge would get a very large weight
+# The weight of a beam in the fit is 1 / cosine^2, with the angle between the beam and the circle's normal. A
+# cosine below MIN_COSINE counts as MIN_COSINE. Otherwise, beams that only touch the circle's edge would get a
+# very large weight.
 MIN_COSINE = 0.3
 MAX_STEPS = 6
 # [m] the fit ends with a step smaller than this, because the next step would be a thousand times smaller
 _SETTLED = 3e-4
 
-# (4, 4) matrix of sums over the beams. Each beam has four numbers: the derivatives of its error by x, y and
-# r, and the error itself. Entry (i, j) is the sum of number i times number j.
+# (4, 4) matrix of sums over the beams. Each beam has four numbers, called x, y, r and e: the derivatives of
+# its error by x, y and r, and the error itself. The entry in row x and column e is called `xe`. The entry is
+# the sum over the beams of x times e, times the beam's weight.
 Products = List[List[float]]
 Number = TypeVar("Number", float, np.ndarray)  # a number, or an array with a number for each segment
 Row3 = Tuple[Number, Number, Number]
@@ -91,10 +93,10 @@ class Segments(NamedTuple):
 
 
 class Circle(NamedTuple):
-    """A fitted circle."""
+    """A fitted circle, in a frame with the lidar as origin and the x axis along the segment's middle."""
 
-    x: float  # [m] x of the centre; the x axis points to the segment's middle
-    y: float  # [m] y of the centre; the y axis is perpendicular to the x axis
+    x: float  # [m] x of the centre
+    y: float  # [m] y of the centre
     radius: float  # [m]
     free_radius: float  # [m] radius from the beams alone, without the expected radius
     free_slack: float  # [m] possible error of `free_radius`
@@ -149,7 +151,7 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
         np.subtract(distance, r, out=error)
         cosine = np.add.reduce(to_centre * directions)  # sum over x and y, which is the product n_i . d_i
         weighted = rows / np.maximum(cosine, MIN_COSINE, out=cosine)
-        # (4, 4) sums over the beams of the products of any two rows, with the weights w_i = 1 / cos_i^2
+        # each row of `weighted` has the factor 1 / cos_i, so a product of two rows has the weight 1 / cos_i^2
         products = (weighted @ weighted.T).tolist()
         last_radius = r
         (x, y, r), step_length = _improved((x, y, r), products, radius)
@@ -174,8 +176,9 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
 def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vector3, float]:
     """Return the circle (x, y, r) [m] after a step of Gauss-Newton, and the step's largest component [m].
 
-    The centre is expected at the origin, with the radius `radius` [m]. A component longer than this radius
-    shortens the step, because a far step leaves the region in which the linear equations hold.
+    x and y are measured from the point at which the centre is expected; `radius` is the expected radius [m].
+    The step is shortened if a component is longer than `radius`, because the linear equations hold only near
+    the present circle.
     """
     x, y, r = circle
     dx, dy, dr = fit_step(circle, products, radius)
@@ -191,18 +194,20 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
     The caller subtracts the step from the circle, and shortens the step if it is too long.
 
     Args:
-        circle: x, y and r [m]; the centre is expected at the origin.
-        products: matrix of sums as in `Products`; its last row is not used.
+        circle: x, y and r [m]; x and y are measured from the point at which the centre is expected, which is
+            one radius behind the segment's nearest beam.
+        products: sums as in `Products`; the last row is not used.
         radius: expected radius [m].
     """
     x, y, r = circle
-    # the beams alone give the equations [[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]] step = (xe, ye, re); the
-    # three expectations, x = 0, y = 0 and r = radius, are added to them, each with its weight
+    # `Products` explains the names: xe is the sum of (derivative of the error by x) * error * weight
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
-    return _apply(
-        _inverse(xx + _X_WEIGHT, xy, xr, yy + _Y_WEIGHT, yr, rr + _RADIUS_WEIGHT),
-        (xe + _X_WEIGHT * x, ye + _Y_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius)),
-    )
+    # The beams alone give the equations [[xx, xy, xr], [xy, yy, yr], [xr, yr, rr]] step = (xe, ye, re). Each
+    # expectation (x = 0, y = 0, r = radius) is added with its weight, like a further measurement. Its error
+    # is x, y or r - radius, and the derivative of this error is 1.
+    inverse = _inverse(xx + _X_WEIGHT, xy, xr, yy + _Y_WEIGHT, yr, rr + _RADIUS_WEIGHT)
+    right_side = (xe + _X_WEIGHT * x, ye + _Y_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius))
+    return _apply(inverse, right_side)
 
 
 def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
@@ -217,15 +222,16 @@ def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, f
         noise: range differences below this are noise [m].
     """
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
-    # covariance of x, y and r if each beam's error had the variance 1; the small weights do not express an
-    # expectation, and only keep the matrix invertible
+    # covariance of x, y and r if each beam's error had the variance 1; the small weights keep the matrix
+    # invertible if the beams alone do not determine the circle
     covariance = _inverse(xx + _X_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))  # step of Gauss-Newton by the beams alone
     degrees_of_freedom = max(count - 3, 1e-3)  # a circle has three parameters
     # variance of a beam's error: the squared errors that are left after the step, for each degree of freedom
     variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / degrees_of_freedom
     standard_error = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
-    # a step is subtracted; the factor is large for few beams, as in Student's t distribution
+    # The step is subtracted from the circle, so the radius changes by -dr. The possible error is a multiple
+    # of the standard error, which is larger for few beams, as in Student's t distribution.
     return -dr, (2.0 + 4.0 / degrees_of_freedom) * standard_error
 
 
@@ -254,7 +260,7 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 def line_sum_squared_error(segment: Segment) -> float:
     """Sum of the squared errors of the best line, measured along the beams [m^2]."""
     terms = _terms(segment)
-    # sums over the beams of the products of any two of u, v and r
+    # uv is the sum over the beams of u times v, and so on
     (uu, uv, ur), (_, vv, vr), (_, _, rr) = (terms @ terms.T).tolist()
     return float(line_squared_error(np.array((uu, uv, vv, ur, vr, rr))))
 
@@ -265,8 +271,9 @@ def corner_sum_squared_error(segment: Segment) -> float:
     # products uu, uv, vv, ur, vr, rr of each beam, from whose sums `line_squared_error` fits a line
     u, v, r = terms
     products = np.array((u * u, u * v, v * v, u * r, v * r, r * r))
-    # The corner may lie behind any beam, so each beam is tried. Column i of `left` has the sums up to beam i,
-    # and column i of `right` the sums of the beams after it.
+    # The corner may lie between any two neighbouring beams, so each such place is tried. If the corner lies
+    # after beam i, column i of `left` has the sums over the beams on its one side, from the first beam to
+    # beam i. Column i of `right` has the sums over the other beams.
     left = np.cumsum(products, axis=1)
     right = left[:, -1:] - left
     return float((line_squared_error(left[:, :-1]) + line_squared_error(right[:, :-1])).min())
@@ -285,7 +292,9 @@ def line_squared_error(sums: np.ndarray) -> np.ndarray:
     the sums of uu, uv, vv, ur, vr, rr over the beams, (6, ...).
     """
     uu, uv, vv, ur, vr, rr = sums
-    # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). Their errors are then rr - a ur - b vr.
-    # The lower limit keeps the determinant above 0 if all beams have almost the same direction.
+    # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). The sum of the squared errors of this
+    # line is rr - (a ur + b vr). The lower limit keeps the determinant above 0 if all beams have almost the
+    # same direction.
     determinant = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)
-    return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / determinant, 0.0)
+    a_ur_plus_b_vr = (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / determinant
+    return np.maximum(rr - a_ur_plus_b_vr, 0.0)

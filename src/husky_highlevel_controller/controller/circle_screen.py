@@ -24,17 +24,21 @@ from husky_highlevel_controller.controller.circle_fit import (
 )
 from husky_highlevel_controller.datatypes import Scan
 
-# A segment is a wall and not a pillar if a straight line fits better than the circle by at least this lead.
-# The lead says how much better a shape fits than the circle. The lead is log(squared errors of the circle /
-# squared errors of the shape), times (number of beams - number of parameters of the shape). With 8 beams and
+# A segment is a wall and not a pillar if the lead of a straight line over the circle is at least LINE_ODDS.
+# The lead of a shape says how much better the shape fits than the circle: (number of beams - number of
+# parameters of the shape) * log(squared errors of the circle / squared errors of the shape). With 8 beams and
 # a noise of 30 mm, 1 % of the pillars count as another shape. With a noise of 1 mm, less than 1 % of boxes
 # count as pillars. With more beams, such mistakes quickly become rare.
 LINE_ODDS = 4.0
-# a circle must fit better than a straight line by this lead (see LINE_ODDS) if another object hides a part of
-# the circle
+# if another object hides a part of the circle, the circle must fit better than a straight line: the lead of
+# the line (see LINE_ODDS) must be below -HIDDEN_ODDS
 HIDDEN_ODDS = 2.0
 # a beam hits a circle if its range differs from the expected range by at most this many times `max_residual`
 HIT_SLACK = 4.0
+# A beam must meet a real pillar if it passes the centre of the fitted circle within INNER_PART of the radius
+# minus INNER_RESIDUALS times the residual (root mean square distance of the beams' end points from the
+# circle). Nearer to the circle's edge, a small error of the fit can make the beam miss the pillar.
+INNER_PART, INNER_RESIDUALS = 0.9, 2.0
 # [m] this coarse test allows each limit to be exceeded by this, because its fit is not exact
 _MARGIN = 0.005
 # the exact test has a limit for the lead of a line over the circle (see LINE_ODDS); the limit of this coarse
@@ -60,13 +64,16 @@ class PillarConfig:
 
 
 class _Fits(NamedTuple):
-    """Circles of S segments, arrays of (S,)."""
+    """Circles of S segments, arrays of (S,).
 
-    x: np.ndarray  # [m] x of the centre; the x axis points to the segment's middle
-    y: np.ndarray  # [m] y of the centre; the y axis is perpendicular to the x axis
+    Each circle has a frame of its own: the lidar is the origin, and x points to the middle of the segment.
+    """
+
+    x: np.ndarray  # [m] x of the centre
+    y: np.ndarray  # [m] y of the centre
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m] root mean square distance of the beams' end points from the circle
-    # number that says how much better a straight line fits than the circle; LINE_ODDS has the formula
+    # (number of beams - 2) * log(squared errors of the circle / squared errors of the best straight line)
     line_lead: np.ndarray
     near: np.ndarray  # [m] shortest range of the segment
     counts: np.ndarray  # number of beams of the segment
@@ -82,7 +89,8 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     """
     fits = _geometric_fits(segments, config.pillar_radius, config.range_noise)
     candidates = (
-        # a centre in front of the nearest beam means a round niche in a wall
+        # the nearest point of a pillar is nearer to the lidar than its centre; if the centre is nearer, the
+        # circle is a round niche in a wall
         (fits.x > fits.near - _MARGIN)
         & (fits.residual <= config.max_residual + _MARGIN)
         & (np.abs(fits.radius - config.pillar_radius) <= config.radius_tolerance + _MARGIN)
@@ -94,8 +102,8 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
     missing, hidden = _silhouettes(scan, fits, slack=HIT_SLACK * config.max_residual)
     # true if the circle fits better than a line by HIDDEN_ODDS, so that the lead of the line is negative
     beats_line = fits.line_lead < -HIDDEN_ODDS + _ODDS_MARGIN
-    # a tenth as many beams as lie on the circle may pass through it; if another object hides a part of the
-    # circle, the circle must fit clearly better than a line
+    # the beams that pass through the circle may be at most a tenth as many as the beams on the circle; if
+    # another object hides a part of the circle, the circle must fit clearly better than a line
     is_solid = (missing <= fits.counts // 10) & ((hidden == 0) | beats_line)
     # `is_solid` has an entry for each candidate only, so only the entries of candidates are set
     candidates[candidates] = is_solid
@@ -105,9 +113,9 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """Fit a circle to each segment as `fit_circle` does, and compare it with a line (`_Fits.line_lead`).
 
-    These fits discard segments quickly. `fit_circle` fits the remaining segments exactly, and its docstring
-    has the equations. Here the arrays of B beams lie segment by segment; sums over the beams of each of the S
-    segments are made by `np.add.reduceat`.
+    A circle is fitted by steps of Gauss-Newton, which make the errors along the beams small and count the
+    expected radius like one more measurement. The arrays of B beams lie segment by segment, and
+    `np.add.reduceat` makes the sums over the beams of each of the S segments.
 
     Args:
         segments: beams to fit.
@@ -123,20 +131,22 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     angles = step * (beams - (0.5 * (first + last))[segment_of_beam])
     cosines, sines = np.cos(angles), np.sin(angles)
     px, py = ranges * cosines, ranges * sines
-    # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r
+    # one circle for each segment, (S,) [m]: the centre is (origin + x, y), the radius is r. (origin, 0) is
+    # where `fit_step` expects the centre: one radius behind the segment's shortest range.
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # A step of the fit needs the sums of weight * a * b over the beams, for all pairs a, b of the derivatives
-    # by x, y and radius, and of the error. The derivatives are dx, dy and -1. `terms` has these nine products
-    # of each beam, with 1 in place of -1, so the sums with one factor of -1 change their sign below.
+    # A step of the fit needs nine of the sums in `Products`. Each row of `terms` has the product of each beam
+    # for one of these sums. The derivative of each beam's error by r is -1. The rows for xr, yr and re are
+    # computed with 1 instead of -1, and their sums get the minus sign below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return the derivatives of each beam's error by x and y, the error [m], and its weight.
 
-        The error is the distance of the beam's end point from the circle. The fit wants errors along the
-        beam, which are longer by 1 / cosine of the angle between the beam and the circle's normal. So the
-        square of an error gets the weight 1 / cosine^2. All are for the present circles.
+        The error is the distance of the beam's end point from the present circle. Its derivatives (dx, dy)
+        are also the unit vector from the end point to the centre. The fit minimises the squares of errors
+        along the beams. An error along the beam is error / cosine of the angle between the beam and (dx, dy),
+        so the weight is 1 / cosine^2.
         """
         dx, dy = (origin + x)[segment_of_beam] - px, y[segment_of_beam] - py
         distance = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
@@ -149,15 +159,15 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         dx, dy, error, weight = residuals()
         wx, wy, we = weight * dx, weight * dy, weight * error
         # `out` writes into `terms`, so that no new arrays are made
-        np.multiply(wx, dx, out=terms[0])
-        np.multiply(wx, dy, out=terms[1])
-        np.multiply(wx, error, out=terms[2])
-        np.multiply(wy, dy, out=terms[3])
-        np.multiply(wy, error, out=terms[4])
-        terms[5:] = wx, wy, weight, we
-        # sums of the nine products over the beams of each segment, (S,)
+        np.multiply(wx, dx, out=terms[0])  # xx of each beam
+        np.multiply(wx, dy, out=terms[1])  # xy of each beam
+        np.multiply(wx, error, out=terms[2])  # xe of each beam
+        np.multiply(wy, dy, out=terms[3])  # yy of each beam
+        np.multiply(wy, error, out=terms[4])  # ye of each beam
+        terms[5:] = wx, wy, weight, we  # xr, yr, rr and re, with 1 instead of -1
+        # (S,) each: sums over the beams of each segment
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
-        xr, yr, re = -xr, -yr, -re
+        xr, yr, re = -xr, -yr, -re  # rr has the factor -1 twice, so it keeps its sign
         # `fit_step` does not use the fourth row, so the row is empty
         products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
@@ -200,11 +210,13 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
         that a nearer object hides, both (S,). The sampled beams are up to _SAMPLES of those that should meet
         the circle; beams of the segment itself do not count.
     """
-    # the beams from index `low` to index `high` of the scan should meet the circle. Beams near its edge are
-    # left out as in the exact test, and _MARGIN makes the circle still smaller. `[:, None]` makes an array
-    # (S,) into a column (S, 1), so that it can be combined with S rows of beams.
+    # `[:, None]` makes an array (S,) into a column (S, 1), so that it can be combined with S rows of beams
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
-    inner_radius = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
+    # beams that pass the centre within `inner_radius` [m] should meet the circle
+    inner_radius = np.maximum(INNER_PART * fits.radius - INNER_RESIDUALS * fits.residual - _MARGIN, 0.0)
+    # `half_width` is the angle between the outermost of these beams and the centre, as a number of beams.
+    # `centre` is the index of the beam that would point to the centre; it is usually not a whole number. The
+    # beams from index `low` to index `high` of the scan should meet the circle.
     half_width = np.arcsin(np.minimum(inner_radius / np.maximum(distance, 1e-9), 1.0)) / step
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
     low = np.maximum(np.ceil(centre - half_width), 0.0)

@@ -24,6 +24,8 @@ from husky_highlevel_controller.controller.circle_fit import (
 from husky_highlevel_controller.controller.circle_screen import (
     HIDDEN_ODDS,
     HIT_SLACK,
+    INNER_PART,
+    INNER_RESIDUALS,
     LINE_ODDS,
     PillarConfig,
     may_be_pillars,
@@ -51,8 +53,8 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-# A segment is the corner of a box and not a pillar if a corner fits better than the circle by a large lead
-# (see LINE_ODDS). The limit of the lead is this number times the number of beams.
+# A segment is the corner of a box and not a pillar if the lead of a corner over the circle (see LINE_ODDS) is
+# at least this number times the number of beams
 _CORNER_ODDS = 1.0
 # if a scan has at most this many segments, all are fitted exactly without the coarse test, because this test
 # takes as long as a few fits
@@ -133,9 +135,8 @@ def _starts_of_bodies(
         Indices in `beams` at which bodies begin, and indices of single beams that are to be omitted. A single
         beam is the only beam on its body, and lies between two beams that may be on one pillar.
     """
-    # largest radius that counts as the pillar's radius, and largest difference of two ranges that noise makes
-    # [m]
-    radius, noise = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
+    radius = config.pillar_radius + config.radius_tolerance  # [m] largest radius that a pillar may have
+    noise = 2.0 * config.max_residual  # [m] largest difference of two ranges that noise makes
 
     def on_two_bodies(left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Return a mask of pairs of beams that cannot be on one pillar; a pair is two indices in `beams`."""
@@ -145,9 +146,10 @@ def _starts_of_bodies(
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
         # `depth` grows until the spacing is one radius, so a larger spacing counts as one radius
         spacing = np.minimum(spacing, radius)
-        # [m] largest difference of two ranges on one pillar. The difference is largest if one beam meets the
-        # outermost point of the circle. The other beam is nearer to the circle's middle by `spacing`, and
-        # meets the circle this much earlier.
+        # [m] largest difference of two ranges on one pillar. The difference is largest if one beam just
+        # touches the edge of the circle, and so passes the centre at the distance `radius`. The other beam
+        # passes the centre at the distance radius - spacing. By Pythagoras, it meets the circle
+        # sqrt(radius^2 - (radius - spacing)^2) = sqrt((2 radius - spacing) spacing) earlier.
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + noise
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
@@ -156,7 +158,7 @@ def _starts_of_bodies(
     # has the index of the first beam of each pair of neighbours that needs the test
     (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > noise) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(left):
-        return np.array((0,)), left  # all beams lie on one body; `left` is empty, as there is no single beam
+        return np.array((0,)), left  # all beams lie on one body; no beam is omitted, and `left` is empty
     breaks = left[on_two_bodies(left, left + 1)] + 1  # indices at which the second and each later body begin
     # a body has only one beam if the next body begins at the next beam
     lonely = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
@@ -194,8 +196,8 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
     """Return the pillar that a segment shows; None if the segment shows another object."""
     radius, tolerance = config.pillar_radius, config.radius_tolerance
     circle = fit_circle(segment, radius, config.range_noise)
-    # the centre of a pillar is behind its nearest beam; a centre in front of the beam means a round niche in
-    # a wall
+    # the nearest point of a pillar is nearer to the lidar than its centre; if the centre is nearer, the
+    # circle is a round niche in a wall
     is_behind = circle.x > segment.near
     fits = circle.residual <= config.max_residual
     # `circle.radius` was fitted with the expected radius as one more measurement; `circle.free_radius` comes
@@ -206,8 +208,8 @@ def _pillar_of(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[P
         return None
     if not _explains_best(scan, config, segment, circle):
         return None
-    # turn the centre from the frame of the fit to the laser's frame; in the frame of the fit, x points to the
-    # middle of the segment
+    # turn the centre from the frame of the circle, in which x points to the middle of the segment, to the
+    # laser's frame
     middle = scan.angle_min + segment.middle * segment.step
     c, s = cos(middle), sin(middle)
     x, y = c * circle.x - s * circle.y, s * circle.x + c * circle.y
@@ -222,33 +224,36 @@ def _explains_best(scan: Scan, config: PillarConfig, segment: Segment, circle: C
     """
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
-    # a tenth as many beams as lie on the circle may pass through it
+    # the beams that pass through the circle may be at most a tenth as many as the beams on the circle
     if missing > beams // 10:
         return False
     noise = beams * config.range_noise**2  # [m^2] sum of the squared errors that noise alone would make
 
     def lead(sum_squared_error: float, parameters: int) -> float:
-        """Return the lead of another shape over the circle; LINE_ODDS has the formula.
+        """Return how much better than the circle another shape fits; positive if the shape fits better.
 
-        The shape has a sum of squared errors [m^2] and a number of parameters.
+        The lead is (beams - parameters) * log(squared errors of the circle / squared errors of the shape).
+        The sum of the squared errors of the shape is in m^2, and `parameters` is its number of parameters.
         """
         ratio = (circle.sum_squared_error + noise) / (sum_squared_error + noise)
         return max(beams - parameters, 1) * log(ratio)
 
-    # A line has two parameters. Normally, the line wins only if it fits better than the circle by LINE_ODDS.
-    # If beams are hidden, the line wins unless the circle fits better than the line by HIDDEN_ODDS. If even
-    # a line with an error of 0 would lose, the line need not be fitted.
-    line_odds = -HIDDEN_ODDS if hidden else LINE_ODDS
-    line_loses = lead(0.0, 2) < line_odds or lead(line_sum_squared_error(segment), 2) < line_odds
+    # A line wins if its lead is at least `line_limit`. Normally, the line must fit clearly better than the
+    # circle. If beams are hidden, the limit is negative, so the circle must fit clearly better than the line.
+    line_limit = -HIDDEN_ODDS if hidden else LINE_ODDS
+    # a line has two parameters; if even a line with an error of 0 would lose, the line need not be fitted
+    line_loses = lead(0.0, 2) < line_limit or lead(line_sum_squared_error(segment), 2) < line_limit
     if not line_loses:
         return False
     # A corner has five parameters, so it fits five beams or fewer without error, which proves nothing.
     if beams <= 5:
         return True
-    # The odds of a corner grow with the number of beams. So even a corner of many beams wins only if the
-    # squared errors of the circle are at least e times as large as those of the corner.
-    corner_odds = _CORNER_ODDS * beams
-    return lead(0.0, 5) < corner_odds or lead(corner_sum_squared_error(segment), 5) < corner_odds
+    # The limit of a corner grows with the number of beams, because its lead grows, too. So with any number of
+    # beams, a corner wins only if log(squared errors of the circle / squared errors of the corner) is above
+    # _CORNER_ODDS.
+    corner_limit = _CORNER_ODDS * beams
+    # if even a corner with an error of 0 would lose, the corner need not be fitted
+    return lead(0.0, 5) < corner_limit or lead(corner_sum_squared_error(segment), 5) < corner_limit
 
 
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
@@ -259,11 +264,12 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     """
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
-    # beams within `half_angle` [rad] of the circle's centre should meet the circle, which is made smaller to
-    # leave out its edge
-    inner_radius = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
+    # beams that pass the centre within `inner_radius` [m] should meet the circle; the angle between such a
+    # beam and the direction of the centre is at most `half_angle` [rad]
+    inner_radius = max(INNER_PART * circle.radius - INNER_RESIDUALS * circle.residual, 0.0)
     half_angle = asin(min(inner_radius / max(distance, 1e-9), 1.0))
-    # index of the beam that would point exactly to the circle's centre; it is usually not a whole number
+    # index of the beam that would point exactly to the circle's centre; it is usually not a whole number. The
+    # x axis of `circle` points along the middle of the segment, so atan2 is the angle from there.
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
     # number of beams that are checked on either side of `centre`. The last beam may miss the circle, so it
     # only shows whether a nearer object hides the side of the circle.
@@ -271,8 +277,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     # [m] a beam hits the circle if its range differs from the expected range by at most this
     slack = HIT_SLACK * config.max_residual
     first, last = ceil(centre - half_width), floor(centre + half_width)
-    # if even the root of the sum of all squared errors is below `slack`, then every beam of the segment is a
-    # hit and need not be checked
+    # if the sum of all squared errors is below slack^2, each error is below `slack`, so every beam of the
+    # segment is a hit and need not be checked
     is_own = np.zeros(len(scan.ranges), dtype=bool)
     if circle.sum_squared_error < slack**2:
         is_own[beams] = True
@@ -283,8 +289,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     if len(others):
         # [rad] angle between a beam and the direction of the circle's centre
         angle = (others - centre) * step
-        # a beam passes the circle's centre at the distance `across`; it meets the circle `depth` [m] before
-        # its point that is nearest to the centre
+        # The line of a beam passes the circle's centre at the distance `across`. The line enters the circle
+        # `depth` [m] before the point of the line that is nearest to the centre.
         across, square = distance * np.sin(angle), circle.radius * circle.radius
         depth = np.sqrt(square - np.minimum(across * across, square))
         # [m] range minus the range at which the beam should meet the circle; negative if the beam ends in
