@@ -33,8 +33,8 @@ class Localization:
         """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts_to_now = options.frequency, options.predict_to_current_time
-        # [s] an estimate is predicted if no measurement has come for this time before it; one period if the
-        # option is not given
+        # [s] an estimate is predicted to its time if the last measurement is older than this; without the
+        # option, the limit is one period of the estimates
         self._sensor_timeout = 1.0 / options.frequency
         if options.sensor_timeout is not None:
             self._sensor_timeout = options.sensor_timeout
@@ -73,8 +73,9 @@ class Localization:
             name: name of the sensor, such as odom0.
             reading: its reading.
             mounting: pose of the sensor, and pose of the frame in which it gives its poses.
-            silent: names of sensors that the caller has heard nothing from for a long wall time. The filter
-                gives up only these sensors (see `_horizon`). None stands for all sensors.
+            silent: names of sensors from which the caller has received nothing for a long wall time. The
+                filter no longer waits for such a sensor if its last reading is older than the newest reading
+                of all sensors by more than PATIENCE. None stands for the names of all sensors.
 
         Raises:
             ReadingError: the reading is not later than the one before, or a used number is not finite.
@@ -90,14 +91,16 @@ class Localization:
         # a reading that is older than the pose of `set_pose` is ignored
         if reading.stamp > self._pose_set_at:
             heapq.heappush(self._waiting_readings, (reading.stamp, name, reading, mounting))
-        # readings are processed in the order of their stamps, up to the time that all sensors have passed
+        # readings are processed in the order of their stamps, up to the last stamp of the slowest sensor for
+        # which the filter still waits
         horizon = self._horizon(self._sensors if silent is None else silent)
         due_estimates = []
         while self._waiting_readings and self._waiting_readings[0][0] <= horizon:
             # the oldest reading that waits, which may be of another sensor than the new reading
             stamp, sensor, oldest_reading, its_mounting = heapq.heappop(self._waiting_readings)
-            due_estimates += self._estimates(stamp - SAME_TIME)  # estimates for the time before this reading
-            # the first reading starts the filter, so the first estimate is for the next full period after
+            # estimates for the time before this reading; none if the filter has not started
+            due_estimates += self._estimates(stamp - SAME_TIME)
+            # the first measurement starts the filter, so the first estimate is for the next full period after
             # this reading
             if not self._ekf.started:
                 self._next_period = ceil((stamp - SAME_TIME) * self._frequency)
@@ -107,7 +110,7 @@ class Localization:
         return due_estimates + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
-        """Return the time up to which the readings of every sensor have come [s].
+        """Return the time up to which all readings have come from the sensors that are not given up [s].
 
         The filter does not wait for sensors that are given up. The sensors in `silent` have sent nothing for
         some wall time. Such a sensor is given up if its last reading is older than the newest reading of all
@@ -123,7 +126,7 @@ class Localization:
         return min(last_stamps)
 
     def _estimates(self, end: float) -> List[MotionEstimate]:
-        """Return the estimates for the times between the last estimate and `end` [s].
+        """Return the estimates after the last one and before `end` [s]; none before the filter starts.
 
         All measurements before `end` must have been processed.
         """

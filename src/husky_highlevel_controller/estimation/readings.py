@@ -12,7 +12,7 @@ from typing import Any, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Quaternion
 from husky_highlevel_controller.estimation.filter_config import InputConfig
 from husky_highlevel_controller.estimation.planar_ekf import AX, AY, VX, VY, YAW, YAW_RATE, Measurement, X, Y
 from husky_highlevel_controller.geometry import (
@@ -71,8 +71,10 @@ class MotionSensor:
         else:
             used[12:] = False  # odometry measures no acceleration
         self._pose_used, self._velocity_used, self._force_used = used[:6], used[6:12], used[12:]
-        self._first_pose: Optional[Pose] = None  # origin of the poses with `relative`
-        # stamp [s], pose and covariance of the last reading, for the velocities with `differential`
+        # with the parameter `relative`, all poses are measured from this first pose
+        self._first_pose: Optional[Pose] = None
+        # stamp [s], pose and covariance of the last reading; with the parameter `differential`, the motion
+        # since this reading gives a velocity
         self._last_reading: Optional[Tuple[float, Pose, np.ndarray]] = None
 
     def forget(self) -> None:
@@ -133,24 +135,24 @@ class MotionSensor:
     def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
         """Return the measured pose of base_link, or None if the pose is not used.
 
-        With the parameter `relative`, the pose is relative to the pose of the first reading. With the
-        parameter `differential`, the result is the velocity since the last reading, and None for the first
-        reading.
+        With the parameter `differential`, the result is the velocity since the last reading, and None for the
+        first reading. Otherwise, with the parameter `relative`, the pose is relative to the pose of the first
+        reading. IMUs and odometry have these parameters.
         """
         if reading.pose is None or not self._pose_used.any():
             return None
-        # `turn` is the rotation from the axes of the reading to the axes of the result. The covariance and
-        # the mask of the used values are always turned by it. There are three cases:
+        # `turn` is the rotation (quaternion) from the axes of the reading to the axes of the result, by which
+        # the covariance and the mask of the used values are turned
         if self._is_imu:
-            # the attitude is measured about the sensor's axes, and becomes one about base_link's axes
+            # the measured attitude of the sensor is changed to the attitude of base_link
             pose, turn = _level_attitude(reading.pose, mounting.sensor_in_base)
         elif self._config.differential:
             # the result is a velocity along base_link's axes, so nothing must be rotated
-            pose, turn = reading.pose, Pose()
+            pose, turn = reading.pose, Pose().quat_xyzw
         else:
-            # the pose is given in a frame of its own, and becomes a pose in odom at the end
-            pose, turn = reading.pose, mounting.pose_frame_in_odom
-        axes = matrix_from_quat(turn.quat_xyzw)
+            # the pose is given in a frame of its own, and is changed to a pose in odom at the end
+            pose, turn = reading.pose, mounting.pose_frame_in_odom.quat_xyzw
+        axes = matrix_from_quat(turn)
         used, covariance = _turned(axes, self._pose_used), _turned_covariance(axes, reading.pose_covariance)
 
         if self._config.differential:
@@ -169,8 +171,8 @@ class MotionSensor:
         if self._config.relative:
             self._first_pose = self._first_pose or pose
             pose = compose(inverse(self._first_pose), pose)
-        if not self._is_imu:  # the attitude of an IMU was turned by `_level_attitude`
-            pose = compose(turn, pose)
+        if not self._is_imu:  # the attitude of an IMU needs no other frame
+            pose = compose(mounting.pose_frame_in_odom, pose)
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
@@ -223,25 +225,25 @@ def _numbers(pose: Pose) -> np.ndarray:
     return np.array([*pose.position, *rpy_from_quat(pose.quat_xyzw)])
 
 
-def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
-    """Return the attitude of base_link from that of an IMU, and the yaw of the mounting as a rotation.
+def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Quaternion]:
+    """Return the attitude of base_link from that of an IMU, and the yaw of the mounting as a quaternion.
 
     As in robot_localization, the three angles of the mounting are subtracted one by one. Then the vector
     (roll, pitch) is turned by the yaw of the mounting.
     """
     offsets = rpy_from_quat(sensor_in_base.quat_xyzw)
     angles = [wrap_angle(a - b) for a, b in zip(rpy_from_quat(attitude.quat_xyzw), offsets)]
-    turn = Pose(quat_xyzw=quat_from_rpy(0.0, 0.0, offsets[2]))
-    roll, pitch, yaw = rotate(turn.quat_xyzw, angles)
+    turn = quat_from_rpy(0.0, 0.0, offsets[2])
+    roll, pitch, yaw = rotate(turn, angles)
     return Pose(quat_xyzw=quat_from_rpy(roll, pitch, yaw)), turn
 
 
 def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return the mask of used values along rotated axes, (6,) bool.
 
-    A value along a rotated axis counts as used if a used axis has a component along it.
+    The value of a rotated axis counts as used unless all used axes are perpendicular to the rotated axis.
     """
-    # (3,) true for each rotated axis along which a used axis has a component
+    # (3,) true for each rotated axis to which at least one used axis is not perpendicular
     linear = np.linalg.norm(axes * used[:3], axis=1) >= MIN_COMPONENT
     angular = np.linalg.norm(axes * used[3:], axis=1) >= MIN_COMPONENT
     return np.concatenate((linear, angular))
