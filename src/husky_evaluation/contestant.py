@@ -172,7 +172,7 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
             )
         package, file = first.split("/")
         return launch_kind(text, package, file, arguments)
-    # only a launch file has arguments, so the rest is one name, which may have spaces
+    # the text names no launch file, so it has no arguments; the whole text is one name, which may have spaces
     if text.endswith((".yaml", ".yml")):
         return FunctionContestant(text, load_setup(Path(text), base))
     file_or_module, colon, function = text.rpartition(":")

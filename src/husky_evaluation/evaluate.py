@@ -130,6 +130,7 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
 
     The bound of a run is the shortest time to arrival that the robot's speed and acceleration allow.
     """
+    # a run is good if the robot arrives, stands at most 2 cm from the stop distance, and touches nothing
     bad = [run for run in runs if not run.good]
     touching = [run for run in runs if run.touched]
     good_share = 100.0 * (len(runs) - len(bad)) / len(runs)
@@ -139,6 +140,7 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     slowest_by_ratio, slowest_by_delay = runs[int(np.argmax(ratios))], runs[int(np.argmax(delays))]
     farthest = max(runs, key=lambda run: abs(run.final_error))
     most_crossings = max(runs, key=lambda run: run.crossings)
+    # each `replay` is the file name of a page that plays this run
     return [
         figure(GOOD, good_share, "%", minimum=100.0, replay=bad[0].replay if bad else ""),
         figure(
@@ -263,8 +265,9 @@ def evaluate(
         "Course start, stop_distance 0": touch_figures(touching_run),
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
+    half_length, _ = robot_data.footprint.hull  # [m] x of the front of the body in base_link
     # [m] distance from the lidar to a pillar that touches the front of the robot
-    range_at_touch = robot_data.footprint.hull[0] - robot_data.lidar_mount.x
+    range_at_touch = half_length - robot_data.lidar_mount.x
     if range_at_touch <= lidar.range_min:
         # this run is not reported, because this robot's lidar cannot see a pillar that touches the robot
         del figures["Course start, stop_distance 0"]
@@ -345,7 +348,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             result = result_of_evaluation(
                 figures, f"seed {seed}, profile {options.profile}. {MEANING_OF_BOUND}", workers.summary
             )
-        print(result.source, file=sys.stderr)
+        print(result.source, file=sys.stderr)  # hash of the results, and the machines that computed them
         print(result)
         if replays is not None:
             write_page(replace(result, tables=[*result.tables, replays.links()]), replays.folder)

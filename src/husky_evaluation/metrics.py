@@ -24,6 +24,7 @@ from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 GOOD = "arrived, within 2 cm, no touch"  # name of the metric `DriveResult.good` in tables and pictures
+# sentence above tables that use the word "bound"
 MEANING_OF_BOUND = (
     "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
 )

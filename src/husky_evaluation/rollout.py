@@ -86,7 +86,11 @@ class Trace:
 
 @lru_cache(maxsize=None)
 def model_of(robot: Robot, profile: str = "gazebo") -> RobotModel:
-    """Return the model of a robot with its lidar, without meshes, which only pictures need."""
+    """Return the model of a robot with its lidar, without meshes, which only pictures need.
+
+    `profile` decides where a Husky's centre of mass is: 85 mm to the right with "gazebo", as in the published
+    model of Gazebo, or amidships with "robot".
+    """
     return robot_model(robot_description(robot.name, meshes="", profile=profile), robot)
 
 
@@ -117,7 +121,9 @@ def rollout(
     """
     control, detector_config = control or ControlConfig(), detector_config or PillarConfig()
     simulator = simulator or simulator_config()
-    robot = robot or model_of(simulator.robot, "robot" if simulator.real else "gazebo")
+    # `simulator.real` has the data of a real Husky, and is None for Gazebo's robot
+    profile = "robot" if simulator.real else "gazebo"
+    robot = robot or model_of(simulator.robot, profile)
     simulation = Simulation(scenario.world, robot, simulator, scenario.start, scenario.seed)
     laser_in_base = robot.fixed_poses[robot.laser_frame]
     controller_state, arrived_at = ControllerState(), inf

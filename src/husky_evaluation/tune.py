@@ -296,6 +296,7 @@ def result_of_tuning(
         fresh.table,
         every_row("Every setup", tuned.trials),
     ]
+    # MEANING_OF_BOUND explains the word "bound", which is a part of the formula
     lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {MEANING_OF_BOUND}"
     verdict = ""
     if all(value == defaults[name] for name, value in tuned.values.items()):

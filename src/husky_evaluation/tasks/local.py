@@ -68,8 +68,8 @@ def run_here(
         try:
             while waiting or running:
                 # Each process gets two groups, so that it can begin the second group as soon as it has ended
-                # the first one. But a group during which a process has ended begins only when no other group
-                # is running. If a process ends again, this group is the probable cause.
+                # the first one. But a group during which a process has died is sent again only when no other
+                # group is running. If a process then dies again, this group is the probable cause.
                 while waiting:
                     number = waiting[0]
                     most_running = 1 if deaths[number] else 2 * jobs
