@@ -25,7 +25,8 @@ CHECKER, SECTION, LINE = 25, 5, 0.03
 # near the robot, a square of the checker pattern is brighter or darker than the ground's colour by this
 # fraction
 CONTRAST = 0.09
-# [m] length after which the pattern repeats; nobody sees that the ground follows the robot by whole lengths
+# [m] length after which the pattern repeats. The ground follows the robot in steps of this length, so the
+# pattern looks the same after each step.
 PATTERN_LENGTH = 2 * SECTION
 SHADOW_HEIGHT = 0.004  # [m] height of the shadow above the ground
 # shadow of the robot or an object: width beyond its outline [m], side of the shadow's picture [px], largest
@@ -109,7 +110,9 @@ def _fade(length: float) -> np.ndarray:
     """
     from_end = length / 2.0 - np.abs(np.linspace(-length / 2.0, length / 2.0, SHADOW_PIXELS))  # [m]
     linear = np.clip(from_end / min(2.0 * SHADOW_BLUR, length / 2.0), 0.0, 1.0)
-    smooth: np.ndarray = linear * linear * (3.0 - 2.0 * linear)  # has no kinks, which would be visible
+    smooth: np.ndarray = (
+        linear * linear * (3.0 - 2.0 * linear)
+    )  # a curve without corners, which would be visible
     return smooth
 
 
@@ -144,8 +147,8 @@ def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
 
     Farther away a checker would flicker.
     """
-    # [m] positions of the quads' sides along x, and also along y; a quad is 1 m wide, except that a line on
-    # the ground is a row of quads with the width 2 * LINE
+    # [m] positions of the quads' sides; the positions along x and along y are the same. A quad of the checker
+    # is about 1 m wide, and a quad that is a part of a line is 2 * LINE wide.
     edges: List[float] = []
     for metre in range(-CHECKER, CHECKER + 1):
         if metre % SECTION == 0:  # a line has two sides

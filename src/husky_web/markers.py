@@ -71,7 +71,8 @@ def primitives(marker: Marker) -> List[Piece]:
             corners, colors_of_first_corners, lambda group: shapes.triangles(np.concatenate(group))
         )
     if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
-        # a copy of the shape at each point, stretched to the marker's size
+        # A copy of the shape at each point, stretched to the marker's size. `_by_color` draws nothing for the
+        # colours that are left after the first MAX_COPIES points.
         unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
         return _by_color(
             points[:MAX_COPIES], colors, lambda group: shapes.copies(unit, size, np.array(group))
@@ -250,7 +251,7 @@ def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> L
     """
     if len(points) < 2:
         return []
-    # each line joins the point of its index in `starts` with the next point
+    # (lines,) index of the first point of each line; the line ends at the next point
     starts = np.arange(0, len(points) - 1, 2 if kind == Marker.LINE_LIST else 1)
     ends = np.stack([starts, starts + 1], axis=1)  # (lines, 2) indices of the two points of each line
     return [Lines(points[ends], _bytes(colors[ends][..., :3]), width)]
@@ -261,7 +262,7 @@ def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
 
     Args:
         parts: parts of the solids, such as the positions of spheres.
-        colors: colour of each part, (N, 4) from 0 to 1.
+        colors: colour of each part, (N, 4) from 0 to 1; there may be more colours than parts.
         make: function that returns the mesh of a list of parts.
     """
     parts_by_color: Dict[Rgba, List[Any]] = {}

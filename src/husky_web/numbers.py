@@ -29,9 +29,9 @@ class Numbers:
 
     def forget(self) -> None:
         """Forget all numbers, because they would be old when the next page opens."""
-        # number of scans so far, at the time of the newest odometry; only the rate of this curve is shown
+        # curve of the number of scans so far over simulated time; only the rate of this curve is shown
         self.scans = Curve(series=1, window=RATE_WINDOW)
-        # [s] simulated time, at the wall time; the rate of this curve is the real-time factor
+        # curve of simulated time [s] over wall time [s]; the rate of this curve is the real-time factor
         self.clock = Curve(series=1, window=RATE_WINDOW)
         self._heard_at = -inf  # [s] wall time of the last odometry
         # [m/s], [rad/s] forward and turning speed, for "commanded" and for "measured"
@@ -61,7 +61,7 @@ class Numbers:
         error = topics.take("error")
         if error is not None:
             # the controller's message has the remaining distance [m] in x and the bearing [rad] in y
-            self.distance, self.bearing, self._error_at = error.vector.x, error.vector.y, self._now
+            self.distance, self.bearing, self._error_at = error.vector.x, error.vector.y, self._simulated_now
             self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
             self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
         pillar = topics.take("pillar")
@@ -69,12 +69,13 @@ class Numbers:
             frame = scene.frames.pose(pillar.header.frame_id, scene.fixed_frame)
             point = (pillar.point.x, pillar.point.y, pillar.point.z)
             self.pillar = None if frame is None else transform_point(frame, point)
-            self._pillar_at = self._now
-        # A controller that has ended sends no more, and its last numbers must not count as present ones.
-        # After a restart of the simulator, the time of its last message may lie ahead.
-        if not 0.0 <= self._now - self._error_at <= EXPIRY:
+            self._pillar_at = self._simulated_now
+        # The last numbers of a controller that has ended must not be shown for long. After a restart of the
+        # simulator, simulated time begins at 0 again. A number from before the restart then has a later time
+        # than the present one, so it is removed, too.
+        if not 0.0 <= self._simulated_now - self._error_at <= EXPIRY:
             self.distance = self.bearing = None
-        if not 0.0 <= self._now - self._pillar_at <= EXPIRY:
+        if not 0.0 <= self._simulated_now - self._pillar_at <= EXPIRY:
             self.pillar = None
         if odometry is not None and self.time is not None:
             commanded_speed, commanded_turning = self._speeds.get("commanded", UNKNOWN)
@@ -89,7 +90,7 @@ class Numbers:
             self.scans.add(scene.scan_stamp if self.time is None else self.time, topics.scan_count)
 
     @property
-    def _now(self) -> float:
+    def _simulated_now(self) -> float:
         """Simulated time of the newest odometry [s]; 0 before the first odometry."""
         return self.time or 0.0
 

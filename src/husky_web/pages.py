@@ -142,7 +142,7 @@ class Pages:
     def __init__(self, server: viser.ViserServer, tabs: Mapping[str, Any], log: LogBuffer) -> None:
         self.open: Dict[int, Page] = {}  # open pages; the key is the number of viser's client
         self.page_came = threading.Event()  # set when a browser connects; `admit` then adds its page
-        # function that is called when the mouse of a page gets another tool
+        # function that is called when a page chooses another use of its mouse, such as to delete objects
         self.on_tool: Callable[[], None] = lambda: None
         # function that is called with the number of a page that was closed
         self.on_leave: Callable[[int], None] = lambda page: None

@@ -116,7 +116,8 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
         # found it, the replay shows it at the first position that was found.
         first_known = np.argmax(is_known)
         rows_of_known = np.where(is_known, np.arange(len(table)), first_known)
-        # for each row, the largest row number so far is the last row with a known pillar
+        # A row without a pillar has the number `first_known`. So the largest number up to a row is the number
+        # of the last row with a known pillar, or `first_known`.
         pillars = pillars[np.maximum.accumulate(rows_of_known)]
     name = robot_name if robot_name in ROBOTS else "husky"
     return to_html(

@@ -329,7 +329,7 @@ class Scene:
                 frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
                 stop_point = None
                 if frame is not None:
-                    # a marker whose pose has a number that is not finite counts as at the origin of its frame
+                    # if a number of the marker's pose is inf or nan, the origin of its frame takes its place
                     stop_point = compose(frame, pose_of(marker) or Pose()).position
         return stop_point
 

@@ -152,7 +152,7 @@ def solids_of(file: MeshFile) -> List[Solid]:
     """Return the triangles of a mesh file, or a box with a warning if it cannot be read."""
     try:
         metres_per_unit = max(map(abs, file.scale)) or 1.0  # 1 in place of 0, by which CELL cannot be divided
-        parts = _read(file.uri, CELL / metres_per_unit)  # CELL [m], in the unit of the file
+        parts = _read(file.uri, CELL / metres_per_unit)  # CELL [m] becomes a length in the file's unit
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")
         return [Solid(cube(), MISSING, MISSING_SIZE)]

@@ -42,7 +42,8 @@ SEEN_AFTER = 0.03
 # [s] wall time after which the controller has noticed that an object was moved, also if simulated time is
 # unknown
 SEEN_AT_LAST = 0.3
-AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
+# buttons: the robot drives again from its start, or the pillar moves to another position
+DRIVE_AGAIN, MOVE_PILLAR = "Drive again", "Move the pillar"
 
 
 class RobotStatus(NamedTuple):
@@ -147,7 +148,8 @@ class StateBar:
     """State, emergency stop and next actions, shown on every tab."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        # functions of the two buttons; they get the page on which the button was pressed
+        # functions of the buttons DRIVE_AGAIN and MOVE_PILLAR; they get the page on which the button was
+        # pressed
         self.on_again: Callable[[Any], None] = lambda client: None
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._state = gui.add_html(state_html(RobotStatus(), Figures()))
@@ -156,8 +158,9 @@ class StateBar:
         self._figures, self._figures_due = Figures(), 0.0
         self._next = gui.add_button_group(
             "What next?",
-            (AGAIN, ELSEWHERE),
-            hint=f"{AGAIN}: from the start. {ELSEWHERE}: to a position 4 to 8 m away; the robot follows it",
+            (DRIVE_AGAIN, MOVE_PILLAR),
+            hint=f"{DRIVE_AGAIN}: from the start. {MOVE_PILLAR}: to a position 4 to 8 m away; "
+            "the robot follows it",
         )
         self._next.on_click(self._on_next)
 
@@ -182,7 +185,7 @@ class StateBar:
 
     def _on_next(self, event: Any) -> None:
         """Call the function of the pressed button, for the page on which it was pressed."""
-        action = self.on_again if event.target.value == AGAIN else self.on_elsewhere
+        action = self.on_again if event.target.value == DRIVE_AGAIN else self.on_elsewhere
         action(event.client)
 
 

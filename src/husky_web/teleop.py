@@ -94,10 +94,10 @@ class Teleop:
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s] largest speeds of driving by hand
         self.is_locked = False  # true if any node has switched the emergency stop on
         self._locked_at = -inf  # [s] wall time at which the emergency stop was switched on the last time
-        # Value of e_stop that a new subscriber gets; None if it gets no message. The page repeats true,
-        # whichever node has sent it. The page repeats false only if the page has sent it and no other node
-        # has sent a value since, because the page must not release the stop of another node. So rospy does
-        # not latch the topic: rospy would repeat a value of this page after another node has changed it.
+        # Value that this node sends to each new subscriber of e_stop; None if it sends nothing. It is true if
+        # the last value on e_stop was true, whichever node sent it. It is false only if this node sent the
+        # last value, because this node must not release the emergency stop of another node. rospy's own
+        # latching knows only the values of this node, so it could repeat an old value.
         self.latched: Optional[bool] = None
         self._hold = HoldToDrive()  # decides which page drives
         # lock of `_hold`, because messages of the pages come in another thread than the one that publishes
@@ -170,8 +170,8 @@ class Teleop:
         """Publish the commands of the page that drives, every PERIOD, and sleep while none drives."""
         while not rospy.is_shutdown():
             with self._turn:
-                # None while no page drives; after the last page has let go, one STOP comes before None, and
-                # `is_active` is already false then
+                # None while no page drives. When the last page stops driving, `command` returns STOP once,
+                # and `is_active` is false from this STOP on.
                 twist = self._hold.command(time.monotonic())
                 is_active = self._hold.is_active
                 if not is_active:

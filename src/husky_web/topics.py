@@ -44,8 +44,9 @@ class Topics:
         """Begin without subscriptions; `names` has the topics by use, such as scan or odometry."""
         self.names = names
         self.scan_count = 0  # number of scans that have come so far
-        # [s] end of the last pause in `_push`, in the attribute `at`; rospy has a thread for each publisher,
-        # and each thread has pauses of its own
+        # [s] wall time, in the attribute `at`, at which this thread's last pause in `_push` ended. `_push`
+        # pauses after a message, so that the next messages are read together. rospy has a thread for each
+        # publisher, and each thread has pauses of its own.
         self._pause_ended = threading.local()
         # messages that wait for the thread that draws; a topic in `names` keeps only the newest message,
         # because an older one is of no use, but the five uses below need every message

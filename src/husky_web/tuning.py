@@ -36,7 +36,7 @@ class Tuning:
         self._gui, self._actions, self._tab = server.gui, actions, tab
         # function that is called after a change with a text such as "p_gain_vel 0.5 \u2192 0.6"
         self.on_change: Callable[[str], None] = lambda change: None
-        self._servers: Dict[str, _Server] = {}  # server of each name, with its fields
+        self._servers: Dict[str, _Server] = {}  # servers by name, each with the fields of its parameters
         buttons = self._gui.add_button_group(
             "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
         )
@@ -164,7 +164,8 @@ class _Server:
                 return
             self._description = decode_description(msg)
             self.parameters = parameters(self._description)
-            # a parameter without a group is directly in the folder of the server
+            # The parameters without a group have the group "". For the label None, viser draws no folder, so
+            # these parameters are directly in the folder of the server.
             for group, members in by_group(self.parameters).items():
                 is_open = group not in FOLDED
                 with self._folder, self._gui.add_folder(group or None, expand_by_default=is_open):
