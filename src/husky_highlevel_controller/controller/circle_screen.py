@@ -135,9 +135,10 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     # where `fit_step` expects the centre: one radius behind the segment's shortest range.
     origin = near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    # A step of the fit needs nine of the sums in `Products`. Each row of `terms` has the product of each beam
-    # for one of these sums. The derivative of each beam's error by r is -1. The rows for xr, yr and re are
-    # computed with 1 instead of -1, and their sums get the minus sign below.
+    # A step of the fit needs nine sums over the beams: xe is the sum of (derivative of the error by x) *
+    # error * weight, and so on with x, y, r and e. Each row of `terms` has the summands of one sum. The
+    # derivative by r is always -1. The rows of xr, yr and re have 1 instead of -1, and their sums get the
+    # minus sign below.
     terms = np.empty((9, len(beams)))
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
