@@ -287,10 +287,11 @@ def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Ve
     if len(path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause_of_no_estimate(recording)
         evidence = f"{len(path)} estimates on {estimate.topic or FILTERED}: {cause.text}"
-        # The filter's inputs are probably wrong in two cases: no cause is known but the missing odometry, or
-        # no fault such as a crash was noted, and no node subscribes to the bag's wheel odometry.
+        # true if no better reason than the missing odometry is known
         is_cause_unknown = cause.kind is Kind.NO_ODOMETRY
+        # true if no fault such as a crash was noted, but no node subscribes to the bag's wheel odometry
         lacks_only_input = not causes(recording) and not recording.subscribed
+        # in these two cases, the inputs of the filter are probably wrong
         hint = INPUTS_HINT if is_cause_unknown or lacks_only_input else hint_on(cause)
         return Verdict(0.0, evidence, hint)
     stamps, x, y = path.T  # (N,) each

@@ -181,7 +181,7 @@ def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) 
         # A marker with a `problem` is not drawn, so it has no position. Whether the pillar is off the axis is
         # tested at the time at which the marker came, as for the score of the marker.
         if not marker.problem and is_off_axis(recording, marker.at, rules):
-            at = _time_of_position(marker)  # [s] the coordinates are those of this earlier time
+            at = _time_of_position(marker)  # [s] the marker's coordinates are from this time
             pillar_distance, pillar_bearing = pillar_from_robot(recording, at)
             # [m] distance from the pillar at which the rubric still gives a marker half of the points
             half_distance = rules.marker_half + slack_of(recording, pillar_distance, rules)
