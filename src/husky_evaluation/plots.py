@@ -83,12 +83,20 @@ def draw_costs(costs: Sequence[float]) -> bytes:
 
 
 def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
-    """Draw pairs of A and B as dots around the line on which both are equal; return a PNG."""
+    """Draw a figure of two controllers A and B, such as the time to arrival; return a PNG.
+
+    Each start is a dot. On the line, both figures are equal.
+
+    Args:
+        pairs: figure of A and figure of B, for each start.
+        title: name of the figure.
+    """
     figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
     a, b = np.array(pairs).reshape(-1, 2).T
-    # `axline` needs a point of the line B = A; this point is among the dots, so it does not widen the axes
-    plot.axline((float(a.mean()), float(a.mean())), slope=1.0, color="0.5", linewidth=1.0)
+    # `axline` needs one point of the line B = A. The axes include this point, so it must be near the dots.
+    middle = float(a.mean())
+    plot.axline((middle, middle), slope=1.0, color="0.5", linewidth=1.0)
     plot.plot(a, b, "o", color=DRIVEN, alpha=0.6, markersize=5)
     plot.set_aspect("equal", adjustable="datalim")
     plot.set_xlabel("A")

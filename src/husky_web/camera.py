@@ -40,8 +40,9 @@ class Camera:
         self._name = FOLLOW  # chosen camera, one of CAMERAS
         # true if the camera has been moved to the position that belongs to the choice, such as FOLLOW
         self._is_placed = False
-        # true if the page has reported a position that was sent after the last jump of the camera; earlier
-        # reports are from before the jump, so they say nothing on the mouse
+        # true if the page has reported a position that was sent after the last jump of the camera. An earlier
+        # report shows the camera before the jump, so it does not prove that the user has moved the camera by
+        # the mouse.
         self._has_jump_arrived = False
         self._target: Vector3 = (0.0, 0.0, 0.0)  # [m] position that the camera looks at, in the fixed frame
         # yaw [rad] of the frame that turns with the robot; offset [m] of the camera from its target, in this

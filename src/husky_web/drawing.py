@@ -136,9 +136,12 @@ def dashes(start: Vector3, end: Vector3) -> np.ndarray:
     """Return the dashes (N, 2, 3) of a line [m]; a dash stays in place if only the end of the line moves."""
     line = np.array(end) - np.array(start)
     length = float(np.linalg.norm(line))
-    # number of dashes, 0 if the line is shorter than a dash; the last dash needs no gap behind it
-    count = int(min(length, LONGEST_DASHED) / DASH + 1.0) // 2
-    # [m] distances from `start` to both ends of each dash
+    # dashes and gaps take turns, and each of them is DASH long; the last one on the line may be a dash
+    dashes_and_gaps = int(min(length, LONGEST_DASHED) / DASH)
+    count = (dashes_and_gaps + 1) // 2
+    # [m] distances from `start` to both ends of each dash: 0 and 1 times DASH, 2 and 3 times DASH ...
     distances = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
-    segments: np.ndarray = (np.array(start) + distances * line / max(length, DASH)).astype(np.float32)
+    # a line that is shorter than DASH has no dashes, so its direction does not matter
+    direction = line / max(length, DASH)
+    segments: np.ndarray = (np.array(start) + distances * direction).astype(np.float32)
     return segments

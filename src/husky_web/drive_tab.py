@@ -276,7 +276,8 @@ class DriveTab:
         if self._stop_count != stop_count:
             raise HuskyError(stopped)
         sentence = self._call_start_stop(True)
-        # the stop may have been requested during the call, and its own call may have come before this one
+        # A stop may have been requested since the check above. The controller may have got the call of this
+        # stop before the call that starts it, so it is stopped again.
         if self._stop_count != stop_count:
             self._call_start_stop(False)
             raise HuskyError(stopped)

@@ -114,7 +114,7 @@ class Moving:
             if self._time_after_end is None or time < self._time_after_end:
                 self._time_after_end = time
             simulated_seconds = time - self._time_after_end
-        # the wall time decides if simulated time is unknown, slow or paused
+        # the limit in wall time is for simulated time that is unknown, slow or paused
         if simulated_seconds >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
             self._text, self._ended_at = "", None
         return self._text

@@ -16,9 +16,10 @@ LOOK_PERIOD = 0.5  # [s] wall time between two queries of the ROS graph
 # topic, IDLE_BEFORE counts, because some controllers first sleep for 10 s
 IDLE, IDLE_BEFORE = 2.0, 12.0
 # A program that publishes in a loop is never idle, but it settles, and then no new registration is expected.
-# It has settled if, since its last registration with the ROS master, it has computed or slept for SETTLED
-# [s], and has computed for SETTLED_CPU [s] of this time. Time in which the program waits for a CPU does not
-# count. While one of its nodes has not registered, both times are NODE_MISSING times as long.
+# It has settled if two conditions are true since its last registration with the ROS master. It has computed
+# or slept for SETTLED [s] in total. It has computed for at least SETTLED_CPU [s]. Time in which the program
+# waits for a CPU does not count. While one of its nodes has not registered, both times are NODE_MISSING times
+# as long.
 SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 # [s] a program that is neither idle nor settled is waited for until it has used this CPU time, but at most
 # for this wall time

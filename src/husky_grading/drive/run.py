@@ -167,7 +167,7 @@ def _wait_until_it_takes_part(
         heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
         if heard_config is not None and heard_config != robot.config:
             return heard_config
-    recorder.send(GoOn())  # the recorder takes part in place of the submission
+    recorder.send(GoOn())  # the recorder begins the run, although the submission is not ready
     return robot.config
 
 

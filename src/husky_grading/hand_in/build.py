@@ -120,7 +120,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         _check_machine_builds(folders.root.with_name("check"), underlay)
     if outcome.code == 0:
         # The server process of `forked` imports its modules while the run is prepared, so the run begins
-        # sooner. A submission that does not build normally has no run, so it does not need them.
+        # sooner. If the build fails, there is usually no run, so the modules are not needed.
         import_early()
     notes = _notes_on_build(folders.root, missing, used_old_boost, outcome)
     return Build(_built_workspace(folders, underlay), tuple(notes))

@@ -253,7 +253,9 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
 def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
     """Return whether a launch file and its node are still the unchanged example that `./dev new` writes.
 
-    Such a launch file has no work of the student. `package` is the name of the student's package.
+    Such a launch file has no work of the student. `./dev new` copies TEMPLATE, adds the files of TEMPLATE_CPP
+    for a C++ package, and replaces "first_node" by the name of the student's package, which is `package`. So
+    a Python package and a C++ package have the same launch file.
     """
 
     def is_written_by_us(path: Path, template: Path) -> bool:
@@ -264,7 +266,8 @@ def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
 
     if not is_written_by_us(launch_file, TEMPLATE / "launch" / "drive.launch"):
         return False
-    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")  # a Python and a C++ node
+    # a package has the Python or the C++ node
+    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")
     return any(is_written_by_us(package_folder / node.parent.name / node.name, node) for node in nodes)
 
 

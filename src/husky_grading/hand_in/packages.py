@@ -37,8 +37,8 @@ PUBLIC = frozenset({
 EXTENDED = {"husky_gazebo", "smb_gazebo"}
 # folders with such a word in their name probably have an old copy of a package
 _OLD = re.compile(r"(?<![a-z])(?:old|backup|bak|copy|archive?|alte?)(?![a-z])", re.IGNORECASE)
-# valid name of a package, which also becomes the name of a folder; catkin builds a name that begins with a
-# digit with a warning, and the university ENSTA uses such a name
+# Valid name of a package, which also becomes the name of a folder. It may begin with a digit, because the
+# university ENSTA uses such a name, and catkin builds such a package, although it prints a warning.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 # name of a package that a line of Python imports
 _IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([A-Za-z]\w*)", re.MULTILINE)
@@ -127,7 +127,8 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
                 unpacked.mkdir()
                 try:
                     notes += unpack(archive, unpacked, allowance)
-                except ArchiveError as error:  # an inner archive may be broken, and what was unpacked counts
+                except ArchiveError as error:
+                    # files that were unpacked before the error are graded
                     notes.append(str(error))
                 places[unpacked] = places[folder] / archive.relative_to(folder).as_posix()
                 folders.append(unpacked)

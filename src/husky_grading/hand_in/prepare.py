@@ -326,8 +326,8 @@ def _build_candidates(
         # before it
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        # the best launch file is checked again, because a package of this build may be one that its node
-        # needs, but does not name in its package.xml
+        # The best launch file is checked again after each build. Its node may need a package that its
+        # package.xml does not name, and this build may have built that package.
         if _is_any_built(best, folders):
             return best, rebuilt, []
         if _is_any_built(other, folders):

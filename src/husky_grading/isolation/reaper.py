@@ -23,7 +23,7 @@ import psutil
 
 SET_PARENT_DEATH_SIGNAL, SET_CHILD_SUBREAPER = 1, 36  # options of prctl(2)
 POLL_PERIOD = 0.02  # [s]
-STOPPED, CANNOT_START = 128 + signal.SIGTERM, 127  # exit codes, as of a shell
+STOPPED, CANNOT_START = 128 + signal.SIGTERM, 127  # exit codes that a shell also uses
 SIGNALS = {signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2}
 
 

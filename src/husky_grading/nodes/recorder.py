@@ -224,7 +224,7 @@ class DriveRecorder:
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
         elif kind == "unanswered":  # an event that comes at most once in a run
             self._unanswered = text
-        elif kind == "asleep":  # a sleeping controller does not answer one scan
+        elif kind == "asleep":  # a scan was not answered, because the controller sleeps
             # The exercise has stopped the submission only if it has asked for a stop about when the last
             # command came, or later. If commands have come since then, the submission drives again.
             last_command = self._commands[-1] if self._commands else -inf

@@ -38,9 +38,8 @@ from husky_highlevel_controller.robot import load_robot
 MAX_TOUCH_DISTANCE = 1.0
 TOUCHING = 0.5  # lowest score of a marker whose shape touches the pillar
 MOST_IF_MIRRORED = 0.5  # largest score of markers whose y has the wrong sign
-# RViz may draw several markers at a moment. The score of the moment is the highest score that at least this
-# fraction of the drawn markers reaches. The sentence for the student calls the fraction "half of the drawn
-# ones".
+# RViz may draw several markers at a moment. At least this fraction of the drawn markers must have the score
+# of the moment, or a higher score. The sentence for the student calls the fraction "half of the drawn ones".
 MOST = 0.5
 # largest number of namespaces that are judged separately; if there are more, all are judged as one
 MAX_NAMESPACES = 6

@@ -16,8 +16,8 @@ from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 # [s] when this time has passed since the first command that moves the robot, the rate of its sender is
 # reported
 RATE_TIME = 1.0
-# a gap is the time from one command of a sender to its next command; a sender is slow after this number of
-# gaps in a row in which the command before the gap expired
+# A gap is the time from one command of a sender to its next command. A sender is slow if this number of its
+# gaps, one directly after the other, were so long that the command expired before the next one came.
 SLOW_GAPS = 8
 # [s] a longer gap is a pause and does not count, because a person may be pressing keys
 LONGEST_GAP = 3.0

@@ -283,8 +283,8 @@ class ControllerNode:
         Args:
             observation: the scan, and the poses of lidar and robot at its stamp.
         """
-        # the services that stop the robot run in other threads; the lock keeps their zero command from coming
-        # between the decision and its command
+        # The services that stop the robot run in other threads. Because of the lock, their zero command comes
+        # before the decision or after its command, and never between them.
         with self._decision_lock:
             control, detector_config = self._tuning.records
             before = self._controller_state

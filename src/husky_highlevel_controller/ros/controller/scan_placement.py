@@ -25,8 +25,8 @@ from husky_highlevel_controller.ros.controller.display import BASE, ODOM
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_transform
 
-# [s] longest wall time for which the first scan waits for its transforms; the wait makes repeated runs in
-# lockstep with the simulator start in the same way
+# [s] longest wall time for which the first scan waits for its transforms. Because of this wait, all runs in
+# lockstep with the simulator start in the same way.
 START_TIMEOUT = 4.0
 TRANSFORM_TIMEOUT = 2.0  # [s] longest wall time for which a later scan waits for the transform of its stamp
 MIN_OFFSET = 0.05  # [s] a larger offset between the clocks of scans and odometry causes a warning

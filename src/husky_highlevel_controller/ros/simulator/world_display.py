@@ -94,7 +94,7 @@ class _Server(InteractiveMarkerServer):
         """
         try:
             self.applyChanges()
-            super().keepAlive(None)  # `keepAlive` of this class itself sends nothing
+            super().keepAlive(None)  # the library's method, because this subclass overrides `keepAlive`
         except (rospy.ROSException, ValueError):  # the topics may already be closed at the end of the node
             if not rospy.core.is_shutdown_requested():
                 raise

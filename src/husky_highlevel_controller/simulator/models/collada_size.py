@@ -102,8 +102,9 @@ def _corners(primitive: ElementTree.Element) -> int:
     for child in primitive:
         if _tag(child) == "p":
             text = child.text or ""
-            # Counting spaces is faster than reading the numbers. The text has at most one number more than
-            # spaces, and each number takes at least two characters (a digit and a space).
+            # Counting spaces is faster than reading the numbers. Spaces separate the numbers, so there is at
+            # most one number more than there are spaces. Each number takes at least two characters, which are
+            # a digit and a space.
             spaces = sum(map(text.count, " \t\r\n"))
             indices += min(spaces + 1, (len(text) + 1) // 2)
     return indices // indices_per_corner

@@ -186,8 +186,8 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         Ranges (N,) [m], 0 if there is no echo, and fractions (N,).
     """
     ranges, fractions = np.zeros(piece.beams), np.zeros(piece.beams)
-    # (N, S) distances of the S rays that sample the spot of each beam. The first ray of a beam's spot is
-    # RAYS_PER_BEAM rays behind the first ray of the spot before it.
+    # (N, S) distances of the S rays that sample the spot of each beam. The first ray of a spot is
+    # ray number RAYS_PER_BEAM times the number of its beam, so the spots overlap.
     depths_of_beams = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::RAYS_PER_BEAM]
     # The loop below goes on only with beams that have no strong echo yet. `beams` has the indices of these
     # beams; `depth` and `weights` have one row for each of them.
