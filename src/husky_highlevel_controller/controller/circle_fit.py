@@ -252,15 +252,14 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
-# On a straight wall, the range r of a beam satisfies 1 / r = a cos + b sin, with cosine and sine of the
-# beam's angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin. A fit of this form
-# minimises the errors of r, which are measured along the beams.
-
-
 def line_sum_squared_error(segment: Segment) -> float:
-    """Sum of the squared errors of the best line, measured along the beams [m^2]."""
+    """Sum of the squared errors of the best straight line [m^2].
+
+    The line is fitted in the form r = a u + b v, see `_terms`. The fit minimises the errors of the ranges r,
+    so the errors are measured along the beams.
+    """
     terms = _terms(segment)
-    # uv is the sum over the beams of u times v, and so on
+    # entries of the matrix, which is symmetric: uv is the sum over the beams of u times v, and so on
     (uu, uv, ur), (_, vv, vr), (_, _, rr) = (terms @ terms.T).tolist()
     return float(line_squared_error(np.array((uu, uv, vv, ur, vr, rr))))
 
@@ -280,16 +279,21 @@ def corner_sum_squared_error(segment: Segment) -> float:
 
 
 def _terms(segment: Segment) -> np.ndarray:
-    """Return u = r^2 cos, v = r^2 sin and the range r of each beam, (3, M), from which a line is fitted."""
+    """Return u, v and the range r of each beam, (3, M), in which a straight line is r = a u + b v.
+
+    In polar coordinates, a straight line has the equation 1 / r = a cos + b sin, with the cosine and sine of
+    the beam's angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin.
+    """
     ranges = segment.ranges
     return np.vstack([segment.directions * (ranges * ranges), ranges])
 
 
 def line_squared_error(sums: np.ndarray) -> np.ndarray:
-    """Return the sum of the squared errors of the best straight line, for one segment or for many [m^2].
+    """Return the squared errors of the best line r = a u + b v [m^2], from the sums uu, uv, vv, ur, vr, rr.
 
-    The line has the equation r = a u + b v, with u = r^2 cos and v = r^2 sin of a beam of range r. `sums` has
-    the sums of uu, uv, vv, ur, vr, rr over the beams, (6, ...).
+    Args:
+        sums: sums over the beams of u times u, u times v, and so on, for one segment (6,) or for many (6, S).
+            A beam of range r has u = r^2 cos and v = r^2 sin, see `_terms`.
     """
     uu, uv, vv, ur, vr, rr = sums
     # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). The sum of the squared errors of this
