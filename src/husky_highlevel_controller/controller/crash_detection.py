@@ -59,7 +59,9 @@ MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
 # [s] time after the first sample in which no crash is detected, on smooth ground and on rough ground; in this
 # time, the direction of gravity becomes known
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1
-LONGEST_PERIOD = 0.2  # [s] the detector starts again after a longer gap between two IMU samples
+# [s] The detector starts again after a longer gap between two IMU samples. If the last message of odometry is
+# older than this, the speed of the wheels is unknown.
+LONGEST_PERIOD = 0.2
 PATIENCE = 2.0  # [s] IMU samples are evaluated without odometry if no odometry has come for this time
 LONGEST_WAIT = 2.5  # [s] an IMU sample that has waited this long for its odometry is evaluated without it
 LONGEST_DELAY = 10.0  # [s] wheel speeds are kept this long for IMU samples that come later than odometry
@@ -444,10 +446,15 @@ class CrashDetector:
     def _weight(self, age: float) -> float:
         """Return the weight, 0 to 1, of a velocity increment in the change between the two mean velocities.
 
-        An increment in the time `window` changes only the mean after it, so it counts fully. An increment
-        within AFTER changes only the later part of that mean, so it counts less, the later it comes. An
-        increment within BEFORE also changes a part of the mean before, so it counts less, the earlier it
-        comes. `age` is the time from the increment to the end of the change [s].
+        A change consists of the time BEFORE, then the time `window`, then the time AFTER. The change is the
+        mean velocity over AFTER minus the mean velocity over BEFORE. An increment adds to all later
+        velocities:
+
+        - within BEFORE, to the second mean and to a part of the first, so the weight rises from 0 to 1
+        - within `window`, to the second mean and not to the first, so the weight is 1
+        - within AFTER, to a part of the second mean, so the weight falls from 1 to 0
+
+        `age` is the time from the increment to the end of the change [s].
         """
         since_begin = AFTER + self._config.window + BEFORE - age  # [s] time from the beginning of the change
         return max(min(age / AFTER, since_begin / BEFORE, 1.0), 0.0)
@@ -493,7 +500,8 @@ class CrashDetector:
     def _speed_at(self, stamp: float) -> Optional[float]:
         """Return the wheels' speed at a time, by linear interpolation [m/s]; None if it is unknown."""
         if not self._wheel_speeds or stamp - self._wheel_speeds[-1][0] > LONGEST_PERIOD:
-            return None
+            return None  # odometry has stopped, so the wheels may have another speed by now
+        # from the last message on, `interp` returns the last speed
         stamps, speeds = zip(*self._wheel_speeds)
         return float(np.interp(stamp, stamps, speeds))
 
