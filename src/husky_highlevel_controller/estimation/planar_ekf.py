@@ -21,9 +21,11 @@ STATES = 8
 X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)
 MIN_VARIANCE = 1e-9  # a smaller variance of a measured value counts as this
 INITIAL_VARIANCE = 1e-9  # variance of each state before the first measurement, as in robot_localization
-# [s] If the stamps of two readings differ by more than MAX_STEP, the clock was set between them, so the true
-# time between the readings is unknown. The filter then computes with the time CLOCK_STEP.
-MAX_STEP, CLOCK_STEP = 1e5, 0.01
+# [s] if the stamps of two readings differ by more than this, the clock was set between them
+MAX_STEP = 1e5
+# [s] If the clock was set between two readings, the true time between them is unknown. The filter then takes
+# this time, as robot_localization does.
+CLOCK_STEP = 0.01
 # growth of the variance of x, y, yaw, vx, vy, yaw rate, ax, ay by noise [squared unit per second]; the values
 # are the defaults of robot_localization
 PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02, 0.01, 0.01)
@@ -91,8 +93,9 @@ class PlanarEkf:
         step = stamp - self.estimate.stamp
         if step <= 0.0:
             return self.estimate
-        clock_was_set = step > MAX_STEP
-        return predict(self.estimate, stamp, CLOCK_STEP if clock_was_set else step, self._process_noise)
+        if step > MAX_STEP:
+            step = CLOCK_STEP  # the clock was set, so the difference of the stamps is not the true time
+        return predict(self.estimate, stamp, step, self._process_noise)
 
 
 def predict(estimate: MotionEstimate, stamp: float, step: float, process_noise: np.ndarray) -> MotionEstimate:

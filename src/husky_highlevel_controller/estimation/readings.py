@@ -241,9 +241,15 @@ def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Quatern
 def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Return the mask of used values along rotated axes, (6,) bool.
 
-    The value of a rotated axis counts as used unless all used axes are perpendicular to the rotated axis.
+    The value of a rotated axis counts as used unless all used axes of the sensor are perpendicular to the
+    rotated axis.
+
+    Args:
+        axes: rotation matrix; each row is a rotated axis, as a unit vector along the sensor's axes (3, 3).
+        used: mask of the used values along the sensor's axes, three linear and three angular (6,).
     """
-    # (3,) true for each rotated axis to which at least one used axis is not perpendicular
+    # The product with the mask sets the components along unused axes to 0. If almost nothing is left of a
+    # rotated axis, all used axes are perpendicular to it.
     linear = np.linalg.norm(axes * used[:3], axis=1) >= MIN_COMPONENT
     angular = np.linalg.norm(axes * used[3:], axis=1) >= MIN_COMPONENT
     return np.concatenate((linear, angular))
