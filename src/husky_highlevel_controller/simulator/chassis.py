@@ -253,9 +253,11 @@ class Chassis:
         x, y, z = point
         for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
             if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:
-                # The shape of a tyre in Bullet is a narrow cylinder with the wheel's radius, and a wide
-                # cylinder whose radius is smaller by FLANK_DEPTH. A contact may be on either of them.
-                depth = radius - hypot(x - wheel_x, z - wheel_z)
+                # The shape of a tyre in Bullet is two cylinders: a narrow one with the wheel's radius, and a
+                # wide one whose radius is smaller by FLANK_DEPTH. A contact on the round side of either
+                # cylinder is on the tyre. A contact nearer to the axle is on the flat side of the wheel or on
+                # the body. A wheel does not stand on such a contact, so it counts as one on the hull.
+                depth = radius - hypot(x - wheel_x, z - wheel_z)  # [m] below the tread
                 if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
                     return index
         return None

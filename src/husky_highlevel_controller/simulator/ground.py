@@ -110,19 +110,22 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     """Return the height of the floor under all wheels, relative to a level pose [m].
 
     The robot is put at this height. The floor may be a low slab, or lie below the pose. If the pose is inside
-    a wide body, such as a thick slab, the floor is the top of that body. On uneven ground, the height is
-    _CLEARANCE above the highest point under the robot, so that no part of the robot is inside the ground.
+    a wide body, such as a thick slab, the floor is the top of that body, because `_drops_at_wheels` lets the
+    rays begin above it. On uneven ground, the height is _CLEARANCE above the highest point under the robot,
+    so that no part of the robot is inside the ground.
 
     The result is 0 if there is no such floor: without any body below the wheels, in an obstacle, or at the
     edge of a floor.
     """
+    # height above the pose at which the rays begin [m], and drop from there under each wheel
     ray_height, drops = _drops_at_wheels(scene, pose_on_ground)
     # height of the floor under the first wheel [m]; if the floor is level, under all wheels
     height = ray_height - drops[0]
     if height < 0.0:
-        # The floor is below the pose, so the robot would be put lower. If an object stands between the
-        # wheels, the object would then be inside the robot's hull. The drops at the middle points show such
-        # an object. A robot that is not put lower cannot get an object into its hull in this way.
+        # The robot would be put lower than the pose, onto the floor. If an object stands on the floor between
+        # the wheels, the robot's hull would come down into the object. With such an object, a drop in the
+        # middle is shorter than the drops at the wheels. The floor then counts as uneven, so the robot is put
+        # above the object, or stays at the pose.
         middle = [transform_point(pose_on_ground, (x, y, ray_height)) for x, y in _MIDDLE_POINTS]
         drops += [_drop(scene, point) for point in middle]
     is_in_body, is_without_floor = 0.0 in drops, inf in drops

@@ -119,10 +119,9 @@ class BulletWorld:
             contactBreakingThreshold=_BREAKING_THRESHOLD,
             deterministicOverlappingPairs=1,  # the same commands always give the same motion
         )
-        # Bullet gives each of its bodies an id. A body of the world may be several bodies in Bullet: one for
-        # each of its planes, and after them one for all its other shapes. So the last id in a list of
-        # `_ids_by_name` is the whole body if the body has no plane.
-        self._name_by_id: Dict[int, str] = {}
+        self._name_by_id: Dict[int, str] = {}  # name of the body by Bullet's id
+        # Bullet's ids of each body of the world. A body with planes has an id for each plane, and then an id
+        # for all other shapes. A body without planes, such as any movable body, has only the last id.
         self._ids_by_name: Dict[str, List[int]] = {}
         # Bullet's id of each collision shape. Its key describes the shape, so equal shapes are made once.
         self._shapes: Dict[Tuple[Any, ...], int] = {}
@@ -358,7 +357,7 @@ class BulletWorld:
 
     def velocity_of(self, name: str) -> Tuple[Vector3, Vector3]:
         """Velocity of a body's origin [m/s] and its spin [rad/s], in the world."""
-        body_id = self._ids_by_name[name][-1]
+        body_id = self._ids_by_name[name][-1]  # the only id if the body is movable
         velocity_of_com, spin = self._engine.getBaseVelocity(body_id)
         # v_origin = v_com - w x r, with r from the origin to the centre of mass
         velocity = minus(velocity_of_com, cross(spin, self._origin_to_com(body_id)))
@@ -366,7 +365,7 @@ class BulletWorld:
 
     def set_velocity(self, name: str, velocity: Vector3, spin: Vector3) -> None:
         """Give a body a velocity of its origin [m/s] and a spin [rad/s], in the world."""
-        body_id = self._ids_by_name[name][-1]
+        body_id = self._ids_by_name[name][-1]  # the only id if the body is movable
         # v_com = v_origin + w x r = v_origin - r x w, with r from the origin to the centre of mass
         velocity_of_com = minus(velocity, cross(self._origin_to_com(body_id), spin))
         self._engine.resetBaseVelocity(body_id, velocity_of_com, spin)

@@ -29,7 +29,7 @@ from husky_highlevel_controller.urdf import DescriptionError
 # stands, and the flanks, which are as wide as the tyre and have a radius that is smaller by FLANK_DEPTH.
 # A single rigid cylinder would stand on one of its two edges, which would change the loads of all wheels.
 TREAD_WIDTH = 0.004  # [m]
-FLANK_DEPTH = 0.005  # [m]
+FLANK_DEPTH = 0.005  # [m] difference between the radius of the tread and the radius of the flanks
 
 # Limits of a robot description. Beyond these limits, numbers in Bullet overflow, and the robot's pose becomes
 # NaN without an error.
