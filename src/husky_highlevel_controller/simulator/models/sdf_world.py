@@ -167,7 +167,8 @@ class _Place:
     pose_in_world: Pose = IDENTITY
     static: bool = False  # true if this model, or a model around it, never moves
     self_collides: bool = False  # true if this model, or a model around it, has <self_collide>
-    # collects the links of an outermost model and of all models inside it; None outside of models
+    # collects the links of an outermost model and of all models inside it. It is None in the place of the
+    # world, but `_whole_model` reads each outermost model with a copy of this place that has an assembly.
     assembly: Optional[Assembly] = None
 
     def full_name_of(self, name: str) -> str:
@@ -240,7 +241,7 @@ def _read_model(model: Model, parent: _Place) -> None:
     The assembly takes the links, frames and joints. A second model of the same name is left out with a note.
     """
     assembly, node, name = parent.assembly, model.node, model.name
-    assert assembly is not None  # `_whole_model` has made it for the outermost model
+    assert assembly is not None  # `_whole_model` has put it into the parent of the outermost model
     node.note_unknown()
     # Without a <name> in the <include>, a model has the name in its file. A world may include the same file
     # several times, so the name gets a number if it is taken.
@@ -259,7 +260,9 @@ def _read_model(model: Model, parent: _Place) -> None:
     for frame in node.children("frame"):
         # SDF attaches a frame without `attached_to` to the model itself
         attached_to = frame.element.get("attached_to") or "__model__"
-        assembly.frames[place.full_name_of(frame.named())] = place.full_name_of(attached_to)
+        frame_name = place.full_name_of(frame.named())
+        # this dictionary says for each frame to which other frame, link or model it is attached
+        assembly.frames[frame_name] = place.full_name_of(attached_to)
     for joint in node.children("joint"):
         assembly.add_joint(joint, full_name)
     # read the models inside this model, which yield no bodies; a generator does nothing until it is iterated
