@@ -64,8 +64,9 @@ def meet_mesh(
         distances: distances of the beams.
 
     Returns:
-        An upper bound of the distances at which beams meet the mesh [m]: 0 if no beam can meet the mesh,
-        otherwise inf, which `cast_rays` takes as "not known".
+        An upper bound of the distances at which beams meet the mesh [m]: 0 if no beam can meet the mesh, and
+        otherwise inf. Only if a bound is above `max_range`, `cast_rays` searches for distances beyond
+        `max_range`. A bound of inf is always right, and only costs the time of this search.
     """
     # 1. no beam meets a mesh if the ball around the mesh does not reach the scan plane, or is out of range
     (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre

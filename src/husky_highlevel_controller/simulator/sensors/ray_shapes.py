@@ -50,8 +50,13 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
     A beam is inside the box where it is inside all three slabs: from the last of its three entries to the
     first of its three exits.
+
+    Args:
+        along: component of each beam's direction along each axis of the box, (3, P).
+        numbers: the nine numbers of `_prepare_box`, three for each axis.
     """
-    entries, exits = _slab(along, numbers[:3], numbers[3:6], numbers[6:])  # (3, P) each
+    middles, halves, depths = numbers[:3], numbers[3:6], numbers[6:]  # a row for each axis
+    entries, exits = _slab(along, middles, halves, depths)  # (3, P) each
     return _entry_or_inf(np.maximum.reduce(entries), np.minimum.reduce(exits))
 
 
@@ -80,11 +85,12 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
         (ey, -ex),  # the product with d is s_z, from which `_flank` computes s.s
         (ex, ey),  # the product with d is d.e, for the slab between the two ends
     )
-    # positive if the laser is inside the cylinder without ends, otherwise negative
-    depth = square - mx * mx - my * my - mz * mz
+    # radius^2 minus the squared distance of the laser from the axis; negative if the laser is outside of the
+    # cylinder without ends
+    depth_in_side = square - mx * mx - my * my - mz * mz
     # `_flank` needs the first two numbers. The last three are for the slab between the two ends: its middle
     # and half of its thickness along the axis, and the depth of the laser in it.
-    return rows, (ez * ez, square, depth, c_along_e, half_length, half_length - abs(c_along_e))
+    return rows, (ez * ez, square, depth_in_side, c_along_e, half_length, half_length - abs(c_along_e))
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
@@ -92,12 +98,19 @@ def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
     A beam is inside the cylinder where it is inside the cylinder without ends, and also inside the slab
     between the two ends.
+
+    Args:
+        along: products of each beam's direction d with the four rows of `_prepare_cylinder`, (4, P); the last
+            is the component of d along the axis.
+        numbers: the six numbers of `_prepare_cylinder`.
     """
-    _, _, depth, middle, half_length, depth_between_ends = numbers
+    # the depths are negative if the laser is outside of the cylinder without ends, or of the slab
+    _, _, depth_in_side, middle, half_length, depth_between_ends = numbers
+    d_e = along[3]
     a, ahead, root = _flank(along, numbers)
     is_parallel = a < 1e-18  # beam along the axis of the cylinder
-    side_entry, side_exit = _span((ahead - root) / a, (ahead + root) / a, is_parallel, depth)
-    slab_entry, slab_exit = _slab(along[3], middle, half_length, depth_between_ends)
+    side_entry, side_exit = _span((ahead - root) / a, (ahead + root) / a, is_parallel, depth_in_side)
+    slab_entry, slab_exit = _slab(d_e, middle, half_length, depth_between_ends)
     return _entry_or_inf(np.maximum(side_entry, slab_entry), np.minimum(side_exit, slab_exit))
 
 
@@ -116,13 +129,19 @@ def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a, ahead and root: beams meet the side of a cylinder at the distances (ahead -+ root) / a.
 
-    In the last equation of `_prepare_cylinder`, a is s.s, ahead is s.m, and root is the square root, which is
-    nan if the beam misses the cylinder.
+    A beam has the direction d. The cylinder has the centre c, and its axis is the unit vector e. With
+    s = d x e and m = c x e, `_prepare_cylinder` finds the solution::
+
+        a = s.s,    ahead = s.m,    root = sqrt(radius^2 s.s - (d.m)^2)
+
+    `root` is nan if the beam misses the cylinder.
     """
-    d_m, ahead, s_z, _ = along  # products of d with the four rows of `_prepare_cylinder`
-    # s = d x e is (d_y ez, -d_x ez, s_z), and d_x^2 + d_y^2 = 1, so s.s = ez^2 + s_z^2
-    a = numbers[0] + s_z * s_z
-    return a, ahead, np.sqrt(numbers[1] * a - d_m * d_m)
+    # products of d with the rows of `_prepare_cylinder`: d.m, s.m, s_z and d.e
+    d_m, ahead, s_z, _ = along
+    square_of_ez, square_of_radius = numbers[0], numbers[1]
+    # s is (d_y ez, -d_x ez, s_z), and d_x^2 + d_y^2 = 1, so s.s = ez^2 + s_z^2
+    a = square_of_ez + s_z * s_z
+    return a, ahead, np.sqrt(square_of_radius * a - d_m * d_m)
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:

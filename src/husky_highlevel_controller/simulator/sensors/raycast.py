@@ -279,9 +279,9 @@ def _meet_many(
     solids, first_beams, beam_counts = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[solids]
     # A kind (BOX, CYLINDER or SPHERE) is the place of its formula in FORMULAS. A formula has the indices of
-    # the axes that it needs, and two functions. `prepare` computes rows and numbers of each solid, which are
-    # the same for all beams. A row is the x and y of a vector whose scalar product with the direction of each
-    # beam is needed. `enter` takes these products and the numbers, and returns the distances of the beams.
+    # the axes that it needs, and two functions. `prepare` computes F vectors and G numbers of each solid. Of
+    # a vector, only x and y are needed, which are called a row. `enter` takes the numbers, and the scalar
+    # product of each row with the direction of each beam. It returns the distances of the beams.
     for kind, (needed_axes, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)  # (K,) candidates of this kind
         if len(chosen):
@@ -290,8 +290,11 @@ def _meet_many(
             # There are P pairs of a candidate and one of its beams. These are the indices of the beams (P,);
             # the pairs of one candidate come one after the other.
             beam = beams_of(first_beams[chosen], count)
-            # axes in the laser's frame, from (K, axis, xyz) to (axis, xyz, K), as `prepare` takes them
-            axes = (scene.axes[solid, needed_axes] @ laser.T).transpose(1, 2, 0)
+            # needed axes of each solid in the world (K, axis, xyz), which are the rows of a matrix
+            axes_in_world = scene.axes[solid, needed_axes]
+            # the same axes in the laser's frame, as `prepare` takes them (axis, xyz, K)
+            axes = (axes_in_world @ laser.T).transpose(1, 2, 0)
+            # rows (F, 2, K) and numbers (G, K) of each candidate
             rows_each, numbers_each = prepare(centers[solid].T, axes, scene.sizes[solid].T)
             # the values of a candidate are repeated for each of its pairs
             rows = np.array(rows_each).repeat(count, axis=-1)  # (F, 2, P)
