@@ -89,10 +89,11 @@ def ground_forces(
 ) -> List[Vector2]:
     """Return the ground's force on each wheel over the next step, in base_link's x and y [N].
 
-    The force on a wheel is -k times its slip after the step, see the docstring of this module. The slip is
-    the velocity of the tread over the ground. The slip depends on the robot's velocity after the step, and k
-    depends on the slip. So each round computes k from the velocity that the round before has found, and then
-    a better velocity from three linear equations: momentum along x, momentum along y, and spin.
+    The slip of a wheel is the velocity of its tread over the ground. The force on the wheel is -k times the
+    slip after the step, where k is the wheel's largest friction force divided by the speed of the slip. The
+    slip depends on the robot's velocity after the step, and k depends on the slip. So each round computes k
+    from the velocity that the round before has found, and then a better velocity from three linear equations:
+    momentum along x, momentum along y, and spin.
 
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
@@ -146,10 +147,11 @@ def ground_forces(
             e += kdt * grip
             px += kdt * speed
             pw -= kdt * speed * y
-        # Put vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e into the third equation, solve this
-        # equation for the yaw rate, and compute vx and vy from the yaw rate. The quotient c / e is written as
-        # `c_a_by_e` / a. If the grip is equal in all directions, a == e, so `c_a_by_e` is exactly c. The
-        # results are then equal to the last bit to those of a model with a single coefficient of friction.
+        # The first two equations give vx = (px - b yaw_rate) / a and vy = (py - c yaw_rate) / e. Put into the
+        # third equation, they give
+        #   yaw_rate = (pw - b px / a - c py / e) / (d - b b / a - c c / e)
+        # Here c / e is computed as `c_a_by_e` / a. If the grip is equal in all directions, a == e, so
+        # `c_a_by_e` is exactly c, and the results are those of a single coefficient of friction to the bit.
         c_a_by_e = c * (a / e)
         yaw_rate = (pw - (b * px + c_a_by_e * py) / a) / (d - (b * b + c_a_by_e * c) / a)
         vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e
