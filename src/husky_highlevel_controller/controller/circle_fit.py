@@ -255,8 +255,9 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 def line_sum_squared_error(segment: Segment) -> float:
     """Sum of the squared errors of the best straight line [m^2].
 
-    The line is fitted in the form r = a u + b v, see `_terms`. The fit minimises the errors of the ranges r,
-    so the errors are measured along the beams.
+    In polar coordinates, a straight line has the equation 1 / r = a cos + b sin, with the range r of a beam
+    and the cosine and sine of its angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and
+    v = r^2 sin. A fit of this form minimises the errors of r, which are measured along the beams.
     """
     terms = _terms(segment)
     # entries of the matrix, which is symmetric: uv is the sum over the beams of u times v, and so on
@@ -279,11 +280,7 @@ def corner_sum_squared_error(segment: Segment) -> float:
 
 
 def _terms(segment: Segment) -> np.ndarray:
-    """Return u, v and the range r of each beam, (3, M), in which a straight line is r = a u + b v.
-
-    In polar coordinates, a straight line has the equation 1 / r = a cos + b sin, with the cosine and sine of
-    the beam's angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin.
-    """
+    """Return u = r^2 cos, v = r^2 sin and the range r of each beam, (3, M); a line has r = a u + b v."""
     ranges = segment.ranges
     return np.vstack([segment.directions * (ranges * ranges), ranges])
 
@@ -293,7 +290,7 @@ def line_squared_error(sums: np.ndarray) -> np.ndarray:
 
     Args:
         sums: sums over the beams of u times u, u times v, and so on, for one segment (6,) or for many (6, S).
-            A beam of range r has u = r^2 cos and v = r^2 sin, see `_terms`.
+            A beam of range r has u = r^2 cos and v = r^2 sin.
     """
     uu, uv, vv, ur, vr, rr = sums
     # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). The sum of the squared errors of this

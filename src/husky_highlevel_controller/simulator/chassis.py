@@ -46,6 +46,7 @@ class Chassis:
         self._radii = [wheel.radius for wheel in robot.wheels]
         self._axial_inertias = [wheel.axial_inertia for wheel in robot.wheels]
         self._joint_names = tuple(wheel.joint for wheel in robot.wheels)
+        # position of the centre in base_link, radius and half of the width of each tyre [m]
         self._tyres = [(wheel.position, wheel.radius, wheel.width / 2.0) for wheel in robot.wheels]
         self._yaw_inertia = float(robot.inertia[2, 2])
 

@@ -53,9 +53,9 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
     Args:
         along: component of each beam's direction along each axis of the box, (3, P).
-        numbers: the nine numbers of `_prepare_box`, three for each axis.
+        numbers: middles and half thicknesses of the three slabs, and depths of the laser in them, (9, ...).
     """
-    middles, halves, depths = numbers[:3], numbers[3:6], numbers[6:]  # a row for each axis
+    middles, halves, depths = numbers[:3], numbers[3:6], numbers[6:]  # a row for each slab
     entries, exits = _slab(along, middles, halves, depths)  # (3, P) each
     return _entry_or_inf(np.maximum.reduce(entries), np.minimum.reduce(exits))
 
