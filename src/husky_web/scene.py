@@ -334,22 +334,15 @@ class Scene:
         return stop_point
 
     def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
-        """Take in new markers, move the shown ones, and change their looks if these are due.
+        """Take in new markers, and draw all markers that are shown.
 
-        `now` [s] is the wall time, by which the lifetime of a marker ends.
+        Args:
+            topics: messages since the last call.
+            now: wall time, by which the lifetime of a marker ends [s].
+            are_looks_due: whether shapes and colours are drawn anew, too. This takes longer than moving the
+                markers, so it is done less often. Until then, a new marker is an empty node.
         """
-        for topic, msg in topics.take_all("markers"):
-            with on_error_log_and_skip(topic):
-                for marker in markers_of(msg):
-                    # The controller's markers PATH and STATE are not drawn. The page draws a trail of its own
-                    # instead, which only begins with the points of PATH. The state bar shows the state.
-                    is_of_controller = topic.startswith(self._controller)
-                    if is_of_controller and marker.ns == PATH:
-                        self._begin_trail(marker)
-                    elif not (is_of_controller and marker.ns == STATE):
-                        self.markers.apply(topic, marker, now)
-        if self.markers.is_full:
-            warn_left_out("a part of the markers", "there are more than a browser can draw in time")
+        self._take_markers(topics, now)
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}  # key: topic, namespace, id
         for key in self._drawn.keys() - shown.keys():
@@ -359,6 +352,23 @@ class Scene:
                 self._place_marker(key, marker)
                 if are_looks_due:
                     self._draw_marker(self._drawn[key], marker)
+
+    def _take_markers(self, topics: Topics, now: float) -> None:
+        """Take in new markers, except two of the controller, which are shown elsewhere.
+
+        The page draws a trail of the robot by itself, so it uses the marker PATH only for the part of the way
+        before the page was started. The state bar shows the marker STATE.
+        """
+        for topic, msg in topics.take_all("markers"):
+            with on_error_log_and_skip(topic):
+                for marker in markers_of(msg):
+                    is_of_controller = topic.startswith(self._controller)
+                    if is_of_controller and marker.ns == PATH:
+                        self._begin_trail(marker)
+                    elif not (is_of_controller and marker.ns == STATE):
+                        self.markers.apply(topic, marker, now)
+        if self.markers.is_full:
+            warn_left_out("a part of the markers", "there are more than a browser can draw in time")
 
     def _place_marker(self, key: Key, marker: Marker) -> None:
         """Move a marker's node to its pose in the fixed frame; a new marker gets a node first."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional, Sequence, Tuple
 
+from husky_grading.displays import RvizConfig
 from husky_grading.hand_in.build import Build, build, is_built
 from husky_grading.hand_in.copies import Folders, copy_packages
 from husky_grading.hand_in.facts import Facts
@@ -69,32 +70,19 @@ def prepare(job: Job, facts: Facts) -> Submission:
         MarkingError: no program can be started here.
     """
     out = Path(job.out)
-    # the results of an earlier call are deleted
-    old_names = [*FILES]
-    if job.launchable is None:
-        # FOLDERS are made only for delivered files. If the job names a launch file or node instead, a folder
-        # with such a name, for example `ws`, is the teacher's and must stay.
-        old_names += FOLDERS
-    for old_path in [*(out / name for name in old_names), *out.glob("drive_*")]:
-        remove_tree(old_path)
+    _remove_earlier_results(out, has_folders=job.launchable is None)
     workspace = Workspace(
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
-    # without this check, a fault of this machine would later look like a fault of the submission
+    # Without this check, a fault of this machine would later look like a fault of the submission. The program
+    # of the check may see as little of our own package as a normal submission.
     _check_sandbox_works(replace(workspace, own=VisibleCode.NOTHING), out / "plan")
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace, facts)
     else:
         submission, planned = _prepare_launchable(job, job.launchable, workspace, facts)
-    # path of the launch file; empty for a node
-    launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
-    # if roslaunch cannot load the launch file, the rviz nodes are taken from the text of the launch file
-    if launch_file and not planned.is_read and planned.package_path:
-        planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
-    rviz = find_rviz_config(planned, submission.root, launch_file)
-    # if no configuration of RViz is graded, the student learns which .rviz files belong to other launch files
-    sentences = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
+    rviz, sentences = _find_rviz(submission, planned)
     if planned.package_path:
         sentences += misspelt_dependencies(planned.package_path, submission.workspace)
     file_notes = [Note(Kind.HAND_IN, sentence) for sentence in sentences]
@@ -111,11 +99,41 @@ def prepare(job: Job, facts: Facts) -> Submission:
         sandbox=kind_of_sandbox(),
         network=private_network.reach(),  # says whether the network is kept apart from other networks
         parts=facts.robot_packages,
-        facts=facts.read_facts(planned),
+        facts=facts.read_facts(planned),  # facts that only this exercise needs
         made_of=job.made_of,  # hash by which a later marking knows that nothing has changed
     )
     write_whole(out / WORKSPACE, to_json(submission))
     return submission
+
+
+def _remove_earlier_results(out: Path, has_folders: bool) -> None:
+    """Delete what an earlier call has written into the job's folder `out`, and the recordings of its runs.
+
+    Args:
+        out: folder of the job.
+        has_folders: whether the job has delivered files. FOLDERS are made only for delivered files. If the
+            job names a launch file or node instead, a folder with such a name, for example `ws`, is the
+            teacher's and must stay.
+    """
+    names = (*FILES, *FOLDERS) if has_folders else FILES
+    for path in [*(out / name for name in names), *out.glob("drive_*")]:
+        remove_tree(path)
+
+
+def _find_rviz(submission: Submission, planned: Plan) -> Tuple[RvizConfig, List[str]]:
+    """Return the RViz configuration that is graded, and sentences for the student on the other files.
+
+    `planned` is what roslaunch would start for the submission.
+    """
+    # path of the launch file; empty for a node
+    launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
+    # if roslaunch cannot load the launch file, the rviz nodes are taken from the text of the launch file
+    if launch_file and not planned.is_read and planned.package_path:
+        planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
+    rviz = find_rviz_config(planned, submission.root, launch_file)
+    # if no configuration of RViz is graded, the student learns which .rviz files belong to other launch files
+    sentences = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
+    return rviz, sentences
 
 
 def _prepare_launchable(
