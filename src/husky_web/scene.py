@@ -339,7 +339,7 @@ class Scene:
         Args:
             topics: messages since the last call.
             now: wall time, by which the lifetime of a marker ends [s].
-            are_looks_due: whether shapes and colours are drawn anew, too. This takes longer than moving the
+            are_looks_due: whether shapes and colours are drawn again, too. This takes longer than moving the
                 markers, so it is done less often. Until then, a new marker is an empty node.
         """
         self._take_markers(topics, now)
