@@ -133,6 +133,18 @@ class _Increment(NamedTuple):
     up: float  # [m/s]
 
 
+class _VelocityChanges(NamedTuple):
+    """Changes of velocity by the IMU that end at one time."""
+
+    # [m/s] change of the mean velocity, from the time BEFORE to the time AFTER: ahead, and to the left
+    ahead: float
+    left: float
+    pushed_left: float  # [m/s] velocity to the left that was gained in the time `window` between them
+    # [m^2/s^2] squared velocity that was gained to the left and upwards in the last `window` seconds. It is a
+    # new value for the vibration of the ground, which is measured all the time, also without a collision.
+    squared_swing: float
+
+
 class CrashDetector:
     """Detector of crashes; give it wheel speeds and IMU samples as they come."""
 
@@ -384,16 +396,30 @@ class CrashDetector:
         curve explain, and the vibration of the ground. Nothing is judged until the direction of gravity is
         known, which takes LEARNING_TIME on smooth ground and LEARNING_ROUGH on rough ground.
         """
-        window, end = self._config.window, self._last_stamp - LATENESS
+        end = self._last_stamp - LATENESS
+        changes = self._velocity_changes(end)
+        vibration, vibration_before = self._add_vibration(changes.squared_swing, end)
+        learning = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
+        # `_levelling_time` is the time since the first sample, as long as that is shorter than LEVELLING_TIME
+        if self._levelling_time < learning:
+            return None
+        # A push from the side counts only as far as the robot keeps the velocity that it gained, so the
+        # smaller of `pushed_left` and `left` counts. A push to the right makes both of them negative.
+        push_to_left = min(changes.pushed_left, changes.left)
+        push_to_right = min(-changes.pushed_left, -changes.left)
+        sideways = max(push_to_left, push_to_right)
+        loss = self._unexplained_loss(changes.ahead, end)
+        self.change = Change(loss, sideways, vibration, vibration_before)
+        is_crash = self.change.excess(self._config) > self._config.max_loss
+        return hypot(changes.ahead, changes.left) if is_crash else None
+
+    def _velocity_changes(self, end: float) -> _VelocityChanges:
+        """Return the changes of velocity that end at a time [s], and drop the increments before them."""
+        window = self._config.window
         longest = AFTER + window + BEFORE
         while self._increments and self._increments[0].stamp <= end - longest:
             self._increments.popleft()
-        change_ahead = change_left = 0.0  # changes of the mean velocity, ahead and to the left
-        # velocity to the left that was gained in the time `window` between BEFORE and AFTER
-        pushed_left = 0.0
-        # Velocity gained to the left and upwards in the last `window` seconds before `end`. It is a new value
-        # for the vibration of the ground, which is measured all the time, also without a collision.
-        swung_left = swung_up = 0.0
+        ahead = left = pushed_left = swung_left = swung_up = 0.0
         # ages have rounding errors, so the limits of the ages are shifted by 1e-6 s; then an increment
         # exactly at a limit always counts on the same side
         for stamp, ahead_by, left_by, up_by in self._increments:
@@ -402,26 +428,14 @@ class CrashDetector:
                 break  # this increment and all later ones come after the end of the change
             # a sum of weighted increments is the difference of the two mean velocities
             weight = self._weight(age)
-            change_ahead += weight * ahead_by
-            change_left += weight * left_by
+            ahead += weight * ahead_by
+            left += weight * left_by
             if age < window - 1e-6:
                 swung_left += left_by
                 swung_up += up_by
             if AFTER - 1e-6 < age < AFTER + window - 1e-6:
                 pushed_left += left_by
-        vibration, vibration_before = self._add_vibration(swung_left * swung_left + swung_up * swung_up, end)
-        learning = LEARNING_TIME + _roughness(vibration) * (LEARNING_ROUGH - LEARNING_TIME)
-        # `_levelling_time` is the time since the first sample, as long as that is shorter than LEVELLING_TIME
-        if self._levelling_time < learning:
-            return None
-        # A push from the side counts only as far as the robot keeps the velocity that it gained, so the
-        # smaller of `pushed_left` and `change_left` counts. A push to the right makes both of them negative.
-        push_to_left = min(pushed_left, change_left)
-        push_to_right = min(-pushed_left, -change_left)
-        sideways = max(push_to_left, push_to_right)
-        self.change = Change(self._unexplained_loss(change_ahead, end), sideways, vibration, vibration_before)
-        is_crash = self.change.excess(self._config) > self._config.max_loss
-        return hypot(change_ahead, change_left) if is_crash else None
+        return _VelocityChanges(ahead, left, pushed_left, swung_left * swung_left + swung_up * swung_up)
 
     def _add_vibration(self, squared_swing: float, end: float) -> Tuple[float, float]:
         """Add a squared velocity [m^2/s^2], and return the vibration of the ground.
