@@ -40,7 +40,8 @@ def wait_while_active(
     and `grade` does not wait in vain for a submission that will never be ready.
 
     A program is not active any more if it ends, is idle, or has settled, so that it registers nothing more. A
-    program that waits for CPU time is neither idle nor settled, so a busy machine does not end the wait.
+    program that waits for CPU time is neither idle nor settled, so a busy machine does not end the wait. A
+    program that never does one of these is given up after CPU_LIMIT of CPU time, or WALL_LIMIT of wall time.
 
     Args:
         process: the program.
@@ -104,11 +105,13 @@ class _Activity:
     def has_settled(self) -> bool:
         """Return whether the program has registered nothing new for long, although it has computed.
 
-        A program that only sleeps has not settled; it becomes idle.
+        Time in which the program waits for a CPU does not count, so only CPU time and sleep are added. A
+        program that only sleeps has not settled; it becomes idle.
         """
         if not self._registered.advertised and not self._registered.subscribed:
             return False
         is_node_missing = len(self._registered.nodes) < self._node_count
+        # factor of both limits, which is larger while one of the nodes has not registered
         patience = NODE_MISSING if is_node_missing else 1.0
         computed = self.cpu_seconds - self._cpu_at_change
         return computed > SETTLED_CPU * patience and computed + self._slept > SETTLED * patience

@@ -22,7 +22,9 @@ class Assignment:
     recording: Recording  # recording that has only facts from before the run, such as the start pose
     truth_socket: str  # path of the socket on which the simulator sends true poses
     exercise: int  # number of the exercise; its `Watch` decides when the run is over
-    ours: Tuple[str, ...]  # names of our nodes, such as the simulator; the recorder adds its own name
+    # names of our nodes, such as the simulator, which are not nodes of the submission; the recorder adds its
+    # own name
+    ours: Tuple[str, ...]
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, which may have meshes for markers
 
 

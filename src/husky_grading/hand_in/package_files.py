@@ -249,6 +249,7 @@ def _robot_in_files(planned: Plan) -> Tuple[str, Optional[Mention]]:
     # as the output of a filter
     if mention := first_mention(planned, FRONT_SCAN):
         return DEFAULT_ROBOT, mention
+    # the Husky of ROS Melodic publishes its scans on /scan, and the Husky of ROS Noetic on /front/scan
     if mention := first_mention(planned, PLAIN_SCAN):
         return "husky_melodic", mention
     return DEFAULT_ROBOT, None

@@ -101,6 +101,7 @@ class DriveRecorder:
         self._is_over = False  # true after the end of the run
         self._handed_over = False  # true if the recording was sent, or must not be sent
         self._types: Dict[str, str] = {}  # types by topic
+        # topics to which the submission subscribes, but on which no node publishes
         self._silent = SilentTopics()
         self._unread: List[str] = []  # topics on which the submission sends commands, but which no node reads
         # sentences on broken rules. They are the keys of a dict, so each sentence occurs once, and their
@@ -359,7 +360,8 @@ class DriveRecorder:
     def _begin_when_connected(self) -> None:
         """Let simulated time begin if all recorded topics have connected, or CONNECTING after the joining.
 
-        So two runs of the same submission are recorded alike from their first moment.
+        So two runs of the same submission are recorded alike from their first moment. `run` calls this only
+        after `_join`, so the topics and their publishers are known.
         """
         subscribers = (*self._subscribers, *self._markers.subscribers)
         is_connected = all(

@@ -58,9 +58,9 @@ class SharedReceiver:
             _deliver(connection, callback)
             with self._lock:
                 self._connections[sock.fileno()] = connection, callback
-                # With EPOLLET, `poll` returns the sockets in the order in which their data came. Without it,
-                # the kernel keeps a socket that was returned in its list of ready sockets until the next
-                # `poll`, so newer data of this socket would come before older data of the others.
+                # With EPOLLET, `poll` returns the sockets in the order in which their data came. Without
+                # EPOLLET, a socket that `poll` has returned keeps its place in front of the others until the
+                # next `poll`. So its newer data would come before older data of the others.
                 self._epoll.register(sock.fileno(), select.EPOLLIN | select.EPOLLET)
         except Exception as error:
             _give_back(connection, callback, error)

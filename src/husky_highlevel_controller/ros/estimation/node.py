@@ -254,7 +254,7 @@ class LocalizationNode:
     def _complain(self, name: str, kind: str, sentence: str) -> None:
         """Warn of an input, at most once in REPORT_PERIOD for each kind of complaint."""
         last_time = self._complained_at.get((name, kind), -inf)
-        # the difference may be negative, because the clock may go back
+        # after the clock has gone back, `_last_time` begins again at 0, so the difference may be negative
         if abs(self._last_time - last_time) >= REPORT_PERIOD:
             self._complained_at[name, kind] = self._last_time
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")

@@ -93,7 +93,9 @@ class CallQueue:
             name: name of the service.
             kind: type of the service; its response has the fields success and message, or no fields (Empty).
             work: function that the owner calls with the request; it returns a sentence for the message.
-            **options: `changes` (true if not given) and `between_steps` (false if not given) of `ask`.
+            **options: options of `ask`: `changes`, whether the work changes the world (defaults to true), and
+                `between_steps`, whether it must wait for the end of the present physics step (defaults to
+                false).
         """
 
         def respond(request: Any) -> Tuple:

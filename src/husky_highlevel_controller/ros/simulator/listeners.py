@@ -129,12 +129,14 @@ class Listeners:
     def _have_worked_and_sleep(self, turns: Mapping[int, Optional[Turns]]) -> bool:
         """Return whether no process runs now, and each receiver of the clock has received the last tick.
 
-        A receiver has received the tick if it has run since it was last found asleep.
+        A receiver has received the tick if it has run since it was last found asleep. `turns` has the turns
+        of each process, or None if one of its threads runs now.
         """
         have_received_tick = all(
             turns[process] != self._turns_when_idle.get(process) for process in self._clock_receivers
         )
-        return have_received_tick and None not in turns.values()
+        runs_now = None in turns.values()
+        return have_received_tick and not runs_now
 
 
 class _Threads:

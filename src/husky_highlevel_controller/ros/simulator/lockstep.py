@@ -249,13 +249,14 @@ class Lockstep:
             meanwhile()
             waited = time.monotonic() - waiting_since  # [s]
             if waits_for_first and not has_retried:
-                # `_has_commanded` is read again, because the first command may have just come, and then the
-                # scan must not be sent again
+                # The controller may be starting, so it may look idle; only the time decides. `_has_commanded`
+                # is read again, because the first command may have just come, and then the scan must not be
+                # sent again.
                 if waited > RESEND_TIMEOUT and not self._has_commanded:
                     waiting_since, has_retried = time.monotonic(), True
                     resend()
             elif waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                if has_retried:  # the attempt has not helped, so the controller sleeps
+                if has_retried:  # neither `resend` nor `nudge` has helped, so the controller sleeps
                     self._mode_before_sleep, self._mode = self._mode, Mode.SLEEPING
                     return True
                 waiting_since, has_retried = time.monotonic(), True
@@ -270,8 +271,9 @@ class Lockstep:
             return
         was_nudged = has_retried and not waits_for_first
         if was_nudged and self._mode is not Mode.FREE:
-            # the command came only after the nudge, so the controller sleeps by simulated time; from now on,
-            # the simulator waits after each tick
+            # The command came only after the nudge has moved the clock. So the controller sleeps between two
+            # commands until a simulated time, and works at a tick. From now on, the simulator waits at each
+            # tick until the controller has worked.
             self._mode = Mode.ALWAYS_WATCHED
 
     def _wait_until_idle(self, meanwhile: Callable[[], None]) -> None:

@@ -47,6 +47,7 @@ class MarkerFrames:
             return
         for topic, nodes in graph.publishers.items():
             kind = KINDS.get(graph.types.get(topic, ""))  # None if the topic has no markers
+            # markers of tools (RViz, rqt, rosbag ...) and of the simulator itself are not checked
             has_markers_of_nodes = kind is not None and any(not TOOLS.match(node) for node in nodes)
             if has_markers_of_nodes and topic not in self._subscribers:
                 self._messages_left[topic] = MESSAGES

@@ -226,9 +226,10 @@ class Publishers:
             self._send_to_new(publisher, self._moving_tree_to_msg(stamp, odometry, with_wheels))
 
     def _has_wheels_in_pause(self, stamp: float) -> bool:
-        """Return whether this node sends the transforms of the wheels in a pause at `stamp` [s].
+        """Return whether this node sends the transforms of the wheels while simulated time is paused.
 
-        A robot_state_publisher would send them in place of this node, but it sends none at time 0.
+        A robot_state_publisher would send them in place of this node. But it sends none at time 0, at which a
+        simulator that starts paused stands. `stamp` is the simulated time of the pause [s].
         """
         return stamp == 0.0 or not self._has_state_publisher()
 

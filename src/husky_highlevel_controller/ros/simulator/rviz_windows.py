@@ -13,7 +13,8 @@ from typing import Iterable, List
 
 from husky_highlevel_controller.xml_rpc import ask
 
-# the name of an RViz node ends like this; an anonymous node also has _HOST_PID_TIME at the end
+# The name of an RViz node ends like this. gazebo_gui is the name of Gazebo's window, in place of which this
+# package opens RViz. An anonymous node also has _HOST_PID_TIME at the end.
 NAMES = re.compile(r"(rviz|gazebo_gui)(_\w+_\d+_\d+)?$")
 SERVICE = "reload_shaders"  # RViz offers this private service only after its window is open
 

@@ -82,6 +82,7 @@ class WorldServices:
         """Answer a request for the list of bodies; an unknown frame is a failure with a sentence."""
         try:
             response: srv.ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
+            # the grader reads this report, because a submission must not look at true poses
             self._calls.report("the true poses of all bodies were listed")
             return response
         except HuskyError as error:
