@@ -30,7 +30,7 @@ class Panel(NamedTuple):
     title: str
     values: np.ndarray  # value at each point of the grid, (N,) or (N, M); nan if a point has no value
     # smallest range of the colour scale or y axis, so that small differences of the values look small
-    span: float
+    min_range: float
     digits: int = 1  # digits after the decimal point of a cell's label
     is_good_high: bool = False  # true if high values are better than low values
     is_logarithmic: bool = False
@@ -111,17 +111,17 @@ def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
 def _limits(panel: Panel) -> Tuple[float, float]:
     """Return the limits of the colours or of the y axis: smallest and largest value of the panel.
 
-    If their difference is less than the panel's span, the limit at the worst value is moved outwards.
+    If their difference is less than the panel's `min_range`, the limit at the worst value is moved outwards.
     Otherwise small differences would look large.
     """
     values = panel.values[np.isfinite(panel.values)]
     low, high = 0.0, 0.0  # limits of a panel without values
     if len(values):
         low, high = float(values.min()), float(values.max())
-    missing_span = max(panel.span - (high - low), 0.0)
+    missing_range = max(panel.min_range - (high - low), 0.0)
     if panel.is_good_high:
-        return low - missing_span, high
-    return low, high + missing_span
+        return low - missing_range, high
+    return low, high + missing_range
 
 
 def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:

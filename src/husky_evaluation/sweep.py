@@ -86,15 +86,20 @@ class Sweep:
         return np.where(times < inf, times, np.nan)
 
     def panels(self) -> List[Panel]:
-        """Return the panels of the picture; each shows one quantity at all points of the grid."""
+        """Return the panels of the picture; each shows one quantity at all points of the grid.
+
+        The colour scale or y axis of a panel has at least the range `min_range`, in the unit of the quantity.
+        """
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
         hatched = self.success < 100.0  # hatching marks the points at which not every run succeeds
         return [
-            Panel("time to arrival, median [s]", self.times, span=2.0, is_logarithmic=True, hatched=hatched),
-            Panel(f"success: {GOOD} [%]", self.success, span=100.0, digits=0, is_good_high=True),
-            Panel("overshoot of the stop distance, mean [cm]", overshoot, span=5.0),
-            Panel("smallest gap between hull and pillar [cm]", nearest, span=5.0, is_good_high=True),
+            Panel(
+                "time to arrival, median [s]", self.times, min_range=2.0, is_logarithmic=True, hatched=hatched
+            ),
+            Panel(f"success: {GOOD} [%]", self.success, min_range=100.0, digits=0, is_good_high=True),
+            Panel("overshoot of the stop distance, mean [cm]", overshoot, min_range=5.0),
+            Panel("smallest gap between hull and pillar [cm]", nearest, min_range=5.0, is_good_high=True),
         ]
 
     def best_points(self, count: int = 3) -> Table:
