@@ -297,7 +297,8 @@ def _note_on_loading(event: Event) -> Optional[Note]:
 
 def _last_error(output: str) -> str:
     """Return the last error that Python has printed, with its file and line; empty if there is none."""
-    # lines that begin with the class of an error, such as "rospy.exceptions.ROSException: ..."
+    # lines that begin with the class of an error, such as "rospy.exceptions.ROSException: ..."; only spaces
+    # and signs may stand before the class, so a line that mentions an error after other words does not count
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     if not errors:
         return ""

@@ -185,7 +185,7 @@ class ServiceWatch(Watch):
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Return whether a call came just before the last command [s, simulated], or after it.
+        """Return whether a call came at most OBEYED before the last command [s, simulated], or after it.
 
         The missing commands are then no fault, because the call may have asked for a stop.
         """

@@ -106,9 +106,14 @@ class Watch:
         return None
 
     def has_silenced(self, last_command: float) -> bool:
-        """Return whether the watch told the submission to stop near its last command [s, simulated] or later.
+        """Return whether the watch told the submission to stop shortly before its last command, or after it.
 
-        Missing commands after such a stop are not a fault. Only exercise 5 tells a submission to stop.
+        Missing commands after such a stop are not a fault. A submission needs a moment to obey, so a few
+        commands may come after the stop. If commands come for longer, the submission does not obey, or drives
+        again. Only exercise 5 tells a submission to stop.
+
+        Args:
+            last_command: simulated time of the submission's last command [s].
         """
         return False
 

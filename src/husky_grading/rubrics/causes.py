@@ -120,9 +120,10 @@ def cause_of_no_marker(recording: Recording) -> Optional[Note]:
     if reasons:
         return reasons[0]
     if recording.subscribed:
-        # `first_cause` would go on to the commands, which do not explain a missing marker
+        # The submission gets the scans, so `first_cause` would return a reason that concerns its velocity
+        # commands. Such a reason does not explain a missing marker.
         return None
-    return first_cause(recording)
+    return first_cause(recording)  # a reason why it does not subscribe to the scans
 
 
 def silent_text(topics: str) -> str:

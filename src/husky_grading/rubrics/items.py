@@ -103,7 +103,8 @@ def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[I
     """
     started, *others = launch_files
     reason = f"its launch files {started} and {', '.join(others)} fit equally well, and {started} was started"
-    return _losses_by_hand(items, reason, "the same choice of launch file")
+    # only the first item that lost points names the launch files
+    return _losses_by_hand(items, reason, later_reason="the same choice of launch file")
 
 
 def left_to_other_machine(items: Sequence[Item]) -> List[Item]:
@@ -112,11 +113,12 @@ def left_to_other_machine(items: Sequence[Item]) -> List[Item]:
     The submission may run on the student's machine.
     """
     reason = "Python 2 is not installed here"
-    return _losses_by_hand(items, reason, reason)
+    # the reason is short, so each item that lost points gives the whole reason
+    return _losses_by_hand(items, reason, later_reason=reason)
 
 
 def _losses_by_hand(items: Sequence[Item], reason: str, later_reason: str) -> List[Item]:
-    """Return the items, and let a person grade those that lost points.
+    """Return the items, and let a person grade those that lost points, with a reason as evidence.
 
     Args:
         items: items with their points in the runs that `grade` made.
