@@ -220,8 +220,9 @@ class DriveTab:
     def stop(self, client: Any = None) -> None:
         """Stop the controller without waiting for other calls, and drop requests to start it that still wait.
 
-        After an emergency stop is released, the controller therefore does not drive. The result is shown in
-        the page of `client`, if there is one.
+        The button Stop and the emergency stop call this function. The emergency stop only blocks the commands
+        to the robot. If this function did not stop the controller, the controller would drive on as soon as
+        the emergency stop is released. The result is shown in the page of `client`, if there is one.
         """
         self._stop_count += 1
         self._stops.do(lambda: self._call_start_stop(False), client, "Controller")

@@ -35,13 +35,18 @@ class Command(NamedTuple):
     def counts(self, time: Optional[float], now: float) -> bool:
         """Return whether the robot still obeys the command at `time` (simulated) and `now` (wall time) [s].
 
-        A command always counts for MIN_WALL_TIME. Then simulated time decides, as in twist_mux. If it is
-        unknown, wall time decides.
+        A command counts for TIMEOUT of simulated time, as in twist_mux, but at least for MIN_WALL_TIME. While
+        simulated time is unknown, a command counts for TIMEOUT of wall time.
         """
-        if time is not None and self.time is not None and 0.0 <= time - self.time <= TIMEOUT:
+        wall_age = now - self.now
+        if time is None:
+            return wall_age < TIMEOUT
+        if wall_age < MIN_WALL_TIME:
             return True
-        wall_limit = TIMEOUT if time is None else MIN_WALL_TIME
-        return now - self.now < wall_limit
+        # simulated time was unknown when the command came, or has begun again at 0 since then
+        if self.time is None or time < self.time:
+            return False
+        return time - self.time <= TIMEOUT
 
 
 class Drivers:
