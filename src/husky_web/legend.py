@@ -41,15 +41,20 @@ MARKERS = {
 
 
 def add_layers(gui: viser.GuiApi, on_change: Callable[[str, bool], None]) -> viser.GuiInputHandle[bool]:
-    """Add a box for each layer, with the dot of its colour, and return the box of the depth points."""
+    """Add a box for each layer, with the dot of its colour, and return the box of the depth points.
+
+    The caller hides this box while no topic has depth points.
+    """
+    boxes = {}  # box of each layer; the key is the layer's name
     for layer in LAYERS:
         if layer.color is not None:
             gui.add_html(_dot_of_next(layer.name, layer.color))
         box = gui.add_checkbox(layer.title, layer.is_shown, hint="for every page")
         box.on_update(partial(_pass_on, on_change, layer.name))
+        boxes[layer.name] = box
         if layer.name == "markers":  # this layer has several colours, so each kind of marker gets a row
             gui.add_html(_rows_of_markers())
-    return box  # box of the last layer, the depth points
+    return boxes["depth"]
 
 
 def _rows_of_markers() -> str:

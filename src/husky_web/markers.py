@@ -161,7 +161,7 @@ class Markers:
     """Markers that are shown: they are added, replaced, deleted and expire, and their cost is limited."""
 
     def __init__(self) -> None:
-        self.shown: Dict[Key, Marker] = {}
+        self.shown: Dict[Key, Marker] = {}  # the marker whose message came last is the last one
         self.is_full = False  # true if a marker was left out, because the cost would exceed MAX_COST
         self._cost = 0
         self._ends: Dict[Key, float] = {}  # [s] end of the lifetime, for markers that have one

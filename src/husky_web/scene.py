@@ -322,16 +322,21 @@ class Scene:
         self._plan_line.points = dashes(start, end)
 
     def _stop_point(self) -> Optional[Vector3]:
-        """Return the controller's stop point in the fixed frame [m], from its marker TARGET, or None."""
-        stop_point = None
-        for (topic, namespace, _), marker in self.markers.shown.items():
+        """Return the controller's stop point in the fixed frame [m], from its marker TARGET.
+
+        None if there is no such marker, or if its frame is not connected with the fixed frame.
+        """
+        newest: Optional[Marker] = None
+        for (topic, namespace, _), marker in self.markers.shown.items():  # the newest marker comes last
             if namespace == TARGET and topic.startswith(self._controller):
-                frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
-                stop_point = None
-                if frame is not None:
-                    # if a number of the marker's pose is inf or nan, the origin of its frame takes its place
-                    stop_point = compose(frame, pose_of(marker) or Pose()).position
-        return stop_point
+                newest = marker
+        if newest is None:
+            return None
+        frame = self.frames.pose(frame_of_message(newest), self.fixed_frame)
+        if frame is None:
+            return None
+        # if a number of the marker's pose is inf or nan, the origin of its frame takes its place
+        return compose(frame, pose_of(newest) or Pose()).position
 
     def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
         """Take in new markers, and draw all markers that are shown.
