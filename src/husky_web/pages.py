@@ -175,8 +175,9 @@ class Pages:
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:
-    """Return whether a browser prefers dark colours, by its remembered choice or its settings."""
+    """Return whether a browser prefers dark colours, as page.js has stored it in the browser's storage."""
     try:
+        # page.js sets IS_DARK by the user's earlier choice, otherwise by the settings of the browser
         return client.local_storage.get_item(IS_DARK, STORAGE_TIMEOUT) == "1"
     except (RuntimeError, TimeoutError):  # the page was closed, or its browser has no storage
         return False

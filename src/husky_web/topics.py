@@ -139,6 +139,10 @@ class Topics:
         self._queues[use].append((topic, msg))
         if use == "scan":
             self.scan_count += 1
-        if time.monotonic() - getattr(self._pause_ended, "at", -inf) > BURST_SHARE * pause:
+        # the attribute `at` is missing before the first pause of this thread
+        seconds_since_pause = time.monotonic() - getattr(self._pause_ended, "at", -inf)
+        # a message that is read right after the pause has most probably come during the pause
+        came_during_pause = seconds_since_pause <= BURST_SHARE * pause
+        if not came_during_pause:
             time.sleep(pause)
             self._pause_ended.at = time.monotonic()
