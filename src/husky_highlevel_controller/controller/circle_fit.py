@@ -189,9 +189,9 @@ def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vecto
 
 
 def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius: float) -> Row3[Number]:
-    """Return the Gauss-Newton step (x, y, r) [m] towards the best circle, for one circle or for many.
+    """Return the Gauss-Newton step (x, y, r) [m], which the caller subtracts from the circle.
 
-    The caller subtracts the step from the circle, and shortens the step if it is too long.
+    The function computes the step of one circle or of many. The caller shortens a step that is too long.
 
     Args:
         circle: x, y and r [m]; x and y are measured from the point at which the centre is expected, which is
@@ -255,9 +255,9 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 def line_sum_squared_error(segment: Segment) -> float:
     """Sum of the squared errors of the best straight line [m^2].
 
-    In polar coordinates, a straight line has the equation 1 / r = a cos + b sin, with the range r of a beam
-    and the cosine and sine of its angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and
-    v = r^2 sin. A fit of this form minimises the errors of r, which are measured along the beams.
+    In polar coordinates, a line has the equation 1 / r = a cos + b sin, with the range r of a beam and its
+    angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin. A fit of this form
+    minimises the errors of r, which are measured along the beams.
     """
     terms = _terms(segment)
     # entries of the matrix, which is symmetric: uv is the sum over the beams of u times v, and so on
@@ -290,7 +290,9 @@ def line_squared_error(sums: np.ndarray) -> np.ndarray:
 
     Args:
         sums: sums over the beams of u times u, u times v, and so on, for one segment (6,) or for many (6, S).
-            A beam of range r has u = r^2 cos and v = r^2 sin.
+            In polar coordinates, a line has the equation 1 / r = a cos + b sin, with the range r of a beam
+            and its angle. Multiplied by r^2, this is r = a u + b v, with u = r^2 cos and v = r^2 sin. So the
+            errors are errors of r, which are measured along the beams.
     """
     uu, uv, vv, ur, vr, rr = sums
     # The best a and b solve [[uu, uv], [uv, vv]] (a, b) = (ur, vr). The sum of the squared errors of this
