@@ -37,10 +37,11 @@ class Odometer:
     def relocate(self, pose_base_in_odom: Pose2D) -> None:
         """Set the pose of the filtered odometry, because the robot was put elsewhere, at rest.
 
-        The wheel odometry keeps its pose, because no wheel has turned. `sample` must have advanced both to
-        the present step, with a reading of the wheels. Otherwise the next sample would add the distance that
-        the robot drove before.
+        The wheel odometry keeps its pose, because no wheel has turned. The caller must first call `sample`
+        for the present step, with a reading of the wheels. Otherwise the next sample would add the distance
+        that the robot drove before.
         """
+        # a new `Odometry` has no velocity
         self.filtered = Odometry(pose_base_in_odom)
         self._from_wheels = Odometry(self._from_wheels.pose_base_in_odom)
 

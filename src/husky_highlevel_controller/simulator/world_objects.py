@@ -179,12 +179,12 @@ class WorldObjects:
         """Move every body back to its initial pose, also a static body that a service has moved."""
         for name, pose in self.initial_poses.items():
             self._bullet.move_body(name, pose)
-        self._drawn_poses.clear()
+        self._drawn_poses.clear()  # without an entry, a body that is only drawn is at its initial pose
         self._scene_is_stale = True
 
     @property
     def initial_poses(self) -> Dict[str, Pose]:
-        """Initial poses in the world of the bodies that can be moved, by name; a plane cannot be moved."""
+        """Initial poses in the world of the bodies in Bullet without a plane, by name; planes cannot move."""
         return {
             body.name: body.pose_in_world
             for body in self._bodies.values()

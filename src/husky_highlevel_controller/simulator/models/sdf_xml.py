@@ -105,9 +105,11 @@ def _strict(data: bytes) -> bytes:
 
 
 def _strict_part(part: Match[bytes]) -> bytes:
-    """Return the replacement for a part of the text that _LOOSE matches.
+    """Return the replacement for a part of the text that _LOOSE matches: a single &, or one of three blocks.
 
-    The replacement has the same number of line breaks.
+    The blocks are a comment, a <?...> and a CDATA section. Comments and <?...> are removed, because Python's
+    parser rejects some that TinyXML skips, such as a comment with -- in its text. The replacement has the
+    same number of line breaks, so that lines keep their numbers.
     """
     text = part.group()
     if text == b"&":
@@ -116,7 +118,7 @@ def _strict_part(part: Match[bytes]) -> bytes:
     is_instruction = text.startswith(b"<?") and text.endswith(b">")
     if is_comment or is_instruction:
         return b"\n" * text.count(b"\n")
-    return text  # a CDATA section, or a comment or <?...> that does not end
+    return text  # a CDATA section; or a comment or <?...> that does not end, which the parser will reject
 
 
 def _encoding_of(data: bytes) -> Optional[str]:
