@@ -107,8 +107,9 @@ class Recording:
     notes: Tuple[Note, ...] = ()  # problems
     ended: Optional[Note] = None  # reason why the run ended
     output: str = ""  # shortened output of the submission
-    robot: str = "husky"  # one of ROBOTS
-    simulated: str = "husky"  # name of the simulated robot, a key of ROBOT_VERSIONS
+    robot: str = "husky"  # simulated robot, one of ROBOTS
+    # version of the robot, a key of ROBOT_VERSIONS; versions of a robot differ in the topic of the scans
+    simulated: str = "husky"
     scan_topic: str = "/front/scan"
     # sentence on a variable that the submission reads before it writes it; empty if no such variable was
     # found

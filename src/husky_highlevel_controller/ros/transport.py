@@ -127,7 +127,11 @@ def _accept(server: tcpros_base.TCPROSServer, sock: socket.socket, address: Any)
 
 
 def _start(node: XmlRpcNode) -> None:
-    """Start the server of a node, and wait until the node is registered with the master."""
+    """Start the server of a node, and wait until the node is registered with the master.
+
+    This function replaces XmlRpcNode.start (see `replace_transport`). rospy waits for the registration after
+    the start, too, but it looks only every 0.1 s. After this wait, rospy's wait is over at its first look.
+    """
     handler = node.handler
     _START(node)
     while not handler._is_registered() and not rospy.core.is_shutdown():

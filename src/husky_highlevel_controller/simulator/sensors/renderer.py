@@ -125,6 +125,7 @@ def _bodies_to_draw(bodies: Mapping[str, Body]) -> Dict[str, Body]:
         if body.collisions:
             to_draw[name] = body
         elif body.visuals:
+            # without mass, because nothing moves here, and the mass is that of other shapes
             to_draw[name] = replace(body, collisions=body.visuals, mass=0.0)
     return to_draw
 
