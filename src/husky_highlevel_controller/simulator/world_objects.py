@@ -179,7 +179,8 @@ class WorldObjects:
         """Move every body back to its initial pose, also a static body that a service has moved."""
         for name, pose in self.initial_poses.items():
             self._bullet.move_body(name, pose)
-        self._drawn_poses.clear()  # without an entry, a body that is only drawn is at its initial pose
+        # a body that is only drawn is at its initial pose if this dict has no entry for it
+        self._drawn_poses.clear()
         self._scene_is_stale = True
 
     @property
