@@ -116,7 +116,9 @@ def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) ->
     (x, y), radius = recording.pillar, recording.pillar_size.radius
     # [rad] direction from the pillar's centre to its right edge
     angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
-    _write_label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, gap=-10)
+    right_edge = x + radius * cos(angle), y + radius * sin(angle)
+    # a negative gap [points] moves the text to the right
+    _write_label(axis, "pillar", right_edge, seen_from, gap=-10)
 
 
 def _markers_in_plot(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:

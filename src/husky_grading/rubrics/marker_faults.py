@@ -201,7 +201,12 @@ def _time_of_position(marker: MarkerSample) -> float:
 
 
 def _is_on_another_beam(seen: Seen, radius: float) -> bool:
-    """Return whether a marker is as far away as the pillar of this radius [m], but in another direction."""
+    """Return whether a wrong marker is as far away as the pillar, but in another direction.
+
+    Args:
+        seen: marker that is known to be wrong. If its distance is exact, its direction must be wrong.
+        radius: radius of the pillar [m].
+    """
     distance = hypot(seen.x, seen.y)
     distance_error = max(abs(distance - seen.pillar_distance) - radius, 0.0)
     # [m] distance of the marker from the line between the robot and the pillar
