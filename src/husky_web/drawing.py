@@ -50,7 +50,8 @@ def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose
     for piece in pieces:
         name = f"{parent}/{len(nodes)}"
         if isinstance(piece, MeshFile):
-            # a mesh file becomes several nodes below a name with "m"; other pieces have names without "m"
+            # A mesh file may have several solids. Their nodes have names such as parent/0m/0 and parent/0m/1,
+            # in which "m" stands for the mesh file.
             nodes += add_pieces(scene, f"{name}m", solids_of(piece), pose)
         elif _is_visible(piece):
             add, _ = _KINDS[type(piece)]

@@ -143,16 +143,20 @@ def pose_of(marker: Marker) -> Optional[Pose]:
 def cost(marker: Marker) -> int:
     """Return the cost of drawing a marker, in points of a cloud."""
     if marker.type in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
-        return max(COPY_COST * min(len(marker.points), MAX_COPIES), _cost_of_colors(marker))
+        copies = min(len(marker.points), MAX_COPIES)
+        return max(COPY_COST * copies, _least_cost_of_colors(marker))
     if marker.type == Marker.TEXT_VIEW_FACING:
         return TEXT_COST
     if marker.type == Marker.TRIANGLE_LIST:
-        return max(_cost_of_colors(marker), len(marker.points))
+        return max(len(marker.points), _least_cost_of_colors(marker))
     return max(SOLID_COST, len(marker.points))
 
 
-def _cost_of_colors(marker: Marker) -> int:
-    """Return the cost of a marker that is drawn as one solid for each of its colours."""
+def _least_cost_of_colors(marker: Marker) -> int:
+    """Return the least cost of a marker that is drawn as one solid for each of its colours.
+
+    Each solid costs at least SOLID_COST, even if it has only a few triangles.
+    """
     colors = min(len(marker.colors), MAX_COLORS)
     return SOLID_COST * max(colors, 1)  # a marker without a list of colours has a single colour
 

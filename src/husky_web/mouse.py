@@ -30,8 +30,17 @@ class Mouse:
     def __init__(
         self, scene: Scene, objects: Objects, world: WorldTab, moving: Moving, pages: Dict[int, Page]
     ) -> None:
+        """Begin without drags.
+
+        Args:
+            scene: scene with the nodes of the robot.
+            objects: objects in the scene.
+            world: tab that puts and deletes objects.
+            moving: name of the object that is dragged; the state bar shows this name.
+            pages: open pages; the key is the number of viser's client.
+        """
         self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
-        self._moving = moving  # name of the object that is moved, for the state bar
+        self._moving = moving
         self._drags: Dict[Any, Drag] = {}  # drags that go on, by the key of the object; BASE is the robot
         objects.on_new = self._bind_object
 
