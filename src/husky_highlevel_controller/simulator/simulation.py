@@ -254,6 +254,8 @@ class Simulation:
         and no contacts, because they belong to a step.
         """
         yaw_rate, step = self._equipment.imu.yaw_rate, self._steps_since_reset
+        # Without a reading of the wheels, the sample contains the last reading. `sample` gives the copy new
+        # records and changes no record, so a shallow copy is enough.
         odometry = copy(self._odometer).sample(wheels=None, yaw_rate=yaw_rate, step=step)
         samples = {}
         for sensor in self._equipment.sensors:
@@ -403,8 +405,9 @@ class Simulation:
         """
         pose_before = self._chassis.state.pose_in_world
         self._chassis.move(pose_base_in_world)
-        # the last sample of odometry may be some steps old, so a new sample adds the way that the robot has
-        # driven since then
+        # The last sample of odometry may be some steps old, so a new sample adds the way that the robot has
+        # driven since then. The new sample comes after the move, because a refused move shall change nothing.
+        # It needs the angles of the wheels and the yaw rate of the IMU, which the move has not changed.
         self._odometer.sample(self._chassis.wheels(), self._equipment.imu.yaw_rate, self._steps_since_reset)
         # the world keeps its pose in odom, so this pose is computed from the robot's poses before the move
         pose_world_in_odom = world_in_odom(pose_before, self._odometer.filtered.pose_base_in_odom)
