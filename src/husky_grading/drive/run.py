@@ -143,8 +143,9 @@ def _wait_until_it_takes_part(
 
     A submission normally takes part as soon as it subscribes to the scans and has a publisher of commands.
     Simulated time begins only then, so a slow start costs no points. If the submission is not active any more
-    before that, the recorder takes part in its place. The result has another robot than `robot` only if
-    `robot` is a guess, and the submission subscribes to the scans of the other robot.
+    before that, simulated time begins without it. The result has another robot than `robot` only if `robot`
+    is a guess, and the submission subscribes to the scans of the other robot. The caller then starts the run
+    again with the other robot.
 
     Args:
         network: ROS network of the run.
@@ -167,7 +168,7 @@ def _wait_until_it_takes_part(
         heard_config = robot_listened_to(network.uri, our_nodes, robot.config)
         if heard_config is not None and heard_config != robot.config:
             return heard_config
-    recorder.send(GoOn())  # the recorder begins the run, although the submission is not ready
+    recorder.send(GoOn())  # simulated time begins, although the submission does not take part
     return robot.config
 
 

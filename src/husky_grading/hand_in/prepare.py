@@ -296,11 +296,7 @@ def _prepare_choice(
             other_places = equal_launch_files(launch, candidates, exercise, facts)
             if other_places:
                 equal_places = [str(launch.place), *other_places]
-                lines = ", ".join(f"`launch: {place}`" for place in other_places)
-                text = (
-                    f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
-                )
-                notes.append(text)
+                notes.append(_note_on_equal_launch_files(other_places))
         if add_rviz_files(contents, exercise, folders.packages[launch.package]):
             notes.append("RViz's configuration was found outside of the packages")
     # the submission is started with its built packages and the copies of public packages
@@ -312,7 +308,8 @@ def _prepare_choice(
     if not planned.is_read:
         planned = plan(launchable, workspace, out / "plan", facts.robot_packages)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    # a build that fails only in parts that the launchable does not need is not a problem
+    # A build that fails only in parts that the launchable does not need is not a problem. If the launchable
+    # does not exist at all, there is no error of the build, and `prepare` finds that no node starts.
     build_errors = tuple(note for note in built.notes if note.kind is Kind.BUILD)
     submission = Submission(
         launchable, workspace, folders.root, problem=() if can_start else build_errors,
@@ -320,6 +317,12 @@ def _prepare_choice(
         own=tuple(package.name for package in packages), equals=tuple(equal_places),
     )  # fmt: skip
     return submission, planned
+
+
+def _note_on_equal_launch_files(places: Sequence[str]) -> str:
+    """Return a note that says how the teacher can grade one of the other launch files, by their paths."""
+    lines = ", ".join(f"`launch: {place}`" for place in places)
+    return f"other launch files fit as well; to grade one of them, write into marking.yaml: {lines}"
 
 
 def _build_candidates(

@@ -263,7 +263,8 @@ class MarkerWatch:
             marker: message of the sample.
             times: times of the poses, (N,) [s].
             poses: N poses of base_link in the world.
-            pillar: position of the pillar's axis in the world, x and y [m].
+            pillar: position of the pillar's axis in the world, x and y [m]. Of a marker with several points,
+                the point that is nearest to the pillar counts.
         """
         try:
             # time [s] at which the marker is placed, and pose of its frame in base_link at this time

@@ -99,7 +99,8 @@ class DriveRecorder:
         self._publishers: Dict[str, List[str]] = {}  # names of the publishing nodes by topic
         self._services: Tuple[str, ...] = ()  # names of the services that the submission offers
         self._is_over = False  # true after the end of the run
-        self._handed_over = False  # true if the recording was sent, or must not be sent
+        # true if the recording was sent, or must not be sent, because an error has made it incomplete
+        self._handed_over = False
         self._types: Dict[str, str] = {}  # types by topic
         # topics to which the submission subscribes, but on which no node publishes
         self._silent = SilentTopics()
@@ -109,7 +110,8 @@ class DriveRecorder:
         self._violations: Dict[str, None] = {}
         # sentence on scans that the submission did not answer by a command; empty if it answered all scans
         self._unanswered = ""
-        self._go_on = threading.Event()  # set by the message GoOn: the submission will not become ready
+        # set by the message GoOn: the recorder joins the run now, although the submission is not ready
+        self._go_on = threading.Event()
         # set by the message Abandoned: no node of the submission runs any more
         self._abandoned = threading.Event()
         # after a shutdown from outside, the part of the run so far is sent, as a run that was cut off

@@ -323,8 +323,15 @@ def sort_nodes(nodes: List[Any], reporter: Reporter, ours: Dict[str, List[str]])
     """Sort the nodes of a launch file into the submission's nodes, RViz, and nodes that are not started.
 
     The event "own" is written for each node of the grading package. The submission's nodes are changed: they
-    will print into the output of this program, and run without a terminal or debugger. For `ours`, see
-    `load_launchable`.
+    will print into the output of this program, and run without a terminal or debugger.
+
+    Args:
+        nodes: nodes of the launch file, as roslaunch gives them.
+        reporter: gets the events.
+        ours: lists of names in our own package. `by_submission` are packages of the robot whose nodes the
+            submission may start. `by_marking` are packages whose nodes `grade` starts itself. `rviz` are RViz
+            nodes of our launch files. `nodes` are nodes of the simulator. `places` are folders with our
+            programs.
     """
     # Packages of the simulator or robot, whose nodes are not started. In exercise 4, the submission starts
     # a node of such a package, and `grade` starts a node of one more package.

@@ -95,8 +95,9 @@ class LocalizationNode:
         self._last_time = 0.0  # [s] largest ROS time at which a message has come
         # messages of each input that wait for a transform, oldest first
         self._held_messages: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
-        self._first_heard_at = 0.0  # [s] wall time of the first message
-        # [s] wall time of the last message of each input that was not ignored
+        self._first_heard_at = 0.0  # [s] wall time of the first message; an input may be silent since then
+        # [s] Wall time of the last message of each input that was not ignored. `_is_silent` reads it, because
+        # the filter does not wait for the measurements of an input that has been silent for too long.
         self._heard_at: Dict[str, float] = {}
 
     def _on_message(self, msg: Any, name: str) -> None:
@@ -329,7 +330,8 @@ def _numbers(vector: Any) -> Vector3:
 def _unit(quat: Any) -> Optional[Quaternion]:
     """Return the numbers (x, y, z, w) of a Quaternion message, scaled to length 1; None for zeros.
 
-    Zeros mean an unknown orientation.
+    Zeros mean an unknown orientation. The length is 1 or 0 except for rounding, so any limit between them
+    separates both cases.
     """
     length = hypot(quat.x, quat.y, quat.z, quat.w)
     if length < 0.5:

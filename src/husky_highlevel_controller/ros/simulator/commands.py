@@ -44,8 +44,8 @@ class Commands:
         Args:
             robot: its topics, in the order of their priority, and the time after which a command expires.
             lockstep: gets the topic of each command, as an answer to the last scan.
-            lead_limit: gets a call at each command, because it makes the simulation wait for a controller
-                that sends none.
+            lead_limit: gets a call at each command. Without lockstep, it lets the simulation run ahead of a
+                slow controller by two scans at most, and then waits for a command.
             findings: gets sentences about mistakes of the senders.
         """
         topics = robot.topics

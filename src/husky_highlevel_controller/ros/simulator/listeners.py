@@ -72,15 +72,16 @@ class Listeners:
     def asleep(self) -> bool:
         """Return whether all listeners are asleep, and stay so until a message is sent.
 
-        The result is false if a listener runs, or if it is on another machine, where it cannot be seen. The
-        call takes some milliseconds. It looks at all threads again and again, until a look finds a running
-        thread (then the result is false), or one of two checks is passed:
+        The result is false if a receiver of the topic runs, or if it is on another machine, where it cannot
+        be seen. The call takes some milliseconds. It looks at all threads again and again, until a look finds
+        a running receiver of the topic (then the result is false), or one of two checks is passed:
 
         - The short check is only possible for nodes in Python. No thread has run between two looks, and all
-          receivers of the clock have run since the last tick, so they have received it.
+          receivers of the clock have run since the last tick, so they have received it. The kernel counts how
+          often it lets a thread run on a CPU (its turns). If the turns are equal, the thread has not run.
         - The long check is for nodes in any language. A node in C++ wakes for a moment every millisecond
           while it waits, so its turns may change. It is enough that no look within ASLEEP_FOR has found a
-          running thread.
+          running receiver of the topic. Processes that receive only the clock do not count.
         """
         self._find_processes()
         if not self._sees_all_receivers:
@@ -94,12 +95,10 @@ class Listeners:
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._topic_receivers):
                 return False
-            # equal turns mean that no thread has run since the last look
             passes_short_check = (
                 self._can_check_turns and turns == last_turns and self._have_worked_and_sleep(turns)
             )
-            # at `end`, the long check is passed, because no look has found a running receiver of the topic;
-            # the long check ignores processes that receive only the clock
+            # at `end`, the long check is passed, because no look has found a running receiver of the topic
             if passes_short_check or time.monotonic() >= end:
                 self._turns_when_idle = turns
                 return True
@@ -120,6 +119,7 @@ class Listeners:
         process_by_ports = _receiving_processes(self._ports)
         self._topic_receivers = {process_by_ports[ports] for ports in topic_ports & process_by_ports.keys()}
         self._clock_receivers = {process_by_ports[ports] for ports in clock_ports & process_by_ports.keys()}
+        # without a receiver, `asleep` cannot say that a controller sleeps, so this is false, too
         self._sees_all_receivers = bool(topic_ports) and topic_ports <= process_by_ports.keys()
         self._can_check_turns = COUNTS_TURNS and all(map(_in_python, process_by_ports.values()))
         for threads in self._processes.values():
