@@ -74,7 +74,8 @@ class MarkingConfig:
     deadline: float = number(0.1, 3600.0, "time limit of each run, simulated [s]", 120.0)
     pace: float = number(0.1, 3600.0, "maximum real-time factor", 5.0)
     rules: Rules = field(default_factory=Rules)
-    scans: str = ""  # topic of scans to which the submission subscribes; defaults to the robot's topic
+    # topic on which scans are sent, because the submission subscribes to it; defaults to the robot's topic
+    scans: str = ""
 
     @property
     def scan_topic(self) -> str:

@@ -19,7 +19,8 @@ ABANDONED = 3.0  # [s] no node of the submission runs any more, and the robot ha
 STILL = 15.0  # [s] the robot has moved, and then has stood for this time
 # [s] the robot has not moved for this time since the start; some controllers first sleep for 10 s
 NEVER = 12.0
-# a run also ends if the robot leaves the pillar for good: the conditions of PAST and LEAVING are both true
+# a run also ends if the robot leaves the pillar and will not come back: the conditions of PAST and LEAVING
+# are both true
 PAST = 10.0  # [m] the gap between robot and pillar is larger by this than the smallest gap so far
 LEAVING = 5.0  # [s] the robot has driven away from the pillar in a straight line for this simulated time
 # [rad] a robot whose heading changes by more than this has left the straight line; a robot that stays below
@@ -92,7 +93,7 @@ class DriveEnd:
             return NODES_ENDED
         if self._first_moved == inf and self._now >= NEVER:
             return Note(Kind.NEVER_MOVED, f"it did not move for {NEVER:g} s")
-        # the robot leaves the pillar for good, so it will not come back before the deadline
+        # the robot leaves the pillar, and will not come back before the deadline
         is_far_past = self._gap > self._nearest + PAST
         has_driven_away = self._now >= self._leaving_since + LEAVING
         if is_far_past and has_driven_away:

@@ -31,7 +31,7 @@ class RobotChoice:
         """
         if heard is None or not self.is_guess:
             return self
-        if heard.scans:
+        if heard.scans:  # the same robot, but its scans are sent on another topic
             why = f"scans are sent on {heard.scans}, the only topic of scans that it subscribes to"
         else:
             title = ROBOT_TITLES[heard.robot]

@@ -90,7 +90,9 @@ def drive_submission(
         initial = replace(
             not_begun(trial, robot.config), uninitialised=unwritten_variable, watched=submission.facts
         )
-        task = Assignment(initial, truth_socket, robot.config.exercise, SIMULATOR_NODES, packages)
+        task = Assignment(
+            initial, truth_socket, robot.config.exercise, ours=SIMULATOR_NODES, packages=packages
+        )
         recorder = RecorderChannel(network, task)
         # `update` takes in the messages that have come, and returns the recorder itself
         wait(lambda: recorder.update().ready or not recorder.is_open, START_DEADLINE, START_PERIOD)

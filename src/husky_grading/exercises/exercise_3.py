@@ -410,7 +410,7 @@ def _runs_out_of_time(recording: Recording) -> bool:
 
 
 def _stands_since(recording: Recording) -> Optional[float]:
-    """Return the time [s] at which the robot stops for good.
+    """Return the time [s] of the last stop, after which the robot does not drive again.
 
     It is None if the robot drives in the last STOPPED seconds of the run.
     """

@@ -60,8 +60,8 @@ class LaunchFile:
 
     path: Path  # path of the launch file's copy in the workspace
     place: PurePosixPath  # path of the launch file in the submission
-    # package of the launch file; if the launch file is in no package, package of the first node that it
-    # starts
+    # package that owns the launch file; if the launch file is in no package, package of the first node that
+    # it starts
     package: str
     plan: Plan
     nodes: Tuple[str, ...] = ()  # package/type of each node of the submission that the launch file starts
@@ -136,8 +136,8 @@ def read_launch_files(
         else:  # roslaunch could not read the file, so its text is searched for nodes
             all_nodes = nodes_in(path)
         nodes = tuple(node for node in all_nodes if _package_of(node) in exercise_packages)
-        # a launch file in no package counts as a file of its first node's package, otherwise as a file of the
-        # first package
+        # The RViz configuration is searched in the package that owns the launch file. A launch file in no
+        # package belongs to the package of its first node. Without a node, it belongs to the first package.
         possible_owners = [containing, *map(_package_of, nodes), *folders]
         owners = [name for name in possible_owners if name in folders]
         launch_file = LaunchFile(

@@ -164,7 +164,7 @@ def _with_fault(
         upside_down = load_robot(recording.robot).lidar_mount.upside_down
         why = ", because this lidar is mounted upside down" if upside_down else ""
         evidence = f"mirrored: y has the wrong sign{why}; {evidence}"
-    elif fault in FAULTS:  # other faults have no sentence of their own
+    elif fault in FAULTS:  # a fault that is not in FAULTS adds no sentence
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong[0].at:.2f} s {fault_text(recording, wrong[0])}"
     # a marker replaces an older marker only if topic, namespace and id are the same; otherwise RViz draws

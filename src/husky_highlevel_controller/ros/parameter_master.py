@@ -21,8 +21,8 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS, UnreadP
 from husky_highlevel_controller.spelling import likeness
 
 MAX_REQUESTS = 10_000  # largest number of requests that the master remembers
-# a set parameter is probably a misspelt name if its likeness (0 to 1) to a requested name is at least this;
-# sped is like speed, but max_range is not like min_range
+# A user has probably misspelt the name of a parameter if its likeness (0 to 1) to a name that a node requests
+# is at least this. sped is like speed, but max_range is not like min_range.
 MIN_LIKENESS = 0.8
 # beginnings of the names of tools that read all parameters, so their requests do not count
 READERS_OF_ALL = ("/rosparam", "/roslaunch")
